@@ -1,0 +1,1 @@
+"""Many maps whose relative poses nobody knows become one."""

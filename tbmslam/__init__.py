@@ -1,0 +1,1 @@
+"""One robot: laser scans and odometry become a map of belief masses."""

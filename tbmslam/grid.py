@@ -1,0 +1,118 @@
+"""A grid of beliefs and where its cells lie."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief import UNKNOWN, VACUOUS, pignistic
+from tbmslam.se2 import FloatArray
+
+Masses = npt.NDArray[np.float32]
+
+
+class GridGeometry(NamedTuple):
+    """Where the cells of a grid lie: row grows with y, column with x.
+
+    Parameters
+    ----------
+    resolution
+        Side of a cell [m].
+    origin_x, origin_y
+        Outer corner of cell (0, 0) in the grid's frame [m].
+    rows, cols
+        Number of cells along y and x.
+    """
+
+    resolution: float
+    origin_x: float
+    origin_y: float
+    rows: int
+    cols: int
+
+    def cell_at(self, x: float, y: float) -> tuple[int, int]:
+        """Return (row, col) of the cell that contains a point [m]; it may lie outside the grid."""
+        return (
+            math.floor((y - self.origin_y) / self.resolution),
+            math.floor((x - self.origin_x) / self.resolution),
+        )
+
+    def centre_of(self, row: int, col: int) -> tuple[float, float]:
+        """Return the centre (x, y) of a cell [m]."""
+        return (
+            self.origin_x + (col + 0.5) * self.resolution,
+            self.origin_y + (row + 0.5) * self.resolution,
+        )
+
+    def contains(self, row: int, col: int) -> bool:
+        """Tell whether a cell lies inside."""
+        return 0 <= row < self.rows and 0 <= col < self.cols
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return the outer edges (min_x, min_y, max_x, max_y) [m]."""
+        return (
+            self.origin_x,
+            self.origin_y,
+            self.origin_x + self.cols * self.resolution,
+            self.origin_y + self.rows * self.resolution,
+        )
+
+
+@dataclass(frozen=True)
+class TbmGrid:
+    """Cells that hold the masses of the Transferable Belief Model.
+
+    Parameters
+    ----------
+    geometry
+        Where the cells lie.
+    masses
+        Masses (rows, cols, 4), float32, ordered CONFLICT, FREE, OCCUPIED, UNKNOWN as in `tbmslam.belief`.
+    """
+
+    geometry: GridGeometry
+    masses: Masses
+
+    def __post_init__(self) -> None:
+        """Check that geometry and masses belong together."""
+        expected = (self.geometry.rows, self.geometry.cols, 4)
+        if self.masses.shape != expected:
+            raise ValueError(f"masses must have shape {expected} as the geometry says, got {self.masses.shape}")
+        if not self.geometry.resolution > 0.0:
+            raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
+
+    @classmethod
+    def unknown(cls, geometry: GridGeometry) -> "TbmGrid":
+        """Return a grid about which nothing is known."""
+        return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
+
+    def is_known(self) -> npt.NDArray[np.bool_]:
+        """Return which cells (rows, cols) hold any evidence at all."""
+        return np.asarray(self.masses[..., UNKNOWN] < 1.0)
+
+    def pignistic(self) -> FloatArray:
+        """Return the probability (rows, cols) of being occupied."""
+        return pignistic(self.masses)
+
+    def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
+        """Return the smallest part that holds every known cell, with a margin of `margin` cells where there is room.
+
+        A grid without any evidence comes back as it is.
+        """
+        known = self.is_known()
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if rows.size == 0:
+            return self
+        top, bottom = max(rows[0] - margin, 0), min(rows[-1] + 1 + margin, self.geometry.rows)
+        left, right = max(cols[0] - margin, 0), min(cols[-1] + 1 + margin, self.geometry.cols)
+        g = self.geometry
+        geometry = GridGeometry(
+            g.resolution,
+            g.origin_x + float(left) * g.resolution,
+            g.origin_y + float(top) * g.resolution,
+            int(bottom - top),
+            int(right - left),
+        )
+        return TbmGrid(geometry, np.ascontiguousarray(self.masses[top:bottom, left:right]))

@@ -1,0 +1,59 @@
+"""The only compiled code: plain functions on plain arrays, and the rules they share.
+
+A kernel validates nothing, raises nothing and does no I/O; the module above it does. It never uses fastmath (which
+breaks ``isnan``) nor parallel float reductions (which change the result from run to run). Out-of-range indices are
+silent in compiled code: callers make the grid large enough first, and CI runs the kernel tests once more with
+``NUMBA_BOUNDSCHECK=1``.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _cache_directory() -> str:
+    """Name the cache by the sources and the bounds-check flag.
+
+    Numba's own cache looks at one file at a time, so it runs stale code when a callee in another file changed, and it
+    ignores ``NUMBA_BOUNDSCHECK`` once something is cached.
+    """
+    digest = hashlib.sha256(os.environ.get("NUMBA_BOUNDSCHECK", "").encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    user_cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(user_cache) / "tbmslam").expanduser()
+    return str(root / digest.hexdigest()[:16])
+
+
+def _writable(directory: str) -> bool:
+    try:
+        Path(directory).mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            return True
+    except (OSError, RuntimeError):
+        return False
+
+
+_CACHE_DIRECTORY = _cache_directory()
+_CACHE = _writable(_CACHE_DIRECTORY)
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function with the project's options, cached on disk where a writable place exists."""
+    options = {"nogil": True, "error_model": "numpy"}
+    if not _CACHE:
+        return cast("Function", numba.njit(**options)(function))
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _CACHE_DIRECTORY
+    try:
+        return cast("Function", numba.njit(cache=True, **options)(function))
+    finally:
+        numba.config.CACHE_DIR = previous

@@ -1,0 +1,86 @@
+"""What a map remembers of its drive: scans and where they were taken, so that it can be rendered anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2, FloatArray, wrap_angles
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Scans at poses, as arrays.
+
+    Parameters
+    ----------
+    stamps
+        Times (K,) [s].
+    poses
+        Poses (K, 3) of the robot in the map: x [m], y [m], theta [rad].
+    sensor_poses
+        Poses (K, 3) of the laser on the robot.
+    beams
+        Angle and range limits (K, 4): angle_min, angle_increment [rad], range_min, range_max [m].
+    offsets
+        Where each scan begins in `ranges`, and where the last one ends (K + 1,).
+    ranges
+        All scans' ranges one after the other, float32 [m], coded as in `LaserScan`.
+    """
+
+    stamps: FloatArray
+    poses: FloatArray
+    sensor_poses: FloatArray
+    beams: FloatArray
+    offsets: npt.NDArray[np.int64]
+    ranges: npt.NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together."""
+        count = len(self.stamps)
+        shapes = (self.poses.shape, self.sensor_poses.shape, self.beams.shape, self.offsets.shape)
+        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,)):
+            raise ValueError(f"keyframe arrays must agree on {count} keyframes, got shapes {shapes}")
+        if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges) or np.any(np.diff(self.offsets) < 0):
+            raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
+
+    @classmethod
+    def from_scans(cls, scans: Sequence[LaserScan], poses: Sequence[SE2], sensor_poses: Sequence[SE2]) -> "Keyframes":
+        """Pack scans taken at robot poses in the map by lasers mounted at sensor poses."""
+        return cls(
+            stamps=np.array([scan.stamp for scan in scans], dtype=np.float64),
+            poses=np.array(poses, dtype=np.float64).reshape(-1, 3),
+            sensor_poses=np.array(sensor_poses, dtype=np.float64).reshape(-1, 3),
+            beams=np.array(
+                [(s.angle_min, s.angle_increment, s.range_min, s.range_max) for s in scans], dtype=np.float64
+            ).reshape(-1, 4),
+            offsets=np.concatenate(([0], np.cumsum([len(scan.ranges) for scan in scans]))).astype(np.int64),
+            ranges=np.concatenate([np.zeros(0), *(scan.ranges for scan in scans)]).astype(np.float32),
+        )
+
+    def __len__(self) -> int:
+        """Return the number of keyframes."""
+        return len(self.stamps)
+
+    def scan(self, index: int) -> LaserScan:
+        """Return one keyframe's scan."""
+        angle_min, angle_increment, range_min, range_max = (float(value) for value in self.beams[index])
+        ranges = self.ranges[self.offsets[index] : self.offsets[index + 1]].astype(np.float64)
+        return LaserScan(float(self.stamps[index]), angle_min, angle_increment, range_min, range_max, ranges)
+
+    def pose(self, index: int) -> SE2:
+        """Return the robot's pose in the map at one keyframe."""
+        return SE2.from_array(self.poses[index])
+
+    def sensor_pose(self, index: int) -> SE2:
+        """Return the laser's pose in the map at one keyframe."""
+        return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
+
+    def transformed(self, T_new_old: SE2) -> "Keyframes":
+        """Return the same keyframes in another frame."""
+        moved = np.empty_like(self.poses)
+        moved[:, :2] = T_new_old.apply(self.poses[:, :2])
+        moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
+        return Keyframes(self.stamps, moved, self.sensor_poses, self.beams, self.offsets, self.ranges)

@@ -1,0 +1,73 @@
+"""What a robot senses: one turn of ranges, and where the wheels say the robot was."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.se2 import SE2, FloatArray
+
+
+@dataclass(frozen=True)
+class LaserScan:
+    """One turn of a laser range finder.
+
+    Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor's frame, counter-clockwise seen from above;
+    a clockwise or upside-down laser has a negative increment. What ``ranges`` says follows REP 117: a finite value is
+    a hit, ``+inf`` means that nothing was in range, and ``nan`` that the beam says nothing. The readers of `datasets`
+    translate every sensor's own codes to this.
+
+    Parameters
+    ----------
+    stamp
+        Time of the first beam [s].
+    angle_min, angle_increment
+        Direction of the first beam and step between beams [rad].
+    range_min, range_max
+        Limits between which the sensor can measure [m].
+    ranges
+        Distances (N,) [m], float64.
+    time_increment
+        Time between two beams [s]; 0 where it is not known.
+    """
+
+    stamp: float
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    ranges: FloatArray = field(repr=False)
+    time_increment: float = 0.0
+
+    def angles(self) -> FloatArray:
+        """Return the direction (N,) of every beam in the sensor's frame [rad]."""
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
+
+    def is_hit(self) -> npt.NDArray[np.bool_]:
+        """Return which beams (N,) ended on something."""
+        return np.isfinite(self.ranges)
+
+    def hit_points(self) -> FloatArray:
+        """Return the end points (M, 2) of the beams that hit something, in the sensor's frame [m]."""
+        hit = self.is_hit()
+        ranges, angles = self.ranges[hit], self.angles()[hit]
+        return np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles)))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A scan and the odometry at its stamp.
+
+    Parameters
+    ----------
+    scan
+        The scan.
+    T_odom_robot
+        Pose of the robot in its odometry frame at the scan's stamp; None where there is no odometry.
+    T_robot_sensor
+        Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment).
+    """
+
+    scan: LaserScan
+    T_odom_robot: SE2 | None
+    T_robot_sensor: SE2 = field(default_factory=SE2.identity)

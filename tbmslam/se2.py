@@ -1,0 +1,108 @@
+"""Rigid motions of the plane.
+
+``T_a_b`` carries coordinates in frame b to frame a, ``p_a = T_a_b @ p_b``; in a product the inner letters agree:
+``T_a_c = T_a_b @ T_b_c``.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class SE2(NamedTuple):
+    """A rigid motion of the plane, or a pose: translation in metres, rotation in radians.
+
+    A named tuple, so that it enters compiled kernels as it is.
+    """
+
+    x: float
+    y: float
+    theta: float
+
+    @classmethod
+    def identity(cls) -> "SE2":
+        """Return the motion that moves nothing."""
+        return cls(0.0, 0.0, 0.0)
+
+    @classmethod
+    def from_matrix(cls, matrix: FloatArray) -> "SE2":
+        """Read a (3, 3) homogeneous matrix whose upper left block is a rotation."""
+        return cls(float(matrix[0, 2]), float(matrix[1, 2]), math.atan2(float(matrix[1, 0]), float(matrix[0, 0])))
+
+    @classmethod
+    def from_array(cls, values: npt.ArrayLike) -> "SE2":
+        """Read x, y, theta from anything of length three."""
+        x, y, theta = np.asarray(values, dtype=np.float64)
+        return cls(float(x), float(y), float(theta))
+
+    @classmethod
+    def exp(cls, vx: float, vy: float, omega: float) -> "SE2":
+        """Exponential map: the pose reached by the constant twist (vx, vy, omega) after unit time.
+
+        Sola et al., "A micro Lie theory for state estimation in robotics", eq. 156 and 158.
+        """
+        sine_ratio, versine_ratio = _sine_ratios(omega)
+        return cls(sine_ratio * vx - versine_ratio * vy, versine_ratio * vx + sine_ratio * vy, wrap_angle(omega))
+
+    def log(self) -> tuple[float, float, float]:
+        """Return the twist (vx, vy, omega) whose exponential this is, omega in [-pi, pi); Sola et al., eq. 157."""
+        omega = wrap_angle(self.theta)
+        sine_ratio, versine_ratio = _sine_ratios(omega)
+        scale = 1.0 / (sine_ratio**2 + versine_ratio**2)
+        vx = scale * (sine_ratio * self.x + versine_ratio * self.y)
+        vy = scale * (sine_ratio * self.y - versine_ratio * self.x)
+        return vx, vy, omega
+
+    def __matmul__(self, other: "SE2") -> "SE2":
+        """Compose: first `other`, then this one."""
+        cosine, sine = math.cos(self.theta), math.sin(self.theta)
+        return SE2(
+            self.x + cosine * other.x - sine * other.y,
+            self.y + sine * other.x + cosine * other.y,
+            wrap_angle(self.theta + other.theta),
+        )
+
+    def inverse(self) -> "SE2":
+        """Return the motion that undoes this one."""
+        cosine, sine = math.cos(self.theta), math.sin(self.theta)
+        return SE2(-cosine * self.x - sine * self.y, sine * self.x - cosine * self.y, wrap_angle(-self.theta))
+
+    def apply(self, points: npt.ArrayLike) -> FloatArray:
+        """Carry points (..., 2) in metres to the other frame."""
+        xy = np.asarray(points, dtype=np.float64)
+        cosine, sine = math.cos(self.theta), math.sin(self.theta)
+        moved = np.empty_like(xy)
+        moved[..., 0] = self.x + cosine * xy[..., 0] - sine * xy[..., 1]
+        moved[..., 1] = self.y + sine * xy[..., 0] + cosine * xy[..., 1]
+        return moved
+
+    def matrix(self) -> FloatArray:
+        """Return the (3, 3) homogeneous matrix."""
+        cosine, sine = math.cos(self.theta), math.sin(self.theta)
+        return np.array([[cosine, -sine, self.x], [sine, cosine, self.y], [0.0, 0.0, 1.0]])
+
+    def interpolate(self, other: "SE2", fraction: float) -> "SE2":
+        """Return the pose at `fraction` of the constant-twist motion from this pose (0) to `other` (1)."""
+        vx, vy, omega = (self.inverse() @ other).log()
+        return self @ SE2.exp(fraction * vx, fraction * vy, fraction * omega)
+
+
+def wrap_angle(angle: float) -> float:
+    """Return the same direction within [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi if not -math.pi <= angle < math.pi else angle
+
+
+def wrap_angles(angles: npt.ArrayLike) -> FloatArray:
+    """Return the same directions within [-pi, pi), for arrays of any shape."""
+    return np.asarray((np.asarray(angles, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def _sine_ratios(omega: float) -> tuple[float, float]:
+    """Return sin(w)/w and (1 - cos(w))/w, by their series where the quotients lose digits."""
+    if abs(omega) < 1e-4:
+        return 1.0 - omega**2 / 6.0, omega / 2.0 - omega**3 / 24.0
+    return math.sin(omega) / omega, (1.0 - math.cos(omega)) / omega

@@ -1,0 +1,1 @@
+"""Programs: they parse, call, report and end with an exit code; no algorithm lives here."""
