@@ -1,1 +1,9 @@
 """Where readings come from: bags, logs and simulated worlds, one module a format."""
+
+from datasets.counts import ReadingCounts
+from datasets.errors import DatasetError
+from datasets.opening import open_recording
+from datasets.options import RecordingOptions
+from datasets.recording import Recording
+
+__all__ = ["DatasetError", "ReadingCounts", "Recording", "RecordingOptions", "open_recording"]

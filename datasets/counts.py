@@ -1,0 +1,96 @@
+"""What became of the scans and beams of a recording."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class ReadingCounts:
+    """Counts of one pass over a recording.
+
+    Parameters
+    ----------
+    scans_read, scans_used
+        Scans in the recording, and those that became readings.
+    dropped
+        Scans left out, by reason: before_odometry, no_odometry, odometry_gap, empty, duplicate, unreadable.
+    beams
+        Beams of all scans that were not duplicates, by fate: hit, no_return, too_close, zero, nan.
+    backward_stamps
+        Used scans whose stamp is earlier than that of the scan before.
+    same_stamps
+        Scans with the stamp of an earlier scan but other ranges; they are kept.
+    beam_count_changes
+        How often the number of beams changed from one scan to the next.
+    gaps, gap_seconds, longest_gap_s
+        Pauses between scans, their sum and the longest [s].
+    extrapolated
+        Scans at the end whose odometry was carried on a little beyond the last pose.
+    clock_disagreements
+        Scans whose stamp and bag time differ by something else than at the beginning.
+    """
+
+    scans_read: int = 0
+    scans_used: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    beams: dict[str, int] = field(default_factory=dict)
+    backward_stamps: int = 0
+    same_stamps: int = 0
+    beam_count_changes: int = 0
+    gaps: int = 0
+    gap_seconds: float = 0.0
+    longest_gap_s: float = 0.0
+    extrapolated: int = 0
+    clock_disagreements: int = 0
+
+    def drop(self, reason: str) -> None:
+        """Count a scan that is left out."""
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+
+    def add_beams(self, fate: str, number: int) -> None:
+        """Count beams by what became of them."""
+        if number:
+            self.beams[fate] = self.beams.get(fate, 0) + number
+
+    def add_gap(self, seconds: float) -> None:
+        """Count a pause between two scans."""
+        self.gaps += 1
+        self.gap_seconds += seconds
+        self.longest_gap_s = max(self.longest_gap_s, seconds)
+
+    def replace_by(self, other: "ReadingCounts") -> None:
+        """Take over all counts of another pass."""
+        for name, value in vars(other).items():
+            setattr(self, name, dict(value) if isinstance(value, dict) else value)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return all counts, ready for JSON, in a fixed order."""
+        return {
+            name: dict(sorted(value.items())) if isinstance(value, dict) else value
+            for name, value in vars(self).items()
+        }
+
+    def summary(self) -> str:
+        """Return one or two lines for people: what was used, what was dropped and why, and what was odd."""
+        lines = [f"{self.scans_used} of {self.scans_read} scans used"]
+        if self.dropped:
+            lines[0] += ", dropped: " + ", ".join(f"{n} {reason}" for reason, n in sorted(self.dropped.items()))
+        total = sum(self.beams.values())
+        if total:
+            shares = (f"{100.0 * n / total:.1f} % {fate}" for fate, n in sorted(self.beams.items()))
+            lines[0] += "; beams: " + ", ".join(shares)
+        oddities = [
+            f"{number} {what}"
+            for number, what in (
+                (self.backward_stamps, "backward stamps"),
+                (self.same_stamps, "repeated stamps"),
+                (self.beam_count_changes, "changes of the beam count"),
+                (self.extrapolated, "scans after the last odometry"),
+                (self.clock_disagreements, "scans with a clock of their own"),
+            )
+            if number
+        ]
+        if self.gaps:
+            oddities.append(f"{self.gaps} gaps of {self.gap_seconds:.1f} s in all, the longest {self.longest_gap_s:.1f} s")
+        if oddities:
+            lines.append("odd: " + ", ".join(oddities))
+        return "\n".join(lines)

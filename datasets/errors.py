@@ -1,0 +1,7 @@
+"""What can be wrong with a recording."""
+
+from tbmslam.errors import TbmSlamError
+
+
+class DatasetError(TbmSlamError):
+    """A recording cannot be read as asked: one line with the file, the fact and the remedy."""

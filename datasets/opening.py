@@ -1,0 +1,102 @@
+"""From paths to a recording: what kind of files they are, and who reads them."""
+
+import bz2
+import gzip
+import lzma
+from collections.abc import Sequence
+from pathlib import Path
+
+from datasets.errors import DatasetError
+from datasets.options import RecordingOptions
+from datasets.recording import Recording
+
+_MAGICS = (
+    (b"#ROSBAG", "rosbag"),
+    (b"SQLite format 3\0", "rosbag"),
+    (b"\x89MCAP0\r\n", "rosbag"),
+    (b"#ROSRECORD", "rosbag"),
+)
+_COMPRESSED = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.open))
+_ROS_SUFFIXES = (".bag", ".db3", ".mcap")
+
+
+def open_recording(paths: Sequence[Path], options: RecordingOptions | None = None) -> Recording:
+    """Open one recording that lies in one or several files.
+
+    Parameters
+    ----------
+    paths
+        ROS 1 bags, ROS 2 bags (directory or storage file) or CARMEN logs, all of one family; several are one
+        recording: bags are merged by time, logs are read one after the other.
+    options
+        Choices that are not to be made automatically.
+
+    Raises
+    ------
+    DatasetError
+        A path is missing, damaged, of unknown kind, or does not hold what the options ask for.
+    """
+    if not paths:
+        raise ValueError("paths must name at least one file, got none")
+    files = [Path(path) for path in paths]
+    kinds = {path: _kind(path) for path in files}
+    if len(set(kinds.values())) > 1:
+        listed = ", ".join(f"{path} ({kind})" for path, kind in kinds.items())
+        raise DatasetError(f"{listed}: bags and logs cannot be one recording, give them separately")
+    chosen = options or RecordingOptions()
+    if kinds[files[0]] == "carmen":
+        from datasets.carmen import open_carmen  # noqa: PLC0415 - each format loads only what it needs
+
+        return open_carmen(files, chosen)
+    from datasets.rosbag import open_rosbags  # noqa: PLC0415 - rosbags takes long to import
+
+    return open_rosbags(files, chosen)
+
+
+def _kind(path: Path) -> str:
+    """Return "rosbag" or "carmen" by the content of a file, never by its name."""
+    if path.is_dir():
+        return _kind_of_directory(path)
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(4096)
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file or directory") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
+    if not head:
+        raise DatasetError(f"{path}: the file is empty")
+    for magic, kind in _MAGICS:
+        if head.startswith(magic):
+            return kind
+    if path.suffix in _ROS_SUFFIXES:
+        raise DatasetError(f"{path}: does not begin like a {path.suffix} file: it is damaged or not a recording")
+    head = _decompressed_head(path, head)
+    if any(head.startswith(magic) for magic, _ in _MAGICS):
+        raise DatasetError(f"{path}: a compressed bag; decompress it first")
+    if b"\0" in head:
+        raise DatasetError(f"{path}: neither a ROS bag nor a CARMEN log")
+    return "carmen"
+
+
+def _kind_of_directory(path: Path) -> str:
+    """Accept a directory that is a ROS 2 bag."""
+    names = sorted(entry.name for entry in path.iterdir())
+    if "metadata.yaml" in names or any(name.endswith((".db3", ".mcap", ".zstd")) for name in names):
+        return "rosbag"
+    bags = [name for name in names if name.endswith(".bag")]
+    if bags:
+        raise DatasetError(f"{path}: a directory of ROS 1 bags; give the files themselves: {', '.join(bags[:5])}")
+    raise DatasetError(f"{path}: a directory without a ROS 2 bag (metadata.yaml, .db3 or .mcap)")
+
+
+def _decompressed_head(path: Path, head: bytes) -> bytes:
+    """Return the first bytes of a file behind its compression, if it has one."""
+    for magic, opener in _COMPRESSED:
+        if head.startswith(magic):
+            try:
+                with opener(path, "rb") as stream:
+                    return bytes(stream.read(4096))
+            except (OSError, EOFError, lzma.LZMAError) as error:
+                raise DatasetError(f"{path}: cannot be decompressed: {error}") from error
+    return head

@@ -1,0 +1,88 @@
+"""How a recording is to be read: every automatic choice can be overridden here."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from tbmslam.se2 import SE2
+
+Profile = Literal["auto", "stata"]
+OdometrySource = Literal["auto", "tf", "topic", "none"]
+NoReturn = Literal["free", "drop"]
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Choices about a recording; what is None is found out from the recording itself.
+
+    Parameters
+    ----------
+    profile
+        "stata" fixes topics and frames of the MIT Stata Center recordings; "auto" finds them.
+    scan_topic
+        Topic of the scans; needed where a bag holds several. In a CARMEN log: FLASER, ROBOTLASER1, RAWLASER1.
+    odometry
+        "tf", "topic", "none", or "auto": tf where it connects the odometry frame with the robot, else the topic.
+    odometry_topic
+        Topic of nav_msgs/Odometry or geometry_msgs/PoseWithCovarianceStamped messages.
+    tf_topics
+        Topics that carry transforms; None: every topic of that type.
+    odom_frame, robot_frame
+        Frames between which odometry is read from tf.
+    sensor_pose
+        Pose of the laser on the robot, T_robot_sensor, instead of the recorded one.
+    upside_down
+        Whether the laser is mounted upside down, instead of what tf says.
+    angle_step_deg
+        Angle between beams [deg] instead of the recorded one; the first beam keeps its direction.
+    range_min, range_max
+        Limits of the laser [m] instead of the recorded ones.
+    no_return
+        What a beam without a return says: "free", nothing was in range, or "drop", nothing at all.
+    no_return_codes
+        Further range values [m] by which the laser says that nothing came back.
+    clock_offset
+        Seconds to add to a scan's stamp before odometry is looked up; None: detected, 0 if the clocks agree.
+    gap_s
+        A pause between scans longer than this is counted as a gap [s].
+    max_odometry_gap_s
+        Odometry is not interpolated between poses further apart than this [s].
+    """
+
+    profile: Profile = "auto"
+    scan_topic: str | None = None
+    odometry: OdometrySource = "auto"
+    odometry_topic: str | None = None
+    tf_topics: tuple[str, ...] | None = None
+    odom_frame: str | None = None
+    robot_frame: str | None = None
+    sensor_pose: SE2 | None = None
+    upside_down: bool | None = None
+    angle_step_deg: float | None = None
+    range_min: float | None = None
+    range_max: float | None = None
+    no_return: NoReturn = "free"
+    no_return_codes: tuple[float, ...] = ()
+    clock_offset: float | None = None
+    gap_s: float = 2.0
+    max_odometry_gap_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot be meant."""
+        for name, allowed in (
+            ("profile", ("auto", "stata")),
+            ("odometry", ("auto", "tf", "topic", "none")),
+            ("no_return", ("free", "drop")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
+        for name in ("range_max", "gap_s", "max_odometry_gap_s"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ValueError(f"{name} must be positive, got {value}")
+        if self.range_min is not None and not self.range_min >= 0.0:
+            raise ValueError(f"range_min must not be negative, got {self.range_min}")
+        if self.angle_step_deg is not None and (self.angle_step_deg == 0.0 or not math.isfinite(self.angle_step_deg)):
+            raise ValueError(f"angle_step_deg must be finite and not 0, got {self.angle_step_deg}")
+        if self.clock_offset is not None and not math.isfinite(self.clock_offset):
+            raise ValueError(f"clock_offset must be finite, got {self.clock_offset}")

@@ -1,0 +1,60 @@
+"""A recording: a stream of readings that can be started again, and what is known about it."""
+
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
+
+from datasets.counts import ReadingCounts
+from datasets.errors import DatasetError
+from tbmslam.laser_scan import Reading
+
+ReadingStream: TypeAlias = Callable[[ReadingCounts], Iterator[Reading]]
+
+
+class Recording:
+    """Readings in the order of the recording; every iteration streams them anew.
+
+    Parameters
+    ----------
+    name
+        Short name for people and files.
+    stream
+        Starts a pass: yields the readings and fills the counts it is given.
+    description
+        Everything that was chosen or found out, ready for JSON.
+    expected_scans
+        Upper bound of the number of readings, for progress bars; None where unknown.
+    """
+
+    def __init__(
+        self, name: str, stream: ReadingStream, description: dict[str, object], expected_scans: int | None = None
+    ) -> None:
+        self.name = name
+        self.description = description
+        self.expected_scans = expected_scans
+        self.counts = ReadingCounts()
+        self._stream = stream
+
+    def __iter__(self) -> Iterator[Reading]:
+        """Yield the readings; `counts` holds this pass when it has come to its end.
+
+        Raises
+        ------
+        DatasetError
+            The recording is damaged, or none of its scans can be used.
+        """
+        counts = ReadingCounts()
+        yield from self._stream(counts)
+        self.counts = counts
+        if counts.scans_used == 0:
+            raise DatasetError(f"{self.name}: {_why_nothing(counts)}")
+
+
+def _why_nothing(counts: ReadingCounts) -> str:
+    """Say in one line why a pass gave no reading."""
+    if counts.scans_read == 0:
+        return "no scan in the recording: choose another with --scan-topic"
+    reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))
+    return (
+        f"none of {counts.scans_read} scans can be used ({reasons}): "
+        "check --odometry, --odom-frame, --clock-offset and --range-max"
+    )
