@@ -1,0 +1,57 @@
+"""How one map lies in another's frame, or why nobody knows."""
+
+from dataclasses import asdict, dataclass
+
+from tbmslam.se2 import SE2
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The answer to "where does the source map lie in the target's frame?".
+
+    A refusal is an answer too: `accepted` is False, `reason` says why, and the transform, if there is one, is what was
+    refused. It is never the identity by default.
+
+    Parameters
+    ----------
+    method
+        What found it.
+    accepted
+        Whether it may be used.
+    reason
+        Why, or why not, in one sentence with the numbers.
+    T_target_source
+        Pose of the source's frame in the target's frame.
+    matches, inliers
+        Keypoints that look alike, and how many of them the transform brings together.
+    rmse_m
+        Root mean square distance of the inliers [m].
+    scale
+        The factor that would fit the inliers best; two maps in metres have 1.
+    overlap_m2
+        Area both maps know [m^2].
+    agreement, conflict
+        Shares of the walls in the overlap that agree, and that stand on the other map's free space.
+    agreed_wall_m, weakest_wall_m
+        Length of the agreeing walls, and what of it resists the easiest slide [m].
+    """
+
+    method: str
+    accepted: bool
+    reason: str
+    T_target_source: SE2 | None = None
+    matches: int = 0
+    inliers: int = 0
+    rmse_m: float | None = None
+    scale: float | None = None
+    overlap_m2: float = 0.0
+    agreement: float = 0.0
+    conflict: float = 0.0
+    agreed_wall_m: float = 0.0
+    weakest_wall_m: float = 0.0
+
+    def as_json(self) -> dict[str, object]:
+        """Return the fields as JSON can hold them; the transform as [x m, y m, theta rad] or None."""
+        values = asdict(self)
+        values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
+        return values

@@ -1,0 +1,157 @@
+"""Every number a merge depends on, with its default."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Method = Literal["features"]
+Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
+Rule = Literal["disjunctive", "conjunctive", "dempster"]
+Coverage = Literal["union", "overlap"]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Metres = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class _Config(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class FeatureConfig(_Config):
+    """Keypoints and how they are matched: the paper's numbers, and OpenCV's where the paper is silent.
+
+    Parameters
+    ----------
+    keypoints
+        Keypoints wanted in each map.
+    descriptor
+        What is matched: the descriptors of the occupied, free and unknown image `concatenated`, joined bit by bit
+        (`and`, `or`, `xor`), or the one of the `pignistic` image alone; the paper's table II.
+    ratio
+        Lowe's ratio: a match must be this much nearer than the second best.
+    pyramid_step, pyramid_levels, fast_threshold
+        ORB's pyramid and corner detector.
+    """
+
+    keypoints: Annotated[int, Field(ge=1)] = 1000
+    descriptor: Descriptor = "concatenated"
+    ratio: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
+    pyramid_step: Annotated[float, Field(gt=1.0)] = 1.2
+    pyramid_levels: Annotated[int, Field(ge=1)] = 8
+    fast_threshold: Annotated[int, Field(ge=0)] = 20
+
+
+class ConsensusConfig(_Config):
+    """The rigid motion that most matches agree on.
+
+    Parameters
+    ----------
+    inlier_distance_m
+        Farthest apart two matched points may end up [m].
+    min_inliers
+        Fewer than these are chance.
+    min_baseline_m
+        Two matches nearer together than this say nothing about a rotation [m].
+    max_scale_deviation
+        How far from 1 the scale may be that fits the inliers best.
+    trials
+        Pairs of matches that are tried; all of them where there are fewer.
+    seed
+        Of the draw, where not all are tried.
+    """
+
+    inlier_distance_m: Metres = 0.3
+    min_inliers: Annotated[int, Field(ge=2)] = 5
+    min_baseline_m: Metres = 1.0
+    max_scale_deviation: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    trials: Annotated[int, Field(ge=1)] = 4000
+    seed: int = 0
+
+
+class StructureConfig(_Config):
+    """What counts as wall and as free space when alignments are judged.
+
+    Parameters
+    ----------
+    min_wall_mass
+        Least mass on occupied; less may be the blur beside a wall.
+    min_speck_m
+        Shortest connected piece of wall [m]; shorter ones may be people, legs and noise.
+    """
+
+    min_wall_mass: Share = 0.1
+    min_speck_m: Annotated[float, Field(ge=0.0)] = 0.2
+
+
+class RefinementConfig(_Config):
+    """How an alignment is made exact.
+
+    Parameters
+    ----------
+    first_reach_m, last_reach_m
+        How far a wall looks for its like in the first and in the last iteration [m].
+    iterations
+        Steps from one to the other.
+    """
+
+    first_reach_m: Metres = 0.5
+    last_reach_m: Metres = 0.15
+    iterations: Annotated[int, Field(ge=0)] = 15
+
+
+class VerificationConfig(_Config):
+    """When an alignment is believed.
+
+    Parameters
+    ----------
+    agreement_distance_m
+        How near to a wall of the other map, seen from the same side, a wall must lie to agree [m].
+    conflict_distance_m
+        How far from every wall of the other map a wall on its free space must lie to contradict it [m].
+    min_overlap_m2
+        Least area known to both maps.
+    min_agreed_wall_m
+        Least length of wall that agrees.
+    min_weakest_wall_m
+        Least length of agreeing wall across the direction in which the maps could slide most easily.
+    min_agreement
+        Least share of the walls in the overlap that agree.
+    max_conflict
+        Largest share of the walls in the overlap that contradict.
+    """
+
+    agreement_distance_m: Metres = 0.15
+    conflict_distance_m: Metres = 0.3
+    min_overlap_m2: Annotated[float, Field(ge=0.0)] = 4.0
+    min_agreed_wall_m: Annotated[float, Field(ge=0.0)] = 6.0
+    min_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 1.5
+    min_agreement: Share = 0.6
+    max_conflict: Share = 0.15
+
+
+class MergeConfig(_Config):
+    """How maps are merged.
+
+    Parameters
+    ----------
+    method
+        How two maps find each other.
+    rule
+        How two beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5) or `dempster`.
+    coverage
+        `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
+    resolution
+        Cell size at which maps are compared [m]; None takes the coarsest map's.
+    merged_resolution
+        Cell size of the merged map [m]; None takes that of the map whose frame it has.
+    """
+
+    method: Method = "features"
+    rule: Rule = "disjunctive"
+    coverage: Coverage = "union"
+    resolution: Metres | None = None
+    merged_resolution: Metres | None = None
+    features: FeatureConfig = FeatureConfig()
+    consensus: ConsensusConfig = ConsensusConfig()
+    structure: StructureConfig = StructureConfig()
+    refinement: RefinementConfig = RefinementConfig()
+    verification: VerificationConfig = VerificationConfig()

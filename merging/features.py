@@ -1,0 +1,105 @@
+"""Keypoints of a map, their descriptors, and which of two maps' keypoints look alike.
+
+The method of the paper (section IV): ORB finds the keypoints on the pignistic image and describes them on the images of
+the occupied, the free and the unknown mass; the three descriptors are concatenated, compared by brute force with the
+Hamming norm, and a match is kept where it is clearly nearer than the second best (Lowe's ratio test).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.channels import Channels
+from merging.config import Descriptor, FeatureConfig
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import FloatArray
+
+ORB_EDGE = 31
+"""ORB looks for nothing nearer than this to an image's edge [px]."""
+
+_BITWISE: dict[Descriptor, np.ufunc] = {"and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor}
+
+
+@dataclass(frozen=True)
+class Features:
+    """Keypoints of one map.
+
+    Parameters
+    ----------
+    points
+        Where they are (N, 2), in the map's frame [m].
+    descriptors
+        What they look like (N, bytes).
+    """
+
+    points: FloatArray
+    descriptors: npt.NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        """Return the number of keypoints."""
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Keypoints of two maps that look alike: row i of one belongs to row i of the other.
+
+    Parameters
+    ----------
+    target_points, source_points
+        Where they are (M, 2), each in its own map's frame [m].
+    """
+
+    target_points: FloatArray
+    source_points: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of matches."""
+        return len(self.target_points)
+
+
+def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
+    """Find and describe the keypoints of a grid; a grid without contrast has none."""
+    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
+    orb = cv2.ORB.create(
+        nfeatures=config.keypoints,
+        scaleFactor=config.pyramid_step,
+        nlevels=config.pyramid_levels,
+        edgeThreshold=ORB_EDGE,
+        fastThreshold=config.fast_threshold,
+    )
+    keypoints = orb.detect(channels.pignistic, None)
+    if config.descriptor == "pignistic":
+        images = [channels.pignistic]
+    else:
+        images = [channels.occupied, channels.free, channels.unknown]
+    # ORB drops and reorders keypoints by their place and octave alone, so in the same way on every image.
+    described = [orb.compute(image, keypoints) for image in images]
+    if not keypoints or any(descriptors is None for _, descriptors in described):
+        return Features(np.empty((0, 2)), np.empty((0, 0), dtype=np.uint8))
+    points = channels.to_metres([keypoint.pt for keypoint in described[0][0]])
+    return Features(
+        points, _joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], config.descriptor)
+    )
+
+
+def match(target: Features, source: Features, config: FeatureConfig) -> Matches:
+    """Match the source's keypoints to the target's; fewer than two keypoints on a side match nothing."""
+    if len(target) < 2 or len(source) < 2:
+        return Matches(np.empty((0, 2)), np.empty((0, 2)))
+    matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
+    pairs = matcher.knnMatch(source.descriptors, target.descriptors, k=2)
+    kept = [best for best, second in pairs if best.distance < config.ratio * second.distance]
+    return Matches(
+        target.points[[match.trainIdx for match in kept]].reshape(-1, 2),
+        source.points[[match.queryIdx for match in kept]].reshape(-1, 2),
+    )
+
+
+def _joined(descriptors: list[npt.NDArray[np.uint8]], how: Descriptor) -> npt.NDArray[np.uint8]:
+    """Make one descriptor (N, bytes) of those that the images gave; the paper's table II compares the ways."""
+    if how in _BITWISE:
+        return np.asarray(_BITWISE[how].reduce(descriptors), dtype=np.uint8)
+    return np.hstack(descriptors)

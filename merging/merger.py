@@ -1,0 +1,118 @@
+"""Many maps whose relative poses nobody knows become one."""
+
+import itertools
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from merging.aligner import align_views, comparison_resolution, view_of
+from merging.alignment import Alignment
+from merging.config import MergeConfig
+from merging.fusion import Fusion, fuse
+from merging.map_graph import Group, Pair, groups_of
+from merging.warping import warp
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Merge:
+    """What became of some maps.
+
+    Parameters
+    ----------
+    merged
+        The merged map, in the frame of the first map that went into it; None where no two maps could be aligned.
+    poses
+        T_merged_map of every map that went into it.
+    alignments
+        What was found for every pair (target, source), refusals with their reasons among them.
+    left_out
+        The maps that did not go into it, and why.
+    fusion
+        The merged cells with their conflict; None where there is no merged map.
+    """
+
+    merged: TbmMap | None
+    poses: Mapping[str, SE2]
+    alignments: Mapping[Pair, Alignment]
+    left_out: Mapping[str, str]
+    fusion: Fusion | None
+
+
+def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None) -> Merge:
+    """Merge maps whose relative poses nobody knows.
+
+    Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
+    order of the maps.
+
+    Parameters
+    ----------
+    maps
+        Two maps or more, by name; their order decides whose frame the merged map has.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two maps.
+    """
+    config = config or MergeConfig()
+    if len(maps) < 2:
+        raise ValueError(f"maps must be two or more, got {len(maps)}")
+    alignments = align_all(maps, config)
+    group = groups_of(list(maps), alignments)[0]
+    left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
+    if len(group) < 2:
+        return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
+    fusion = _fused(maps, group, config)
+    return Merge(_merged(maps, group, fusion, config), group.poses, alignments, left_out, fusion)
+
+
+def align_all(maps: Mapping[str, TbmMap], config: MergeConfig) -> dict[Pair, Alignment]:
+    """Align every pair of maps; the one named first is the target."""
+    resolution = comparison_resolution([one.grid for one in maps.values()], config)
+    views = {name: view_of(one.grid, resolution, config) for name, one in maps.items()}
+    alignments = {}
+    for target, source in itertools.combinations(maps, 2):
+        alignments[target, source] = found = align_views(views[target], views[source], config)
+        logger.info("%s in %s: %s: %s", source, target, "accepted" if found.accepted else "refused", found.reason)
+    return alignments
+
+
+def _fused(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig) -> Fusion:
+    lattice = maps[group.first].grid.geometry
+    if config.merged_resolution is not None:
+        lattice = lattice._replace(resolution=config.merged_resolution)
+    layers = [warp(maps[name].grid, T_merged_map, lattice) for name, T_merged_map in group.poses.items()]
+    return fuse(layers, config.rule, config.coverage)
+
+
+def _merged(maps: Mapping[str, TbmMap], group: Group, fusion: Fusion, config: MergeConfig) -> TbmMap:
+    """Return the fused grid with everybody's drives and where they came from."""
+    moved = {name: maps[name].moved(pose, fusion.grid) for name, pose in group.poses.items()}
+    names = [drive.name for one in moved.values() for drive in one.drives]
+    drives = tuple(
+        Drive(drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}", drive.trajectory, drive.keyframes)
+        for name, one in moved.items()
+        for drive in one.drives
+    )
+    provenance = {
+        "merged_from": {
+            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in group.poses.items()
+        },
+        "config": config.model_dump(mode="json"),
+    }
+    return TbmMap(fusion.grid, drives, provenance)
+
+
+def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
+    """Tell what spoke against a map's best alignment with the maps that were merged."""
+    tried = {
+        target if source == name else source: found
+        for (target, source), found in alignments.items()
+        if (target == name and source in group.poses) or (source == name and target in group.poses)
+    }
+    nearest = max(tried, key=lambda other: (tried[other].agreed_wall_m, tried[other].inliers))
+    return f"no alignment with a merged map was accepted; with {nearest}: {tried[nearest].reason}"
