@@ -11,9 +11,12 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import config
+
+_settings: Any = config  # numba sets the attributes of this module while it loads
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -48,12 +51,11 @@ _CACHE = _writable(_CACHE_DIRECTORY)
 
 def kernel(function: Function) -> Function:
     """Compile a function with the project's options, cached on disk where a writable place exists."""
-    options = {"nogil": True, "error_model": "numpy"}
     if not _CACHE:
-        return cast("Function", numba.njit(**options)(function))
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _CACHE_DIRECTORY
+        return cast("Function", numba.njit(nogil=True, error_model="numpy")(function))
+    previous = _settings.CACHE_DIR
+    _settings.CACHE_DIR = _CACHE_DIRECTORY
     try:
-        return cast("Function", numba.njit(cache=True, **options)(function))
+        return cast("Function", numba.njit(nogil=True, error_model="numpy", cache=True)(function))
     finally:
-        numba.config.CACHE_DIR = previous
+        _settings.CACHE_DIR = previous

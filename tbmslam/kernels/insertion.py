@@ -1,0 +1,194 @@
+"""Evidence of beams, multiplied into the cells they pass and end in.
+
+Cells are counted on the lattice of `tbmslam.evidence_grid`: column floor(x / resolution), row floor(y / resolution).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+from tbmslam.kernels.lattice import Lattice
+
+FloatArray = npt.NDArray[np.float64]
+
+RATIO_LIMIT = 1e150
+"""Evidence beyond this is rescaled: nothing distinguishes it, and the product must not overflow."""
+
+
+class BeamFactors(NamedTuple):
+    """What one beam multiplies into a cell's evidence: first the factor of a_F, then that of a_O."""
+
+    hit: FloatArray
+    """(2,) for the cell a beam ends in."""
+    miss: FloatArray
+    """(2,) for a cell a beam passes."""
+    blur: FloatArray
+    """(B, 2) for a passed cell whose squared distance to the end cell is the index [cells^2]."""
+    blur_radius_squared: float
+    """The square of the blur's length [cells^2]; beams no longer than that are not blurred."""
+
+
+@kernel
+def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cells: npt.NDArray[np.int64]) -> int:
+    """Write the lattice cells (M, 2) as (row, col) that a beam touches, from its start to its end; return how many.
+
+    A 4-connected walk that steps to the neighbour whose centre lies nearer to the beam, and diagonally where both lie
+    equally near (vinySLAM). `cells` needs room for |rows| + |cols| + 2 entries.
+    """
+    row, col = math.floor(y0 / resolution), math.floor(x0 / resolution)
+    end_row, end_col = math.floor(y1 / resolution), math.floor(x1 / resolution)
+    dx, dy = x1 - x0, y1 - y0
+    row_step = 1 if dy > 0.0 else -1
+    col_step = 1 if dx > 0.0 else -1
+    longest = abs(end_row - row) + abs(end_col - col) + 1
+    # dx times the height of the beam over the cell's centre, at the centre's x
+    error = dx * (y0 - (row + 0.5) * resolution) + dy * ((col + 0.5) * resolution - x0)
+    col_change, row_change = dy * col_step * resolution, dx * row_step * resolution
+    cells[0, 0], cells[0, 1] = row, col
+    count = 1
+    while row != end_row or col != end_col:
+        if count >= longest:
+            return _walk_bresenham(cells, end_row, end_col)
+        after_col, after_row = abs(error + col_change), abs(error - row_change)
+        if abs(after_col - after_row) <= 1e-7 * max(1.0, after_col, after_row):
+            if col != end_col:
+                col += col_step
+            if row != end_row:
+                row += row_step
+            error = 0.0
+        elif after_row < after_col:
+            row += row_step
+            error -= row_change
+        else:
+            col += col_step
+            error += col_change
+        cells[count, 0], cells[count, 1] = row, col
+        count += 1
+    return count
+
+
+@kernel
+def _walk_bresenham(cells: npt.NDArray[np.int64], end_row: int, end_col: int) -> int:
+    """Write an 8-connected walk from `cells[0]` instead, for the rare beam whose 4-connected walk misses its end."""
+    row, col = cells[0, 0], cells[0, 1]
+    row_span, col_span = abs(end_row - row), abs(end_col - col)
+    row_step = 1 if end_row > row else -1
+    col_step = 1 if end_col > col else -1
+    error = col_span - row_span
+    count = 1
+    while row != end_row or col != end_col:
+        doubled = 2 * error
+        if doubled > -row_span:
+            error -= row_span
+            col += col_step
+        if doubled < col_span:
+            error += col_span
+            row += row_step
+        cells[count, 0], cells[count, 1] = row, col
+        count += 1
+    return count
+
+
+@kernel
+def insert_beams(
+    ratios: FloatArray,
+    lattice: Lattice,
+    start: FloatArray,
+    ends: FloatArray,
+    is_hit: npt.NDArray[np.bool_],
+    factors: BeamFactors,
+) -> None:
+    """Multiply the evidence of beams into `ratios` (rows, cols, 2), which must contain all of them.
+
+    Every beam updates each of its cells once: the end cell as hit (or as passed, for a beam that met nothing), the
+    others as passed, blurred towards the wall where a hit lies behind them.
+
+    Parameters
+    ----------
+    start
+        The laser's position (2,) [m].
+    ends
+        The beams' end points (N, 2) [m].
+    is_hit
+        Which beams (N,) met something.
+    """
+    resolution, first_row, first_col = lattice
+    cells = np.empty((ratios.shape[0] + ratios.shape[1] + 2, 2), dtype=np.int64)
+    hit_free, hit_occupied = factors.hit[0], factors.hit[1]
+    miss_free, miss_occupied = factors.miss[0], factors.miss[1]
+    blur_radius_squared = factors.blur_radius_squared
+    for beam in range(len(ends)):
+        count = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, cells)
+        end_row, end_col = cells[count - 1, 0], cells[count - 1, 1]
+        length_squared = (cells[0, 0] - end_row) ** 2 + (cells[0, 1] - end_col) ** 2
+        blurred = count - 1
+        if is_hit[beam]:
+            _multiply(ratios, end_row - first_row, end_col - first_col, hit_free, hit_occupied)
+            if blur_radius_squared < length_squared:
+                # The walk only comes nearer to its end, so the blurred cells are the last ones.
+                while blurred > 0:
+                    distance_squared = (cells[blurred - 1, 0] - end_row) ** 2 + (cells[blurred - 1, 1] - end_col) ** 2
+                    if distance_squared >= blur_radius_squared:
+                        break
+                    blurred -= 1
+                    _multiply(
+                        ratios,
+                        cells[blurred, 0] - first_row,
+                        cells[blurred, 1] - first_col,
+                        factors.blur[distance_squared, 0],
+                        factors.blur[distance_squared, 1],
+                    )
+        else:
+            _multiply(ratios, end_row - first_row, end_col - first_col, miss_free, miss_occupied)
+        for i in range(blurred):
+            _multiply(ratios, cells[i, 0] - first_row, cells[i, 1] - first_col, miss_free, miss_occupied)
+
+
+@kernel
+def insert_scan(
+    ratios: FloatArray,
+    lattice: Lattice,
+    start: FloatArray,
+    ends: FloatArray,
+    is_hit: npt.NDArray[np.bool_],
+    factors: BeamFactors,
+) -> None:
+    """Multiply the evidence of a scan into `ratios`, once a cell: as hit if any beam ended there, or as passed.
+
+    Neighbouring beams are not independent witnesses of the cell they share, and beams that graze a wall must not erase
+    it. Parameters as of `insert_beams`; nothing is blurred.
+    """
+    resolution, first_row, first_col = lattice
+    low_x, low_y, high_x, high_y = start[0], start[1], start[0], start[1]
+    for beam in range(len(ends)):
+        low_x, high_x = min(low_x, ends[beam, 0]), max(high_x, ends[beam, 0])
+        low_y, high_y = min(low_y, ends[beam, 1]), max(high_y, ends[beam, 1])
+    row0, col0 = math.floor(low_y / resolution), math.floor(low_x / resolution)
+    rows, cols = math.floor(high_y / resolution) - row0 + 1, math.floor(high_x / resolution) - col0 + 1
+    spoken = np.zeros((rows, cols), dtype=np.bool_)
+    cells = np.empty((rows + cols + 2, 2), dtype=np.int64)
+    for beam in range(len(ends)):
+        if not is_hit[beam]:
+            continue
+        row, col = math.floor(ends[beam, 1] / resolution), math.floor(ends[beam, 0] / resolution)
+        if not spoken[row - row0, col - col0]:
+            spoken[row - row0, col - col0] = True
+            _multiply(ratios, row - first_row, col - first_col, factors.hit[0], factors.hit[1])
+    for beam in range(len(ends)):
+        count = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, cells)
+        for i in range(count):
+            row, col = cells[i, 0], cells[i, 1]
+            if not spoken[row - row0, col - col0]:
+                spoken[row - row0, col - col0] = True
+                _multiply(ratios, row - first_row, col - first_col, factors.miss[0], factors.miss[1])
+
+
+@kernel
+def _multiply(ratios: FloatArray, row: int, col: int, free_factor: float, occupied_factor: float) -> None:
+    free, occupied = ratios[row, col, 0] * free_factor, ratios[row, col, 1] * occupied_factor
+    if free > RATIO_LIMIT or occupied > RATIO_LIMIT:
+        free, occupied = max(free * 1e-50, 1.0), max(occupied * 1e-50, 1.0)
+    ratios[row, col, 0], ratios[row, col, 1] = free, occupied

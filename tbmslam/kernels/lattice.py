@@ -1,0 +1,19 @@
+"""Where the array of a growing grid lies on the endless lattice of cells."""
+
+from typing import NamedTuple
+
+
+class Lattice(NamedTuple):
+    """Cells whose corners are multiples of the resolution: column floor(x / resolution), row floor(y / resolution).
+
+    Parameters
+    ----------
+    resolution
+        Side of a cell [m].
+    first_row, first_col
+        Lattice index of the array's cell (0, 0).
+    """
+
+    resolution: float
+    first_row: int
+    first_col: int

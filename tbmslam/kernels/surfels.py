@@ -1,0 +1,230 @@
+"""Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
+
+Moments (rows, cols, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and y^2, relative to the
+cell's centre in units of cells. Surfels (rows, cols, 6) are mean x and y [m], and the information matrix xx, xy, yy of
+a point's offset from the mean [1/m^2], then a weight in [0, 1] that is zero where there is no surface.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+from tbmslam.kernels.lattice import Lattice
+
+FloatArray = npt.NDArray[np.float64]
+SurfelArray = npt.NDArray[np.float32]
+
+
+@kernel
+def add_hits(
+    moments: SurfelArray,
+    surfels: SurfelArray,
+    lattice: Lattice,
+    points: FloatArray,
+    limits: tuple[float, float, float, float],
+) -> None:
+    """Add hits (N, 2) [m], all inside with a cell to spare, and renew the surfels around them.
+
+    `limits` are the noise of a hit [m], the size up to which an element counts as a point [m], the thickness beyond
+    which it is clutter [m], and the number of hits that make an element certain.
+    """
+    resolution, first_row, first_col = lattice
+    rows, cols = moments.shape[0], moments.shape[1]
+    touched = np.empty((len(points), 2), dtype=np.int64)
+    for i in range(len(points)):
+        gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
+        lattice_col, lattice_row = math.floor(gx), math.floor(gy)
+        row, col = lattice_row - first_row, lattice_col - first_col
+        touched[i, 0], touched[i, 1] = row, col
+        dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
+        cell = moments[row, col]
+        cell[0] += 1.0
+        cell[1] += dx
+        cell[2] += dy
+        cell[3] += dx * dx
+        cell[4] += dx * dy
+        cell[5] += dy * dy
+    previous_row, previous_col = -1, -1
+    for i in range(len(points)):
+        row, col = touched[i, 0], touched[i, 1]
+        if row == previous_row and col == previous_col:
+            continue
+        previous_row, previous_col = row, col
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(col - 1, 0), min(col + 2, cols)):
+                _renew(moments, surfels, r, c, lattice, limits)
+
+
+@kernel
+def _renew(
+    moments: SurfelArray,
+    surfels: SurfelArray,
+    row: int,
+    col: int,
+    lattice: Lattice,
+    limits: tuple[float, float, float, float],
+) -> None:
+    """Fit one surfel to the hits of its cell and the eight around it."""
+    resolution, first_row, first_col = lattice
+    noise, point_size, clutter, certain_count = limits
+    count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for r in range(max(row - 1, 0), min(row + 2, moments.shape[0])):
+        for c in range(max(col - 1, 0), min(col + 2, moments.shape[1])):
+            n = float(moments[r, c, 0])
+            if n == 0.0:
+                continue
+            ox, oy = float(c - col), float(r - row)
+            mx, my = float(moments[r, c, 1]), float(moments[r, c, 2])
+            count += n
+            sx += mx + n * ox
+            sy += my + n * oy
+            sxx += moments[r, c, 3] + 2.0 * ox * mx + n * ox * ox
+            sxy += moments[r, c, 4] + ox * my + oy * mx + n * ox * oy
+            syy += moments[r, c, 5] + 2.0 * oy * my + n * oy * oy
+    surfel = surfels[row, col]
+    if count < 3.0:
+        surfel[5] = 0.0
+        return
+    mx, my = sx / count, sy / count
+    scale = resolution * resolution
+    xx, xy, yy = (
+        (sxx / count - mx * mx) * scale,
+        (sxy / count - mx * my) * scale,
+        (syy / count - my * my) * scale,
+    )
+    middle, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    thick, thin = max(middle + spread, 0.0), max(middle - spread, 0.0)
+    # The direction of the larger variance runs along the wall; the normal is across.
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    tx, ty = math.cos(angle), math.sin(angle)
+    across = 1.0 / (thin + noise * noise)
+    along = 1.0 / (thick + noise * noise) if thick < point_size * point_size else 0.0
+    surfel[0] = (first_col + col + 0.5 + mx) * resolution
+    surfel[1] = (first_row + row + 0.5 + my) * resolution
+    surfel[2] = across * ty * ty + along * tx * tx
+    surfel[3] = -across * tx * ty + along * tx * ty
+    surfel[4] = across * tx * tx + along * ty * ty
+    surfel[5] = min(count / certain_count, 1.0) / (1.0 + thin / (clutter * clutter))
+
+
+@kernel
+def linearise(
+    surfels: SurfelArray,
+    lattice: Lattice,
+    points: FloatArray,
+    weights: FloatArray,
+    pose: tuple[float, float, float],
+    tolerance: float,
+    hessian: FloatArray,
+    gradient: FloatArray,
+) -> tuple[float, float, float]:
+    """Fill the normal equations of a scan's distance to the surfels; return cost, matched weight and total weight.
+
+    The cost of a point is Geman and McClure's t^2 d^2 / (t^2 + d^2) of its Mahalanobis distance d, with the tolerance t
+    in standard deviations: far points lose their say. The pose is perturbed in the map's frame, its rotation about the
+    sensor.
+    """
+    resolution, first_row, first_col = lattice
+    x, y, theta = pose
+    cosine, sine = math.cos(theta), math.sin(theta)
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    cost, matched, total = 0.0, 0.0, 0.0
+    tolerance_squared = tolerance * tolerance
+    inverse = 1.0 / resolution
+    for i in range(len(points)):
+        rx = cosine * points[i, 0] - sine * points[i, 1]
+        ry = sine * points[i, 0] + cosine * points[i, 1]
+        px, py = x + rx, y + ry
+        col = math.floor(px * inverse) - first_col
+        row = math.floor(py * inverse) - first_row
+        total += weights[i]
+        if row < 0 or col < 0 or row >= surfels.shape[0] or col >= surfels.shape[1]:
+            continue
+        surfel = surfels[row, col]
+        if surfel[5] <= 0.0:
+            continue
+        dx, dy = px - surfel[0], py - surfel[1]
+        gx, gy = surfel[2] * dx + surfel[3] * dy, surfel[3] * dx + surfel[4] * dy
+        distance = dx * gx + dy * gy
+        share = tolerance_squared / (tolerance_squared + distance)
+        weight = weights[i] * surfel[5]
+        cost += weight * share * distance
+        matched += weight * share
+        weight *= share * share
+        # d(point)/d(theta) = (-ry, rx)
+        jx = -surfel[2] * ry + surfel[3] * rx
+        jy = -surfel[3] * ry + surfel[4] * rx
+        hessian[0, 0] += weight * surfel[2]
+        hessian[0, 1] += weight * surfel[3]
+        hessian[1, 1] += weight * surfel[4]
+        hessian[0, 2] += weight * jx
+        hessian[1, 2] += weight * jy
+        hessian[2, 2] += weight * (-ry * jx + rx * jy)
+        gradient[0] += weight * gx
+        gradient[1] += weight * gy
+        gradient[2] += weight * (-ry * gx + rx * gy)
+    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
+    return cost, matched, total
+
+
+@kernel
+def align(
+    surfels: SurfelArray,
+    lattice: Lattice,
+    points: FloatArray,
+    weights: FloatArray,
+    guess: tuple[float, float, float],
+    prior: FloatArray,
+    tolerances: FloatArray,
+    iterations: int,
+) -> tuple[tuple[float, float, float], FloatArray, float, float]:
+    """Move a scan onto the surfels by Gauss-Newton; return its pose, the Hessian, the matched share and the cost.
+
+    `prior` (3, 3) is the information of the guess in the map's frame: a direction that the surfels do not determine
+    keeps it. `tolerances` are worked through from wide to narrow, `iterations` steps each at the most.
+    """
+    x, y, theta = guess
+    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+    system, step = np.zeros((3, 3)), np.zeros(3)
+    cost, matched, total = 0.0, 0.0, 0.0
+    for level in range(len(tolerances)):
+        for _ in range(iterations):
+            cost, matched, total = linearise(
+                surfels,
+                lattice,
+                points,
+                weights,
+                (x, y, theta),
+                tolerances[level],
+                hessian,
+                gradient,
+            )
+            ox, oy, ot = x - guess[0], y - guess[1], theta - guess[2]
+            for a in range(3):
+                gradient[a] += prior[a, 0] * ox + prior[a, 1] * oy + prior[a, 2] * ot
+                for b in range(3):
+                    system[a, b] = hessian[a, b] + prior[a, b]
+            _solve(system, gradient, step)
+            x, y, theta = x - step[0], y - step[1], theta - step[2]
+            if abs(step[0]) < 1e-4 and abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
+                break
+    return (x, y, theta), hessian, (matched / total if total > 0.0 else 0.0), cost
+
+
+@kernel
+def _solve(matrix: FloatArray, vector: FloatArray, solution: FloatArray) -> None:
+    """Solve a symmetric positive definite (3, 3) system by Cholesky's method."""
+    a = math.sqrt(max(matrix[0, 0], 1e-12))
+    b, c = matrix[0, 1] / a, matrix[0, 2] / a
+    d = math.sqrt(max(matrix[1, 1] - b * b, 1e-12))
+    e = (matrix[1, 2] - b * c) / d
+    f = math.sqrt(max(matrix[2, 2] - c * c - e * e, 1e-12))
+    u = vector[0] / a
+    v = (vector[1] - b * u) / d
+    w = (vector[2] - c * u - e * v) / f
+    solution[2] = w / f
+    solution[1] = (v - e * solution[2]) / d
+    solution[0] = (u - b * solution[1] - c * solution[2]) / a

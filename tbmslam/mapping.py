@@ -1,0 +1,86 @@
+"""Writes scans into a grid of evidence."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.kernels.insertion import BeamFactors, insert_beams, insert_scan
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2
+from tbmslam.sensor_model import SensorModelConfig, beam_factors
+
+
+class InsertionConfig(BaseModel):
+    """Which beams enter the map."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    max_range: float = Field(float("inf"), gt=0, description="a hit beyond this only clears the way up to it [m]")
+    no_return: Literal["free", "ignore"] = Field(
+        "ignore", description="a beam that met nothing clears the way up to its range limit, or says nothing"
+    )
+    once_per_scan: bool = Field(
+        False,
+        description="a scan speaks once of each cell, and a hit outweighs passages; else every beam speaks for itself",
+    )
+
+
+class ScanInserter:
+    """Inserts scans taken at known poses.
+
+    Parameters
+    ----------
+    sensor_model
+        What a beam says about a cell.
+    config
+        Which beams are used.
+    """
+
+    def __init__(self, sensor_model: SensorModelConfig, config: InsertionConfig) -> None:
+        self._sensor_model = sensor_model
+        self._config = config
+        self._factors: dict[tuple[float, float], BeamFactors] = {}
+
+    def insert(self, scan: LaserScan, T_map_sensor: SE2, grid: EvidenceGrid, scan_quality: float = 1.0) -> None:
+        """Insert a scan taken with the laser at `T_map_sensor`; the grid grows as needed.
+
+        Parameters
+        ----------
+        scan
+            The scan.
+        T_map_sensor
+            Pose of the laser in the grid's frame.
+        grid
+            The grid to write into.
+        scan_quality
+            Weight in [0, 1] on the evidence of every beam: how sure the pose is.
+        """
+        ranges, limit = scan.ranges, self._config.max_range
+        is_hit = scan.is_hit() & (ranges <= limit)
+        clears = np.isfinite(ranges) if self._config.no_return == "ignore" else ~np.isnan(ranges)
+        lengths = np.where(is_hit, ranges, np.minimum(ranges, min(limit, scan.range_max)))[clears]
+        if not len(lengths):
+            return
+        directions = scan.angles()[clears] + T_map_sensor.theta
+        ends = np.column_stack(
+            (T_map_sensor.x + lengths * np.cos(directions), T_map_sensor.y + lengths * np.sin(directions))
+        )
+        start = np.array([T_map_sensor.x, T_map_sensor.y])
+        grid.grow_to_contain(np.vstack((ends, start)))
+        insert = insert_scan if self._config.once_per_scan else insert_beams
+        insert(
+            grid.ratios,
+            grid.lattice,
+            start,
+            ends,
+            is_hit[clears],
+            self._factors_for(grid.resolution, scan_quality),
+        )
+
+    def _factors_for(self, resolution: float, scan_quality: float) -> BeamFactors:
+        key = (resolution, scan_quality)
+        if key not in self._factors:
+            self._factors[key] = beam_factors(self._sensor_model, resolution, scan_quality)
+        return self._factors[key]

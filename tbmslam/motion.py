@@ -1,0 +1,102 @@
+"""Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from tbmslam.laser_scan import Reading
+from tbmslam.se2 import SE2, FloatArray
+
+
+class MotionConfig(BaseModel):
+    """How odometry is used and how far it is trusted between two scans."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    composition: Literal["group", "component"] = Field(
+        "group", description="'component' adds x, y and theta one by one as the original program does"
+    )
+    position_floor: float = Field(0.01, gt=0, description="position uncertainty of any step [m]")
+    position_per_metre: float = Field(0.1, ge=0, description="more of it per travelled metre [m/m]")
+    position_per_radian: float = Field(0.05, ge=0, description="more of it per turned radian [m/rad]")
+    heading_floor: float = Field(0.005, gt=0, description="heading uncertainty of any step [rad]")
+    heading_per_metre: float = Field(0.05, ge=0, description="more of it per travelled metre [rad/m]")
+    heading_per_radian: float = Field(0.1, ge=0, description="more of it per turned radian [rad/rad]")
+    position_per_second: float = Field(0.5, gt=0, description="position uncertainty without odometry [m/s]")
+    heading_per_second: float = Field(0.5, gt=0, description="heading uncertainty without odometry [rad/s]")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Where the robot should be.
+
+    Parameters
+    ----------
+    T_map_robot
+        The pose.
+    deviations
+        Standard deviations (3,) of x, y [m] and theta [rad] that the last step adds.
+    """
+
+    T_map_robot: SE2
+    deviations: FloatArray
+
+
+class MotionModel:
+    """Carries the pose from one reading to the next."""
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._config = config
+        self._stamp: float | None = None
+        self._T_odom_robot: SE2 | None = None
+        self._T_map_robot = SE2.identity()
+        self._velocity = SE2.identity()
+        self._duration = 0.0
+
+    def predict(self, reading: Reading) -> Prediction:
+        """Return where the robot is by odometry or, without any, by the motion between its last two readings.
+
+        The first reading lies at its odometry pose, so the map's frame is the odometry's frame of that moment.
+        """
+        if self._stamp is None:
+            return Prediction(reading.T_odom_robot or SE2.identity(), np.zeros(3))
+        if reading.T_odom_robot is not None and self._T_odom_robot is not None:
+            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot)
+        return self._by_constant_velocity(reading.scan.stamp - self._stamp)
+
+    def correct(self, reading: Reading, T_map_robot: SE2) -> None:
+        """Take the pose that was found for a reading as the start of the next step."""
+        if self._stamp is not None:
+            duration = reading.scan.stamp - self._stamp
+            if duration > 0.0:
+                self._velocity, self._duration = self._T_map_robot.inverse() @ T_map_robot, duration
+        self._stamp = reading.scan.stamp
+        self._T_odom_robot = reading.T_odom_robot
+        self._T_map_robot = T_map_robot
+
+    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2) -> Prediction:
+        config = self._config
+        step = T_odom_before.inverse() @ T_odom_now
+        if config.composition == "component":
+            pose = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, T_odom_now, T_odom_before, strict=True)))
+        else:
+            pose = self._T_map_robot @ step
+        distance, turn = float(np.hypot(step.x, step.y)), abs(step.theta)
+        position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
+        heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
+        return Prediction(pose, np.array([position, position, heading]))
+
+    def _by_constant_velocity(self, duration: float) -> Prediction:
+        config = self._config
+        duration = min(max(duration, 0.0), 1.0)
+        if 0.0 < self._duration <= 1.0:
+            vx, vy, omega = self._velocity.log()
+            ratio = duration / self._duration
+            pose = self._T_map_robot @ SE2.exp(ratio * vx, ratio * vy, ratio * omega)
+        else:
+            pose = self._T_map_robot
+        position = config.position_floor + config.position_per_second * duration
+        heading = config.heading_floor + config.heading_per_second * duration
+        return Prediction(pose, np.array([position, position, heading]))

@@ -1,0 +1,28 @@
+"""How much each beam counts in a scan's score."""
+
+from typing import Literal
+
+import numpy as np
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import FloatArray
+
+BeamWeighting = Literal["even", "viny"]
+
+
+def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:
+    """Return the weight (M,) of every hit beam, adding up to one.
+
+    ``even`` treats all alike. ``viny`` is vinySLAM's: beams along and across the sensor's axis, which meet the walls of
+    a corridor end-on, count up to three times, and all by the square root of their range.
+    """
+    hit = scan.is_hit()
+    if not hit.any():
+        return np.zeros(0)
+    if weighting == "even":
+        weights = np.ones(int(hit.sum()))
+    else:
+        angles, ranges = scan.angles()[hit], scan.ranges[hit]
+        cosine, sine = np.abs(np.cos(angles)), np.abs(np.sin(angles))
+        weights = np.select([cosine > 0.9, cosine > 0.8], [3.0, 2.0], sine + cosine) * np.sqrt(ranges)
+    return np.asarray(weights / weights.sum())

@@ -1,0 +1,40 @@
+"""What every scan matcher answers, and the one interface they share."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2
+
+
+@dataclass(frozen=True)
+class ScanMatch:
+    """Where a scan was taken, as far as the map can tell.
+
+    Parameters
+    ----------
+    T_map_sensor
+        Pose of the laser.
+    score
+        How well the scan agrees with the map there; its scale is the matcher's own.
+    moved
+        Whether the map was able to correct the initial guess at all.
+    """
+
+    T_map_sensor: SE2
+    score: float
+    moved: bool
+
+
+class ScanMatcher(Protocol):
+    """Places a scan in a map."""
+
+    def match(self, scan: LaserScan, grid: EvidenceGrid, initial_guess: SE2) -> ScanMatch:
+        """Return where the laser was, searching from `initial_guess` (T_map_sensor)."""
+        ...
+
+
+def moved_from(initial_guess: SE2, pose: SE2) -> bool:
+    """Tell whether a match moved its guess by more than rounding."""
+    return max(abs(a - b) for a, b in zip(initial_guess, pose, strict=True)) > 1e-7

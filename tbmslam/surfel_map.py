@@ -1,0 +1,132 @@
+"""A map of surface elements that a scan is laid onto below the size of a cell.
+
+Each cell keeps the moments of the hits in it; a surfel is their mean and spread over the cell and its neighbours, so a
+wall is a line with a position and a normal rather than a row of cells. After the normal distributions transform (Biber
+and Strasser 2003) with the point-to-line metric (Censi 2008): along a wall the surfel says nothing.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.surfels import SurfelArray, add_hits, align
+from tbmslam.se2 import SE2, FloatArray
+
+
+class SurfelConfig(BaseModel):
+    """What makes a surface element."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    resolution: float = Field(0.1, gt=0, description="side of a cell; an element gathers three by three [m]")
+    noise: float = Field(0.02, gt=0, description="standard deviation of a hit around its wall [m]")
+    point_size: float = Field(0.03, ge=0, description="up to this spread an element is a point, not a line [m]")
+    clutter: float = Field(0.05, gt=0, description="thickness at which an element counts half [m]")
+    certain_hits: float = Field(8.0, gt=0, description="hits from which on an element counts fully")
+
+
+@dataclass(frozen=True)
+class Registration:
+    """How a scan fits a surfel map.
+
+    Parameters
+    ----------
+    pose
+        Where the scan's frame lies in the map's.
+    hessian
+        Curvature (3, 3) of the cost in x, y [1/m^2] and theta there, without the prior.
+    matched
+        Share of the points' weight that lies on surfaces, in [0, 1].
+    cost
+        Robust sum of squared distances in standard deviations.
+    """
+
+    pose: SE2
+    hessian: FloatArray
+    matched: float
+    cost: float
+
+
+class SurfelMap:
+    """Surfels on a lattice that grows with what is inserted."""
+
+    GROWTH_CELLS = 64
+
+    def __init__(self, config: SurfelConfig) -> None:
+        self._config = config
+        self._lattice = Lattice(config.resolution, 0, 0)
+        self._moments: SurfelArray = np.zeros((0, 0, 6), dtype=np.float32)
+        self._surfels: SurfelArray = np.zeros((0, 0, 6), dtype=np.float32)
+
+    def insert(self, points: FloatArray) -> None:
+        """Add hits (N, 2) [m] in the map's frame."""
+        if len(points) == 0:
+            return
+        self._grow_to_contain(points)
+        config = self._config
+        add_hits(
+            self._moments,
+            self._surfels,
+            self._lattice,
+            points,
+            (config.noise, config.point_size, config.clutter, config.certain_hits),
+        )
+
+    def register(
+        self,
+        points: FloatArray,
+        weights: FloatArray,
+        guess: SE2,
+        prior: FloatArray,
+        tolerances: FloatArray,
+        iterations: int,
+    ) -> Registration:
+        """Lay points onto the surfaces.
+
+        Parameters
+        ----------
+        points
+            Hits (N, 2) in the scan's frame [m].
+        weights
+            Their weights (N,).
+        guess
+            Where the scan's frame is thought to lie.
+        prior
+            Information (3, 3) of the guess; what the surfaces leave open keeps to it.
+        tolerances
+            Distances beyond which a point loses its say [standard deviations], from wide to narrow.
+        iterations
+            Gauss-Newton steps for each tolerance, at the most.
+        """
+        pose, hessian, matched, cost = align(
+            self._surfels,
+            self._lattice,
+            points,
+            weights,
+            guess,
+            prior,
+            tolerances,
+            iterations,
+        )
+        return Registration(SE2(*pose), hessian, matched, cost)
+
+    def _grow_to_contain(self, points: FloatArray) -> None:
+        (resolution, first_row, first_col), (rows, cols) = self._lattice, self._moments.shape[:2]
+        low, high = points.min(axis=0) / resolution, points.max(axis=0) / resolution
+        need = (math.floor(low[1]) - 1, math.floor(high[1]) + 2, math.floor(low[0]) - 1, math.floor(high[0]) + 2)
+        have = (first_row, first_row + rows, first_col, first_col + cols)
+        if rows and have[0] <= need[0] and have[1] >= need[1] and have[2] <= need[2] and have[3] >= need[3]:
+            return
+        spare = self.GROWTH_CELLS
+        top, bottom, left, right = need[0] - spare, need[1] + spare, need[2] - spare, need[3] + spare
+        if rows:
+            top, bottom, left, right = min(top, have[0]), max(bottom, have[1]), min(left, have[2]), max(right, have[3])
+        moments = np.zeros((bottom - top, right - left, 6), dtype=np.float32)
+        surfels = np.zeros_like(moments)
+        inner = (slice(have[0] - top, have[1] - top), slice(have[2] - left, have[3] - left))
+        if rows:
+            moments[inner], surfels[inner] = self._moments, self._surfels
+        self._moments, self._surfels, self._lattice = moments, surfels, Lattice(resolution, top, left)

@@ -1,0 +1,29 @@
+"""Following the robot: placing each scan in what was learnt from earlier ones."""
+
+from typing import Protocol
+
+from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.laser_scan import LaserScan
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2, FloatArray
+
+
+class Tracker(Protocol):
+    """Places scans in what it has learnt from earlier scans.
+
+    Attributes
+    ----------
+    grid
+        The grid that it writes every scan into, which then is the map; None where it learns from keyframes alone and
+        the map is rendered from them.
+    """
+
+    grid: EvidenceGrid | None
+
+    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
+        """Return where the laser was, given a guess and the guess's standard deviations (3,)."""
+        ...
+
+    def learn(self, scan: LaserScan, match: ScanMatch) -> None:
+        """Let later scans be placed by this one too."""
+        ...
