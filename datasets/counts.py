@@ -90,7 +90,9 @@ class ReadingCounts:
             if number
         ]
         if self.gaps:
-            oddities.append(f"{self.gaps} gaps of {self.gap_seconds:.1f} s in all, the longest {self.longest_gap_s:.1f} s")
+            oddities.append(
+                f"{self.gaps} gaps of {self.gap_seconds:.1f} s in all, the longest {self.longest_gap_s:.1f} s"
+            )
         if oddities:
             lines.append("odd: " + ", ".join(oddities))
         return "\n".join(lines)

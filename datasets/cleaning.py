@@ -1,0 +1,111 @@
+"""From the codes of a sensor to what a scan says: hit, nothing in range, or nothing at all."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.counts import ReadingCounts
+from tbmslam.se2 import FloatArray
+
+# Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
+KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
+CODE_TOLERANCE = 5e-4
+
+
+@dataclass(frozen=True)
+class RangeRules:
+    """How the ranges of one laser are read.
+
+    Parameters
+    ----------
+    range_min, range_max
+        Limits [m] instead of those the scan states; None: the scan's own.
+    no_return_codes
+        Values [m] that stand for "nothing came back", whatever the limits say.
+    no_return
+        "free" turns such a beam into +inf, "drop" into nan.
+    """
+
+    range_min: float | None
+    range_max: float | None
+    no_return_codes: tuple[float, ...]
+    no_return: Literal["free", "drop"]
+
+    def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
+        """Return the limits in force for a scan that states these; a senseless maximum counts as not stated."""
+        low = self.range_min if self.range_min is not None else max(0.0, range_min if np.isfinite(range_min) else 0.0)
+        high = self.range_max
+        if high is None:
+            high = range_max if range_max > low else np.inf
+        return float(low), float(high)
+
+
+def clean_ranges(
+    ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules, counts: ReadingCounts
+) -> FloatArray:
+    """Translate raw ranges to those of `LaserScan` (REP 117) and count the beams by fate.
+
+    Parameters
+    ----------
+    ranges
+        Raw values (N,) [m]; not changed.
+    range_min, range_max
+        Limits in force [m], see `RangeRules.limits`.
+    rules
+        What the codes of this laser mean.
+    counts
+        Gets the number of beams by fate.
+
+    Returns
+    -------
+    ranges
+        A copy (N,), float64: finite hits, +inf for nothing in range, nan for no information.
+    """
+    cleaned = np.array(ranges, dtype=np.float64)
+    is_nan = np.isnan(cleaned)
+    is_zero = cleaned == 0.0
+    no_return = cleaned >= range_max
+    for code in rules.no_return_codes:
+        no_return |= np.abs(cleaned - code) < CODE_TOLERANCE
+    no_return |= cleaned == np.inf
+    too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
+    too_close |= cleaned < 0.0
+    counts.add_beams("nan", int(is_nan.sum()))
+    counts.add_beams("zero", int(is_zero.sum()))
+    counts.add_beams("no_return", int(no_return.sum()))
+    counts.add_beams("too_close", int(too_close.sum()))
+    cleaned[is_zero | too_close] = np.nan
+    cleaned[no_return] = np.inf if rules.no_return == "free" else np.nan
+    counts.add_beams("hit", int(np.isfinite(cleaned).sum()))
+    return cleaned
+
+
+def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:
+    """Find the value by which a laser says that nothing came back, where it is neither known nor above the limit.
+
+    Such a code is the largest value of all, exact, held by several beams of a scan, and far more frequent than the
+    measured values next to it.
+
+    Parameters
+    ----------
+    scans
+        Raw ranges below the limit, of some scans [m].
+    known
+        Codes that need not be found [m].
+    """
+    arrays = [np.asarray(scan, dtype=np.float64) for scan in scans]
+    values = [scan[np.isfinite(scan) & (scan > 0.0)] for scan in arrays]
+    for code in known:
+        values = [scan[np.abs(scan - code) >= CODE_TOLERANCE] for scan in values]
+    if not sum(map(len, values)):
+        return None
+    distinct, numbers = np.unique(np.concatenate(values), return_counts=True)
+    top, number = distinct[-1], int(numbers[-1])
+    holding = sum(bool((scan == top).any()) for scan in values)
+    beside = numbers[:-1][distinct[:-1] > 0.9 * top]
+    usual = float(beside.mean()) if len(beside) else 1.0
+    often = number >= max(20.0, 0.005 * numbers.sum()) and holding >= 5 and number >= 3 * holding
+    return float(top) if often and number >= 10.0 * usual and top > 3.0 else None

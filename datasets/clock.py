@@ -1,0 +1,56 @@
+"""Whether the clocks of scans and odometry agree."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+# A scan may arrive seconds after its stamp and the stamp still be right; a clock fault is longer than that, and steady.
+LATENCY_LIMIT_S = 5.0
+STEADY_WITHIN_S = 0.5
+_FEWEST = 5
+
+
+class ClockFinding(NamedTuple):
+    """Result of comparing two clocks.
+
+    Parameters
+    ----------
+    offset
+        To be added to a scan's stamp to get the time of the odometry [s].
+    steady_lag
+        Usual bag time minus stamp of the scans [s]; None where it varies too much to tell.
+    warning
+        One line where something is wrong or was corrected.
+    """
+
+    offset: float
+    steady_lag: float | None
+    warning: str | None
+
+
+def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> ClockFinding:
+    """Find a constant fault between the stamps of scans and of odometry, by the bag's own clock.
+
+    Parameters
+    ----------
+    scan_lags, odometry_lags
+        Bag time minus stamp of the first messages [s].
+    """
+    if len(scan_lags) < _FEWEST:
+        return ClockFinding(0.0, None, None)
+    low, scan_lag, high = np.percentile(scan_lags, (10, 50, 90))
+    scan_steady = high - low < STEADY_WITHIN_S
+    steady_lag = float(scan_lag) if scan_steady else None
+    if len(odometry_lags) < _FEWEST:
+        return ClockFinding(0.0, steady_lag, None)
+    odometry_low, odometry_lag, odometry_high = np.percentile(odometry_lags, (10, 50, 90))
+    offset = float(scan_lag - odometry_lag)
+    if abs(offset) < 1.0:
+        return ClockFinding(0.0, steady_lag, None)
+    fact = f"stamps of the scans lag {offset:.2f} s behind those of the odometry"
+    if abs(offset) < LATENCY_LIMIT_S:
+        return ClockFinding(0.0, steady_lag, f"{fact}; taken for latency: pass --clock-offset if a clock is wrong")
+    if scan_steady and odometry_high - odometry_low < STEADY_WITHIN_S:
+        return ClockFinding(offset, steady_lag, f"{fact}: a clock fault, corrected (--clock-offset 0 to leave it)")
+    return ClockFinding(0.0, steady_lag, f"{fact}, but not steadily; nothing corrected: pass --clock-offset")

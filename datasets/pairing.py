@@ -1,0 +1,135 @@
+"""Each scan meets the odometry of its moment, in one pass and with bounded memory."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+from datasets.counts import ReadingCounts
+from datasets.pose_history import PoseHistory
+from datasets.se3 import SE3
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.se2 import SE2
+
+EXTRAPOLATION_LIMIT_S = 0.2
+_MOST_WAITING = 5000
+
+
+class Motion(Protocol):
+    """Where the robot was, and where the laser sits on it."""
+
+    def histories(self) -> list[PoseHistory]:
+        """Return the recorded poses that must reach a stamp before it can be answered."""
+
+    def odometry(self, poses: list[SE3]) -> SE2 | None:
+        """Return T_odom_robot from one pose of each history; None where the recording has no odometry."""
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser hangs upside down."""
+
+
+class _Waiting(NamedTuple):
+    """A scan that waits for odometry."""
+
+    scan: LaserScan
+    stamp: float
+    since: float
+    poses_then: int
+
+
+class Pairing:
+    """Holds scans back until the odometry around their stamps has arrived; keeps the order of the recording.
+
+    Parameters
+    ----------
+    motion
+        The odometry of this pass.
+    counts
+        Filled as scans are used or dropped.
+    clock_offset
+        Added to a scan's stamp to get the time of the odometry [s]; the scan itself keeps its stamp.
+    patience_s
+        A scan for which no odometry arrived for this long (by bag time) is given up [s]; also the longest time between
+        two poses that is interpolated.
+    """
+
+    def __init__(self, motion: Motion, counts: ReadingCounts, clock_offset: float, patience_s: float) -> None:
+        self._motion = motion
+        self._histories = motion.histories()
+        self._counts = counts
+        self._clock_offset = clock_offset
+        self._patience_s = patience_s
+        self._waiting: deque[_Waiting] = deque()
+        self._last_stamp = float("-inf")
+
+    def add(self, scan: LaserScan, now: float) -> None:
+        """Append the scan recorded at bag time `now` [s]."""
+        stamp = scan.stamp + self._clock_offset
+        # A stamp that steps back may belong to odometry that is about to step back, too: wait for the next pose.
+        poses_then = self._received() if stamp < self._last_stamp else -1
+        self._last_stamp = stamp
+        self._waiting.append(_Waiting(scan, stamp, now, poses_then))
+
+    def ready(self, now: float) -> Iterator[Reading]:
+        """Yield the readings that can be answered at bag time `now` [s]."""
+        while self._waiting:
+            front = self._waiting[0]
+            waited = now - front.since
+            given_up = waited > self._patience_s or len(self._waiting) > _MOST_WAITING
+            if not given_up and not self._has_arrived(front):
+                return
+            self._waiting.popleft()
+            yield from self._answer(front)
+
+    def rest(self) -> Iterator[Reading]:
+        """Yield what can be said about the waiting scans when no more odometry will come."""
+        while self._waiting:
+            yield from self._answer(self._waiting.popleft())
+
+    def _received(self) -> int:
+        """Return the number of poses that have arrived."""
+        return sum(history.received for history in self._histories)
+
+    def _has_arrived(self, waiting: _Waiting) -> bool:
+        """Return whether the odometry has come past a scan."""
+        if not self._histories:
+            return True
+        return self._received() > waiting.poses_then and all(
+            history.reaches(waiting.stamp) for history in self._histories
+        )
+
+    def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
+        """Yield the reading of a scan, or count why there is none."""
+        poses = []
+        carried_on = False
+        for history in self._histories:
+            found = history.at(waiting.stamp, self._patience_s, EXTRAPOLATION_LIMIT_S)
+            if found is None:
+                self._counts.drop(_reason(history, waiting.stamp))
+                return
+            poses.append(found.pose)
+            carried_on = carried_on or found.carried_on
+        self._counts.extrapolated += carried_on
+        self._counts.scans_used += 1
+        mounting, upside_down = self._motion.mounting(waiting.stamp)
+        scan = turned_over(waiting.scan) if upside_down else waiting.scan
+        yield Reading(scan, self._motion.odometry(poses), mounting)
+
+
+def _reason(history: PoseHistory, stamp: float) -> str:
+    """Return why there is no odometry for a stamp."""
+    if history.first_stamp is None or stamp < history.first_stamp:
+        return "before_odometry"
+    return "no_odometry" if history.bracket(stamp) is None else "odometry_gap"
+
+
+def turned_over(scan: LaserScan) -> LaserScan:
+    """Return the scan of an upside-down laser as seen from above: its beams run the other way."""
+    return LaserScan(
+        scan.stamp,
+        -scan.angle_min,
+        -scan.angle_increment,
+        scan.range_min,
+        scan.range_max,
+        scan.ranges,
+        scan.time_increment,
+    )

@@ -1,0 +1,148 @@
+"""ROS 1 and ROS 2 bags as recordings."""
+
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from datasets.counts import ReadingCounts
+from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
+from datasets.options import RecordingOptions
+from datasets.pairing import EXTRAPOLATION_LIMIT_S, Pairing
+from datasets.recording import Recording
+from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
+from datasets.rosbag_messages import pose_of, scan_of, transforms_of
+from datasets.rosbag_plan import Plan, plan_reading
+from datasets.scan_intake import ScanIntake
+from tbmslam.laser_scan import Reading
+
+logger = logging.getLogger(__name__)
+
+_CLOCK_JUMP_S = 1.0
+
+
+def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
+    """Open bags as one recording, merged by time.
+
+    Parameters
+    ----------
+    paths
+        ROS 1 bag files; ROS 2 bag directories or storage files.
+    options
+        Choices that are not to be made automatically.
+
+    Raises
+    ------
+    DatasetError
+        A file cannot be read, or does not hold what is asked for.
+    """
+    plan = plan_reading(BagFiles(paths), options)
+    recording = Recording(
+        paths[0].stem if paths[0].is_file() else paths[0].name,
+        lambda counts: _Pass(plan, counts).readings(),
+        _description(plan),
+        plan.files.topics[plan.topics.scan].messages,
+    )
+    logger.info("%s: %s", recording.name, recording.description)
+    return recording
+
+
+class _Pass:
+    """One reading of a bag from beginning to end."""
+
+    def __init__(self, plan: Plan, counts: ReadingCounts) -> None:
+        options = plan.options
+        step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
+        mounting = Mounting(plan.to_sensor, plan.sensor_pose, options.upside_down)
+        self._plan = plan
+        self._counts = counts
+        self._intake = ScanIntake(plan.survey.range_rules(), step, options.gap_s, counts)
+        self._motion = _motion(plan, mounting)
+        self._pairing = Pairing(self._motion, counts, plan.clock.offset, options.max_odometry_gap_s)
+
+    def readings(self) -> Iterator[Reading]:
+        """Yield the readings in the order of the recording."""
+        plan = self._plan
+        for message in plan.files.messages(plan.topics_to_read(), plan.topics.scan):
+            self._take(message)
+            yield from self._pairing.ready(message.bag_time)
+        yield from self._pairing.rest()
+        if self._counts.clock_disagreements:
+            logger.warning(
+                "%s: %d scans are stamped by a clock that jumps against the bag's",
+                plan.files.paths[0],
+                self._counts.clock_disagreements,
+            )
+
+    def _take(self, message: Message) -> None:
+        """Hand a message to where it belongs."""
+        if message.msgtype == SCAN_TYPE:
+            self._take_scan(message)
+        elif message.content is None:
+            return
+        elif message.msgtype in TF_TYPES:
+            for item in transforms_of(message.content, message.bag_time):
+                self._motion.add_transform(item.parent, item.child, item.stamp, item.pose)
+        elif isinstance(self._motion, TopicMotion):
+            pose = pose_of(message.content, message.bag_time)
+            if pose is not None:
+                self._motion.add(pose.stamp, pose.pose)
+
+    def _take_scan(self, message: Message) -> None:
+        """Clean a scan and let it wait for its odometry."""
+        if message.content is None:
+            self._counts.scans_read += 1
+            self._counts.drop("unreadable")
+            return
+        raw = scan_of(message.content, message.bag_time)
+        lag = self._plan.clock.steady_lag
+        if lag is not None and abs(message.bag_time - raw.stamp - lag) > _CLOCK_JUMP_S:
+            self._counts.clock_disagreements += 1
+        scan = self._intake.take(raw)
+        if scan is not None:
+            self._pairing.add(scan, message.bag_time)
+
+
+def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion:
+    """Return an empty store of odometry for one pass."""
+    if plan.source == "tf" and plan.frames is not None:
+        return TfMotion(plan.frames, mounting)
+    return TopicMotion(mounting) if plan.source == "topic" else NoMotion(mounting)
+
+
+def _description(plan: Plan) -> dict[str, object]:
+    """Return what was chosen and found, ready for JSON."""
+    mounting, upside_down = Mounting(plan.to_sensor, plan.sensor_pose, plan.options.upside_down).at(0.0)
+    rules = plan.survey.range_rules()
+    first = plan.survey.first_scan
+    stated = first is not None and {
+        "beams": len(first.ranges),
+        "angle_min_deg": math.degrees(first.angle_min),
+        "angle_step_deg": math.degrees(first.angle_increment),
+        "range_min_m": first.range_min,
+        "range_max_m": first.range_max,
+    }
+    return {
+        "kind": "rosbag",
+        "paths": [str(path) for path in plan.files.paths],
+        "profile": plan.options.profile,
+        "scan_topic": plan.topics.scan,
+        "first_scan": stated or None,
+        "sensor_frame": plan.survey.sensor_frame,
+        "odometry": plan.source,
+        "odometry_topic": plan.topics.odometry[0] if plan.source == "topic" else None,
+        "odom_frame": plan.frames.odom if plan.frames else None,
+        "robot_frame": plan.robot_frame,
+        "T_robot_sensor": list(mounting),
+        "sensor_pose_known": plan.to_sensor is not None or plan.options.sensor_pose is not None,
+        "upside_down": upside_down,
+        "angle_step_deg": plan.options.angle_step_deg,
+        "range_min_m": rules.range_min,
+        "range_max_m": rules.range_max,
+        "no_return": rules.no_return,
+        "no_return_codes_m": list(rules.no_return_codes),
+        "clock_offset_s": plan.clock.offset,
+        "clock_warning": plan.clock.warning,
+        "extrapolation_limit_s": EXTRAPOLATION_LIMIT_S,
+        "max_odometry_gap_s": plan.options.max_odometry_gap_s,
+    }

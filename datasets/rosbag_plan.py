@@ -1,0 +1,169 @@
+"""What is decided about a bag before its first pass: topics, odometry, frames, clocks."""
+
+import logging
+from dataclasses import dataclass, replace
+
+from datasets.clock import ClockFinding, compare_clocks
+from datasets.errors import DatasetError
+from datasets.frames import Frames, Step, find_robot_frame
+from datasets.options import RecordingOptions
+from datasets.profiles import STATA_SENSOR_POSE, with_profile
+from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
+from datasets.rosbag_messages import pose_of, scan_of, transforms_of
+from datasets.rosbag_topics import ChosenTopics, choose_topics, is_static
+from datasets.survey import Survey
+from tbmslam.se2 import SE2
+
+logger = logging.getLogger(__name__)
+
+_MOST_STATIC = 2000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The choices for one bag.
+
+    Parameters
+    ----------
+    files, options, topics, survey
+        What they were made from.
+    source
+        "tf", "topic" or "none".
+    frames
+        Odometry in tf, where that is the source.
+    robot_frame
+        The robot's frame, where known.
+    to_sensor
+        Way from the robot's frame to the laser; None where tf does not know it.
+    sensor_pose
+        T_robot_sensor to be used instead of it.
+    clock
+        How the clocks of scans and odometry compare.
+    """
+
+    files: BagFiles
+    options: RecordingOptions
+    topics: ChosenTopics
+    survey: Survey
+    source: str
+    frames: Frames | None
+    robot_frame: str | None
+    to_sensor: list[Step] | None
+    sensor_pose: SE2 | None
+    clock: ClockFinding
+
+    def topics_to_read(self) -> tuple[str, ...]:
+        """Return the topics a pass needs."""
+        moving_laser = any(not step.edge.is_fixed for step in self.to_sensor or []) and self.sensor_pose is None
+        transforms = self.topics.transforms if self.source == "tf" or moving_laser else ()
+        odometry = self.topics.odometry if self.source == "topic" else ()
+        return (self.topics.scan, *(name for name in transforms if not is_static(name)), *odometry)
+
+
+def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
+    """Look at the beginning of a bag and decide how to read it.
+
+    Raises
+    ------
+    DatasetError
+        What was asked for is not in the bag.
+    """
+    if asked.odometry == "auto" and asked.odometry_topic is not None:
+        asked = replace(asked, odometry="topic")
+    options = with_profile(asked, files.topics)
+    topics = choose_topics(files, options)
+    survey = _surveyed(files, topics, options)
+    if survey.first_scan is None:
+        raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
+    frames = survey.frames() if options.odometry in ("auto", "tf") else None
+    source = _source(files, options, topics, frames, survey)
+    robot_frame, to_sensor = _robot(survey, options, frames, topics)
+    sensor_pose = options.sensor_pose
+    if to_sensor is None and sensor_pose is None:
+        sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
+        logger.warning(
+            "%s: tf does not tell where the laser (frame %s) sits; taken %s: pass --sensor-pose",
+            files.paths[0],
+            survey.sensor_frame,
+            "where the PR2 carries it" if sensor_pose else "at the robot's centre",
+        )
+    clock = _compared(survey, options, frames, topics, source)
+    if clock.warning:
+        logger.warning("%s: %s", files.paths[0], clock.warning)
+    return Plan(files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock)
+
+
+def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:
+    """Read all static transforms, wherever they lie, and as much of the beginning as is needed."""
+    survey = Survey(options)
+    static = [name for name in topics.transforms if is_static(name) and files.topics[name].messages <= _MOST_STATIC]
+    for message in files.messages(static, topics.scan) if static else ():
+        _take(survey, message)
+    for message in files.messages([name for name in topics.all() if name not in static], topics.scan):
+        _take(survey, message)
+        if message.topic == topics.scan and survey.is_enough(message.bag_time):
+            break
+    return survey
+
+
+def _take(survey: Survey, message: Message) -> None:
+    """Hand one message to the survey."""
+    if message.content is None:
+        return
+    if message.msgtype in TF_TYPES:
+        for item in transforms_of(message.content, message.bag_time):
+            lag = message.bag_time - item.stamp
+            survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
+    elif message.msgtype == SCAN_TYPE:
+        scan = scan_of(message.content, message.bag_time)
+        survey.add_scan(message.content.header.frame_id, scan, message.bag_time)
+    else:
+        pose = pose_of(message.content, message.bag_time)
+        if pose is not None:
+            survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp)
+
+
+def _source(
+    files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
+) -> str:
+    """Return where odometry is read from."""
+    if frames is not None:
+        return "tf"
+    if options.odometry == "tf":
+        known = ", ".join(survey.graph.frames()) or "no frames"
+        raise DatasetError(
+            f"{files.paths[0]}: tf connects no odometry frame with the robot; it has {known}: "
+            "pass --odom-frame and --robot-frame, or --odometry topic"
+        )
+    if options.odometry != "none" and topics.odometry:
+        return "topic"
+    if options.odometry == "auto":
+        logger.warning("%s: neither tf nor a topic holds odometry; going on without it", files.paths[0])
+    return "none"
+
+
+def _robot(
+    survey: Survey, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
+) -> tuple[str | None, list[Step] | None]:
+    """Return the robot's frame and the way from there to the laser."""
+    if frames is not None:
+        return frames.robot, frames.to_sensor
+    sensor = survey.sensor_frame or ""
+    facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
+    robot = find_robot_frame(survey.graph, sensor, options, facts.robot if facts else None)
+    return robot, survey.graph.path(robot, sensor) if robot is not None else None
+
+
+def _compared(
+    survey: Survey, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics, source: str
+) -> ClockFinding:
+    """Compare the clocks, unless their difference was given."""
+    lags: list[float] = []
+    if source == "tf" and frames is not None:
+        lags = next((step.edge.lags for step in frames.to_robot if not step.edge.is_fixed), [])
+    elif source == "topic" and topics.odometry[0] in survey.pose_topics:
+        lags = survey.pose_topics[topics.odometry[0]].lags
+    found = compare_clocks(survey.scan_lags, lags)
+    if options.clock_offset is not None:
+        return ClockFinding(options.clock_offset, found.steady_lag, None)
+    return found

@@ -1,0 +1,92 @@
+"""Raw scans in, clean scans out: duplicates and empty scans dropped, oddities counted."""
+
+import hashlib
+import math
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.cleaning import RangeRules, clean_ranges
+from datasets.counts import ReadingCounts
+from tbmslam.laser_scan import LaserScan
+
+_REMEMBERED_STAMPS = 64
+
+
+class RawScan(NamedTuple):
+    """A scan as it was recorded; stamps in seconds, angles in radians, ranges (N,) in metres."""
+
+    stamp: float
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    ranges: npt.NDArray[np.floating]
+    time_increment: float = 0.0
+
+
+class ScanIntake:
+    """Takes the scans of one pass in the order of the recording.
+
+    Parameters
+    ----------
+    rules
+        How ranges are read.
+    angle_step
+        Angle between beams [rad] instead of the recorded one.
+    gap_s
+        Longer pauses are counted as gaps [s].
+    counts
+        Filled as scans come in.
+    """
+
+    def __init__(self, rules: RangeRules, angle_step: float | None, gap_s: float, counts: ReadingCounts) -> None:
+        self._rules = rules
+        self._angle_step = angle_step
+        self._gap_s = gap_s
+        self._counts = counts
+        self._last_stamp: float | None = None
+        self._last_beams: int | None = None
+        self._seen: OrderedDict[float, set[bytes]] = OrderedDict()
+
+    def take(self, raw: RawScan) -> LaserScan | None:
+        """Return the scan with clean ranges, or None (and the reason counted) where it is of no use."""
+        self._counts.scans_read += 1
+        if self._is_duplicate(raw):
+            self._counts.drop("duplicate")
+            return None
+        self._watch(raw)
+        step = self._angle_step if self._angle_step is not None else raw.angle_increment
+        if not (math.isfinite(raw.angle_min) and math.isfinite(step) and step != 0.0):
+            self._counts.drop("unreadable")
+            return None
+        low, high = self._rules.limits(raw.range_min, raw.range_max)
+        ranges = clean_ranges(raw.ranges, low, high, self._rules, self._counts)
+        if np.isnan(ranges).all():  # true of no beams at all, too
+            self._counts.drop("empty")
+            return None
+        return LaserScan(raw.stamp, raw.angle_min, step, low, high, ranges, max(0.0, raw.time_increment))
+
+    def _is_duplicate(self, raw: RawScan) -> bool:
+        """Return whether the same ranges came with the same stamp a short while ago."""
+        digest = hashlib.blake2b(raw.ranges.tobytes(), digest_size=16).digest()
+        known = self._seen.setdefault(raw.stamp, set())
+        if digest in known:
+            return True
+        self._counts.same_stamps += bool(known)
+        known.add(digest)
+        if len(self._seen) > _REMEMBERED_STAMPS:
+            self._seen.popitem(last=False)
+        return False
+
+    def _watch(self, raw: RawScan) -> None:
+        """Count steps of the clock and changes of the scan's size."""
+        if self._last_stamp is not None:
+            step = raw.stamp - self._last_stamp
+            self._counts.backward_stamps += step < 0.0
+            if step > self._gap_s:
+                self._counts.add_gap(step)
+        self._counts.beam_count_changes += self._last_beams not in (None, len(raw.ranges))
+        self._last_stamp, self._last_beams = raw.stamp, len(raw.ranges)

@@ -1,0 +1,88 @@
+"""What the beginning of a recording tells: frames, clocks and the codes of the laser."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
+from datasets.frames import FrameGraph, Frames, choose_frames, plain
+from datasets.options import RecordingOptions
+from datasets.scan_intake import RawScan
+
+_KEPT_SCANS = 200
+_SCANS_NEEDED = 40
+_POSES_NEEDED = 10
+_SECONDS_NEEDED = 4.0
+_SECONDS_AT_MOST = 60.0
+
+
+@dataclass
+class PoseTopic:
+    """What the survey saw of an odometry topic; names of frames may be empty."""
+
+    frame: str
+    robot: str
+    lags: list[float] = field(default_factory=list)
+
+
+@dataclass
+class Survey:
+    """Facts from the first messages.
+
+    Parameters
+    ----------
+    options
+        The choices already made.
+    """
+
+    options: RecordingOptions
+    graph: FrameGraph = field(default_factory=FrameGraph)
+    pose_topics: dict[str, PoseTopic] = field(default_factory=dict)
+    sensor_frame: str | None = None
+    first_scan: RawScan | None = None
+    ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)
+    scan_lags: list[float] = field(default_factory=list)
+    started_at: float | None = None
+
+    def add_scan(self, frame: str, scan: RawScan, bag_time: float) -> None:
+        """Take in a scan."""
+        if self.sensor_frame is None:
+            self.sensor_frame, self.first_scan = plain(frame), scan
+        if len(self.ranges) < _KEPT_SCANS:
+            self.ranges.append(np.array(scan.ranges))
+            self.scan_lags.append(bag_time - scan.stamp)
+
+    def add_pose(self, topic: str, frame: str, robot: str, lag: float) -> None:
+        """Take in a message of an odometry topic."""
+        self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.append(lag)
+
+    def frames(self) -> Frames | None:
+        """Return the frames chosen so far."""
+        return choose_frames(self.graph, self.sensor_frame or "", self.options)
+
+    def is_enough(self, bag_time: float) -> bool:
+        """Return whether the rest of the recording need not be looked at."""
+        self.started_at = bag_time if self.started_at is None else self.started_at
+        seconds = bag_time - self.started_at
+        if seconds < _SECONDS_NEEDED or len(self.ranges) < _SCANS_NEEDED:
+            return False
+        if seconds > _SECONDS_AT_MOST or self.options.odometry in ("topic", "none"):
+            return True
+        frames = self.frames()
+        if frames is None or max(step.edge.count for step in frames.to_robot if not step.edge.static) < _POSES_NEEDED:
+            return False
+        return frames.to_sensor is not None or self.options.sensor_pose is not None
+
+    def range_rules(self) -> RangeRules:
+        """Return how ranges are to be read, with a no-return code found in the data."""
+        options = self.options
+        codes = (*KNOWN_CODES, *options.no_return_codes)
+        rules = RangeRules(options.range_min, options.range_max, codes, options.no_return)
+        if self.first_scan is None:
+            return rules
+        _, high = rules.limits(self.first_scan.range_min, self.first_scan.range_max)
+        found = find_no_return_code([scan[scan < high] for scan in self.ranges], codes)
+        return (
+            rules if found is None else RangeRules(rules.range_min, rules.range_max, (*codes, found), rules.no_return)
+        )
