@@ -51,7 +51,7 @@ class Slam:
         match = self._tracker.match(scan, prediction.T_map_robot @ T_robot_sensor, prediction.deviations)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
-        if self._is_keyframe(T_map_robot):
+        if self._is_keyframe(T_map_robot) or self._tracker.is_novel(match):
             self._tracker.learn(scan, match)
             self._keyframe_scans.append(scan)
             self._keyframe_indices.append(len(self._poses))

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import SurfelArray, add_hits, align
+from tbmslam.kernels.surfels import SurfelArray, add_hits, align, search
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -112,6 +112,10 @@ class SurfelMap:
             iterations,
         )
         return Registration(SE2(*pose), hessian, matched, cost)
+
+    def search(self, points: FloatArray, guess: SE2, shifts: FloatArray, turns: FloatArray, tolerance: float) -> SE2:
+        """Return the pose among all `shifts` (M, 2) [m] and `turns` (K,) [rad] about a guess that matches most."""
+        return SE2(*search(self._surfels, self._lattice, points, guess, shifts, turns, tolerance))
 
     def _grow_to_contain(self, points: FloatArray) -> None:
         (resolution, first_row, first_col), (rows, cols) = self._lattice, self._moments.shape[:2]

@@ -9,7 +9,7 @@ from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.surfel_map import SurfelConfig, SurfelMap
+from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 
 
 class SurfelTrackerConfig(BaseModel):
@@ -26,9 +26,13 @@ class SurfelTrackerConfig(BaseModel):
     )
     tolerances: tuple[float, ...] = Field((8.0, 3.0), description="distances at which a hit loses its say [deviations]")
     iterations: int = Field(8, ge=1, description="Gauss-Newton steps for each tolerance, at the most")
-    min_matched: float = Field(
-        0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry rules"
-    )
+    min_matched: float = Field(0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry rules")
+    doubtful: float = Field(0.55, ge=0, le=1, description="share of hits on known surfaces below which to search around")
+    search_gain: float = Field(0.15, ge=0, le=1, description="how much more a search must match to be believed")
+    search_points: int = Field(120, ge=10, description="hits that are tried in a search")
+    search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
+    search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
+    novel: float = Field(0.6, ge=0, le=1, description="share of hits on known surfaces below which a scan is learnt")
 
 
 class SurfelTracker:
@@ -39,6 +43,9 @@ class SurfelTracker:
         self.grid: EvidenceGrid | None = None
         self._map = SurfelMap(config.surfels)
         self._tolerances = np.array(config.tolerances)
+        steps = np.arange(-config.search_shift, config.search_shift + 1e-9, config.surfels.resolution)
+        self._search_shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
 
     def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
@@ -47,12 +54,25 @@ class SurfelTracker:
         points = points[:: max(len(points) // config.max_points, 1)]
         if not len(points) or not deviations.any():
             return ScanMatch(T_map_sensor, 0.0, moved=False)
-        weights = np.full(len(points), config.independent_points / len(points))
-        prior = np.diag(deviations**-2.0)
-        result = self._map.register(points, weights, T_map_sensor, prior, self._tolerances, config.iterations)
+        result = self._register(points, T_map_sensor, np.diag(deviations**-2.0))
+        if result.matched < config.doubtful:
+            few = points[:: max(len(points) // config.search_points, 1)]
+            found = self._map.search(few, T_map_sensor, self._search_shifts, self._search_turns, config.tolerances[0])
+            other = self._register(points, found, np.diag(deviations**-2.0))
+            if other.matched > result.matched + config.search_gain:
+                result = other
         if result.matched < config.min_matched:
             return ScanMatch(T_map_sensor, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True)
+
+    def _register(self, points: FloatArray, guess: SE2, prior: FloatArray) -> Registration:
+        config = self._config
+        weights = np.full(len(points), config.independent_points / len(points))
+        return self._map.register(points, weights, guess, prior, self._tolerances, config.iterations)
+
+    def is_novel(self, match: ScanMatch) -> bool:
+        """Tell whether much of the scan lies where no surface is known yet."""
+        return match.score < self._config.novel
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Add the scan's hits to the surfaces."""

@@ -15,6 +15,8 @@ from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 SurfelArray = npt.NDArray[np.float32]
+Pose = tuple[float, float, float]
+"""x [m], y [m], theta [rad]; an SE2 is one."""
 
 
 @kernel
@@ -115,7 +117,7 @@ def linearise(
     lattice: Lattice,
     points: FloatArray,
     weights: FloatArray,
-    pose: tuple[float, float, float],
+    pose: Pose,
     tolerance: float,
     hessian: FloatArray,
     gradient: FloatArray,
@@ -176,11 +178,11 @@ def align(
     lattice: Lattice,
     points: FloatArray,
     weights: FloatArray,
-    guess: tuple[float, float, float],
+    guess: Pose,
     prior: FloatArray,
     tolerances: FloatArray,
     iterations: int,
-) -> tuple[tuple[float, float, float], FloatArray, float, float]:
+) -> tuple[Pose, FloatArray, float, float]:
     """Move a scan onto the surfels by Gauss-Newton; return its pose, the Hessian, the matched share and the cost.
 
     `prior` (3, 3) is the information of the guess in the map's frame: a direction that the surfels do not determine
@@ -212,6 +214,51 @@ def align(
             if abs(step[0]) < 1e-4 and abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
                 break
     return (x, y, theta), hessian, (matched / total if total > 0.0 else 0.0), cost
+
+
+@kernel
+def search(
+    surfels: SurfelArray,
+    lattice: Lattice,
+    points: FloatArray,
+    guess: Pose,
+    shifts: FloatArray,
+    turns: FloatArray,
+    tolerance: float,
+) -> Pose:
+    """Try every turn (K,) [rad] about the guess and every shift (M, 2) [m]; return the pose that matches most points.
+
+    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d.
+    """
+    resolution, first_row, first_col = lattice
+    tolerance_squared = tolerance * tolerance
+    best_score = -1.0
+    best = (guess[0], guess[1], guess[2])
+    rotated = np.empty_like(points)
+    for k in range(len(turns)):
+        theta = guess[2] + turns[k]
+        cosine, sine = math.cos(theta), math.sin(theta)
+        for i in range(len(points)):
+            rotated[i, 0] = cosine * points[i, 0] - sine * points[i, 1]
+            rotated[i, 1] = sine * points[i, 0] + cosine * points[i, 1]
+        for m in range(len(shifts)):
+            x, y = guess[0] + shifts[m, 0], guess[1] + shifts[m, 1]
+            score = 0.0
+            for i in range(len(points)):
+                px, py = x + rotated[i, 0], y + rotated[i, 1]
+                col = math.floor(px / resolution) - first_col
+                row = math.floor(py / resolution) - first_row
+                if row < 0 or col < 0 or row >= surfels.shape[0] or col >= surfels.shape[1]:
+                    continue
+                surfel = surfels[row, col]
+                if surfel[5] > 0.0:
+                    dx, dy = px - surfel[0], py - surfel[1]
+                    distance = dx * (surfel[2] * dx + 2.0 * surfel[3] * dy) + surfel[4] * dy * dy
+                    score += surfel[5] * tolerance_squared / (tolerance_squared + distance)
+            if score > best_score:
+                best_score = score
+                best = (x, y, theta)
+    return best
 
 
 @kernel
