@@ -46,3 +46,7 @@ class GridTracker:
         """Write the scan into the grid."""
         quality = self._config.quality_if_moved if match.moved else self._config.quality_if_kept
         self._inserter.insert(scan, match.T_map_sensor, self._cells, quality)
+
+    def is_novel(self, match: ScanMatch) -> bool:  # noqa: ARG002
+        """Learn from every scan, as the original does."""
+        return True

@@ -12,7 +12,7 @@ from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.mapping import ScanInserter
 from tbmslam.motion import MotionModel
-from tbmslam.se2 import SE2, wrap_angle
+from tbmslam.se2 import SE2
 from tbmslam.surfel_tracker import SurfelTracker
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tracker import Tracker
@@ -51,7 +51,7 @@ class Slam:
         match = self._tracker.match(scan, prediction.T_map_robot @ T_robot_sensor, prediction.deviations)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
-        if self._is_keyframe(T_map_robot) or self._tracker.is_novel(match):
+        if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
             self._tracker.learn(scan, match)
             self._keyframe_scans.append(scan)
             self._keyframe_indices.append(len(self._poses))
@@ -80,12 +80,13 @@ class Slam:
     def _empty_grid(self) -> EvidenceGrid:
         return EvidenceGrid(self.config.map.resolution, self.config.map.max_cells)
 
-    def _is_keyframe(self, T_map_robot: SE2) -> bool:
-        if not self._keyframe_indices or self._tracker.grid is not None:
+    def _has_moved_to(self, T_map_robot: SE2) -> bool:
+        """Tell whether the robot is far enough from its last keyframe for a new one."""
+        if not self._keyframe_indices:
             return True
         step = self._poses[self._keyframe_indices[-1]].inverse() @ T_map_robot
         limits = self.config.keyframes
-        return step.x**2 + step.y**2 >= limits.distance**2 or abs(wrap_angle(step.theta)) >= limits.angle
+        return step.x**2 + step.y**2 >= limits.distance**2 or abs(step.theta) >= limits.angle
 
     def _make_tracker(self) -> Tracker:
         config = self.config.tracker

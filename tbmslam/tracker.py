@@ -27,3 +27,7 @@ class Tracker(Protocol):
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Let later scans be placed by this one too."""
         ...
+
+    def is_novel(self, match: ScanMatch) -> bool:
+        """Tell whether to learn from a scan however little the robot moved since the last one."""
+        ...
