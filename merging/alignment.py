@@ -1,5 +1,6 @@
 """How one map lies in another's frame, or why nobody knows."""
 
+import math
 from dataclasses import asdict, dataclass
 
 from tbmslam.se2 import SE2
@@ -54,4 +55,6 @@ class Alignment:
         """Return the fields as JSON can hold them; the transform as [x m, y m, theta rad] or None."""
         values = asdict(self)
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
+        # The scale of inliers that all lie on one spot is not a number.
+        values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None
         return values

@@ -56,7 +56,8 @@ def find_consensus(matches: Matches, config: ConsensusConfig) -> Consensus | Non
     if rigid is not None and rigid.count >= config.min_inliers:
         return rigid
     stretched = _best(matches, pairs, config, stretching=True)
-    if stretched is not None and stretched.count >= config.min_inliers:
+    # With a scale of its own, chance finds agreement more easily.
+    if stretched is not None and stretched.count >= 2 * config.min_inliers:
         return stretched
     return rigid
 

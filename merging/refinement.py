@@ -3,11 +3,8 @@
 import numpy as np
 
 from merging.config import RefinementConfig
-from merging.structure import Structure
+from merging.structure import FACING, Structure, alignment_of_normals
 from tbmslam.se2 import SE2, FloatArray
-
-_FACING = 0.7
-"""Least cosine between normals of walls that may be the same wall seen from the same side."""
 
 
 def refine(target: Structure, source: Structure, T_target_source: SE2, config: RefinementConfig) -> SE2:
@@ -43,8 +40,8 @@ def _lines(moving: Structure, fixed: Structure, T_fixed_moving: SE2, reach_m: fl
     rows, cols, inside = fixed.cells_of(points)
     near = np.flatnonzero(inside & (fixed.distances_m[rows, cols] <= reach_m))
     nearest = fixed.nearest[rows[near], cols[near]]
-    normals = fixed.normals[nearest]
-    facing = np.einsum("ij,ij->i", SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals[near]), normals) >= _FACING
+    normals, turned = fixed.normals[nearest], SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals[near])
+    facing = alignment_of_normals(turned, moving.two_sided[near], normals, fixed.two_sided[nearest]) >= FACING
     near, nearest, normals = near[facing], nearest[facing], normals[facing]
     return points[near], normals, np.einsum("ij,ij->i", points[near] - fixed.points[nearest], normals)
 

@@ -13,6 +13,12 @@ from tbmslam.se2 import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 
+FACING = 0.7
+"""Least cosine between the normals of two pieces of wall that may be one wall seen from the same side."""
+
+_FLAT = 0.1
+"""Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -30,6 +36,8 @@ class Structure:
         Centres of the surface cells (N, 2) [m].
     normals
         Unit vectors (N, 2) from the wall into the free space.
+    two_sided
+        Which surface cells (N,) have free space on both sides, so that their normals might as well point backwards.
     known, free
         Which cells (rows, cols) hold evidence, and evidence for being free.
     distances_m
@@ -41,6 +49,7 @@ class Structure:
     geometry: GridGeometry
     points: FloatArray
     normals: FloatArray
+    two_sided: BoolArray
     known: BoolArray
     free: BoolArray
     distances_m: npt.NDArray[np.float32]
@@ -54,9 +63,8 @@ class Structure:
         walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
         walls = _without_specks(walls, config.min_speck_m / grid.geometry.resolution)
         surface = walls & (cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        normals = _normals(free, walls)
-        surface &= np.linalg.norm(normals, axis=-1) > 0.0
         rows, cols = np.nonzero(surface)
+        normals, two_sided = _normals(free, walls, surface)
         distances, nearest = _nearest_surface(surface)
         g = grid.geometry
         return cls(
@@ -64,7 +72,8 @@ class Structure:
             points=np.column_stack(
                 (g.origin_x + (cols + 0.5) * g.resolution, g.origin_y + (rows + 0.5) * g.resolution)
             ),
-            normals=normals[rows, cols],
+            normals=normals,
+            two_sided=two_sided,
             known=grid.is_known(),
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
@@ -80,6 +89,14 @@ class Structure:
         return np.clip(rows, 0, g.rows - 1), np.clip(cols, 0, g.cols - 1), inside
 
 
+def alignment_of_normals(
+    normals: FloatArray, two_sided: BoolArray, other_normals: FloatArray, other_two_sided: BoolArray
+) -> FloatArray:
+    """Return the cosine (N,) between normals: 1 for the same wall seen from the same side, -1 from the other."""
+    cosines = np.einsum("ij,ij->i", normals, other_normals)
+    return np.asarray(np.where(two_sided | other_two_sided, np.abs(cosines), cosines))
+
+
 def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
     """Drop connected pieces of wall shorter than so many cells."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
@@ -87,12 +104,23 @@ def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
     return np.asarray(walls & (extents >= min_cells)[labels])
 
 
-def _normals(free: BoolArray, walls: BoolArray) -> FloatArray:
-    """Return where free space lies as seen from each cell (rows, cols, 2): unit vectors (x, y), 0 where undecided."""
-    contrast = cv2.GaussianBlur(free.astype(np.float64) - walls.astype(np.float64), (0, 0), 1.5)
-    slopes = np.dstack((cv2.Sobel(contrast, cv2.CV_64F, 1, 0), cv2.Sobel(contrast, cv2.CV_64F, 0, 1)))
-    lengths = np.linalg.norm(slopes, axis=-1, keepdims=True)
-    return np.asarray(np.divide(slopes, lengths, out=np.zeros_like(slopes), where=lengths > 1e-6))
+def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Return the directions (N, 2) from surface cells into free space, and where it lies on both sides (N,)."""
+    sharp = free.astype(np.float64) - walls.astype(np.float64)
+    contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float64)
+    gradient = _derivatives(contrast, ((1, 0), (0, 1)), surface)
+    steepness = np.linalg.norm(gradient, axis=1)
+    # In the middle of a thin wall the slopes of its sides cancel; its curvature still tells how it runs.
+    two_sided = steepness < _FLAT
+    xx, xy, yy = _derivatives(contrast, ((2, 0), (1, 1), (0, 2)), surface).T
+    across = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    axes = np.column_stack((np.cos(across), np.sin(across)))
+    return np.where(two_sided[:, None], axes, gradient / np.maximum(steepness, _FLAT)[:, None]), two_sided
+
+
+def _derivatives(contrast: FloatArray, orders: tuple[tuple[int, int], ...], surface: BoolArray) -> FloatArray:
+    """Return derivatives of the given orders along x and y at the surface cells (N, len(orders))."""
+    return np.column_stack([cv2.Sobel(contrast, cv2.CV_64F, *order, scale=0.125)[surface] for order in orders])
 
 
 def _nearest_surface(surface: BoolArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:

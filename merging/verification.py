@@ -5,11 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.config import VerificationConfig
-from merging.structure import Structure
+from merging.structure import FACING, Structure, alignment_of_normals
 from tbmslam.se2 import SE2, FloatArray
-
-FACING = 0.7
-"""Least cosine between the normals of two pieces of wall that are the same wall seen from the same side."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def objection(evidence: Evidence, config: VerificationConfig) -> str | None:
         ),
         (
             evidence.weakest_wall_m >= config.min_weakest_wall_m,
-            "the maps could slide along each other: {0.weakest_wall_m:.1f} m of wall resist, under {1.min_weakest_wall_m:g} m",
+            "the maps could slide: only {0.weakest_wall_m:.1f} m of wall resist, under {1.min_weakest_wall_m:g} m",
         ),
     )
     return next((text.format(evidence, config) for holds, text in checks if not holds), None)
@@ -98,7 +95,8 @@ class _Comparison:
             return cls(0.0, 0.0, 0.0, 0.0)
         distances = np.where(inside, other.distances_m[rows, cols], np.inf)
         normals = SE2(0.0, 0.0, T_other_walls.theta).apply(walls.normals)
-        facing = np.einsum("ij,ij->i", normals, other.normals[other.nearest[rows, cols]])
+        nearest = other.nearest[rows, cols]
+        facing = alignment_of_normals(normals, walls.two_sided, other.normals[nearest], other.two_sided[nearest])
         agreed = (distances <= config.agreement_distance_m) & (facing >= FACING)
         compared = agreed | (inside & other.known[rows, cols])
         conflicting = compared & other.free[rows, cols] & (distances > config.conflict_distance_m)

@@ -1,0 +1,130 @@
+"""What a merge did: for programs as JSON, for people as pictures."""
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.channels import Channels, Image, flipped
+from merging.config import MergeConfig
+from merging.fusion import Fusion
+from merging.merger import Merge
+from merging.warping import offset_in, warp
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.errors import TbmSlamError
+from tbmslam.tbm_map import TbmMap
+
+WALL_COLOURS = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    (148, 103, 189),
+    (140, 86, 75),
+)
+"""Red, green, blue of each map's walls; most of them tell colour-blind readers apart too (Okabe and Ito)."""
+
+_UNKNOWN_GREY = 205
+
+
+class ReportError(TbmSlamError):
+    """The report cannot be written."""
+
+
+def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
+    """Write `report.json` and, where maps were merged, `overlay.png` and `conflict.png`.
+
+    Raises
+    ------
+    ReportError
+        If the folder cannot be written.
+    """
+    files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
+    if merge.fusion is not None:
+        files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
+        files["conflict.png"] = _png(draw_conflict(merge.fusion))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            _write_whole(folder / name, content)
+    except OSError as error:
+        raise ReportError(f"{folder} cannot be written: {error.strerror}; name another output folder") from error
+
+
+def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
+    """Return the report as JSON can hold it; poses and motions are [x m, y m, theta rad]."""
+    merged_maps: dict[str, object] = {
+        name: {"merged": True, "T_merged_map": list(pose)} for name, pose in merge.poses.items()
+    }
+    left_out = {
+        name: {"merged": False, "T_merged_map": None, "reason": reason} for name, reason in merge.left_out.items()
+    }
+    return {
+        "merged": merge.merged is not None,
+        "frame": next(iter(merge.poses), None),
+        "maps": merged_maps | left_out,
+        "pairs": [
+            {"target": target, "source": source, **alignment.as_json()}
+            for (target, source), alignment in merge.alignments.items()
+        ],
+        "fusion": None if merge.fusion is None else _areas(merge.fusion),
+        "config": config.model_dump(mode="json"),
+    }
+
+
+def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Image:
+    """Draw every map's walls in its own colour (rows, cols, 3) as RGB; walls that coincide come out dark."""
+    canvas = fusion.grid.geometry
+    picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
+    picture[fusion.seen_by > 0] = 255
+    for index, (name, T_merged_map) in enumerate(merge.poses.items()):
+        layer = warp(maps[name].grid, T_merged_map, canvas)
+        row, col = offset_in(canvas, layer.geometry)
+        window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
+        walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
+        colour = np.array(WALL_COLOURS[index % len(WALL_COLOURS)], dtype=np.uint16)
+        window[walls] = window[walls].astype(np.uint16) * colour // 255
+    return np.asarray(flipped(picture), dtype=np.uint8)
+
+
+def draw_conflict(fusion: Fusion) -> Image:
+    """Draw where the maps contradict each other (rows, cols, 3) as RGB: red on a faint picture of the merged map."""
+    faint = 191 + Channels.from_grid(fusion.grid).pignistic.astype(np.float64) / 4.0
+    strength = np.asarray(flipped(fusion.conflict), dtype=np.float64)
+    red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)
+    return np.rint(np.dstack((red, rest, rest))).astype(np.uint8)
+
+
+def _areas(fusion: Fusion) -> dict[str, float]:
+    cell_m2 = fusion.grid.geometry.resolution**2
+    return {
+        "known_m2": float(fusion.grid.is_known().sum() * cell_m2),
+        "seen_m2": float((fusion.seen_by > 0).sum() * cell_m2),
+        "seen_by_several_m2": float((fusion.seen_by > 1).sum() * cell_m2),
+        "conflict_m2": float(fusion.conflict.sum(dtype=np.float64) * cell_m2),
+    }
+
+
+def _png(picture: npt.NDArray[np.uint8]) -> bytes:
+    return bytes(cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1])
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that whoever looks finds the old one or the new one, never a part."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as temporary:
+        try:
+            temporary.write(content)
+            temporary.flush()
+            os.fsync(temporary.fileno())
+            Path(temporary.name).chmod(0o644)
+            Path(temporary.name).replace(path)
+        except BaseException:
+            Path(temporary.name).unlink(missing_ok=True)
+            raise

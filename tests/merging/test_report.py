@@ -1,0 +1,97 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from merging import MergeConfig, merge
+from merging.report import WALL_COLOURS, ReportError, as_json, draw_conflict, draw_overlay, write_report
+from merging.warping import warp
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+CONFIG = MergeConfig(method="features")
+PAIR_KEYS = {
+    "target", "source", "accepted", "reason", "T_target_source", "matches", "inliers", "rmse_m", "scale", "overlap_m2",
+    "agreement", "conflict",
+}  # fmt: skip
+
+
+@pytest.fixture
+def maps(rooms):
+    moved = warp(rooms(1), SE2(1.0, 2.0, 0.5), rooms(1).geometry)
+    return {"here": TbmMap(rooms(1)), "there": TbmMap(moved), "foreign": TbmMap(rooms(2))}
+
+
+def test_the_report_has_every_pair_and_every_map(maps, tmp_path):
+    result = merge(maps, CONFIG)
+    write_report(tmp_path / "deep" / "merged", result, maps, CONFIG)
+    report = json.loads((tmp_path / "deep" / "merged" / "report.json").read_text())
+    assert report["merged"] is True
+    assert report["frame"] == "here"
+    assert [(pair["target"], pair["source"]) for pair in report["pairs"]] == [
+        ("here", "there"),
+        ("here", "foreign"),
+        ("there", "foreign"),
+    ]
+    for pair in report["pairs"]:
+        assert pair.keys() >= PAIR_KEYS
+        assert pair["reason"]
+    assert report["maps"]["there"]["T_merged_map"] == pytest.approx([*SE2(1.0, 2.0, 0.5).inverse()], abs=0.05)
+    assert report["maps"]["foreign"] == {"merged": False, "T_merged_map": None, "reason": result.left_out["foreign"]}
+    assert report["fusion"]["seen_by_several_m2"] == pytest.approx(192.0, rel=0.05)
+    for picture in ("overlay.png", "conflict.png"):
+        assert cv2.imread(str(tmp_path / "deep" / "merged" / picture)) is not None
+
+
+def test_a_refusal_is_reported_without_pictures(maps, tmp_path):
+    strangers = {name: maps[name] for name in ("here", "foreign")}
+    result = merge(strangers, CONFIG)
+    write_report(tmp_path, result, strangers, CONFIG)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["merged"] is False
+    assert report["frame"] is None
+    assert report["maps"]["here"]["T_merged_map"] is None
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+
+
+def test_walls_have_their_map_s_colour_and_common_ones_are_dark(rooms):
+    grid = rooms(1)
+    alone = TbmMap(type(grid)(grid.geometry, grid.masses.copy()))
+    alone.grid.masses[:, :100] = (0.0, 0.0, 0.0, 1.0)
+    maps = {"all": TbmMap(grid), "right": alone}
+    result = merge(maps, CONFIG)
+    picture = draw_overlay(result, maps, result.fusion)[::-1]
+    np.testing.assert_array_equal(picture[0, 20], WALL_COLOURS[0])
+    assert picture[0, 200].sum() < picture[0, 20].sum()
+    assert tuple(picture[30, 30]) in {(255, 255, 255), WALL_COLOURS[0]}
+
+
+def test_conflict_is_red(rooms):
+    grid, changed = rooms(1), rooms(1)
+    changed.masses[100:110, 150:160] = (0.0, 0.0, 1.0, 0.0)
+    grid.masses[100:110, 150:160] = (0.0, 1.0, 0.0, 0.0)
+    result = merge({"before": TbmMap(grid), "after": TbmMap(changed)}, CONFIG)
+    picture = draw_conflict(result.fusion)[::-1]
+    np.testing.assert_array_equal(picture[105, 155], (200, 0, 0))
+    assert picture[20, 20, 0] == picture[20, 20, 1]
+    assert result.fusion.conflict.sum() == pytest.approx(100.0)
+
+
+def test_the_same_merge_gives_the_same_bytes(maps, tmp_path):
+    result = merge(maps, CONFIG)
+    for folder in ("one", "two"):
+        write_report(tmp_path / folder, result, maps, CONFIG)
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+
+
+def test_a_scale_that_is_no_number_does_not_spoil_the_report(maps):
+    result = merge(maps, CONFIG)
+    json.dumps(as_json(result, CONFIG), allow_nan=False)
+
+
+def test_a_folder_that_cannot_be_written_is_named(maps, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(ReportError, match=r"taken cannot be written: .*; name another output folder"):
+        write_report(tmp_path / "taken", merge(maps, CONFIG), maps, CONFIG)

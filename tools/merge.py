@@ -1,0 +1,159 @@
+"""Merge maps whose relative poses nobody knows into one map."""
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tbmslam.errors import TbmSlamError
+
+if TYPE_CHECKING:
+    from merging.config import MergeConfig
+    from merging.merger import Merge
+
+DONE, FAILED, NOTHING_MERGED = 0, 1, 3
+
+# Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
+METHODS = ("features",)
+RULES = ("disjunctive", "conjunctive", "dempster")
+COVERAGES = ("union", "overlap")
+DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
+
+EXAMPLES = """examples:
+  # two robots' maps as build_maps wrote them, into merged/map.npz, merged/map.yaml, pictures and merged/report.json
+  python tools/merge.py out/robot_0 out/robot_1 -o merged
+
+  # any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
+  python tools/merge.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
+
+exit status: 0 merged, 1 an error, 2 wrong usage, 3 no two maps could be merged (report.json says why)
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; return its exit status."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if len(options.maps) < 2:
+        parser.error(f"two maps or more are needed, got {len(options.maps)}")
+    logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
+    from pydantic import ValidationError  # noqa: PLC0415  heavy imports wait until --help has been answered
+
+    try:
+        config = _config(options)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        parser.error(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}, got {fault['input']!r}")
+    try:
+        return _merge(options.maps, options.out, config)
+    except TbmSlamError as error:
+        if options.debug:
+            raise
+        print(f"merge: {error}", file=sys.stderr)
+        return FAILED
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """Name maps by their folder or file, with as much of the path before it as tells them apart."""
+    parts = [_naming_parts(path) for path in paths]
+    depth, names = 0, [""] * len(paths)
+    while len(set(names)) < len(set(parts)):
+        depth += 1
+        names = ["/".join(own[-depth:]) for own in parts]
+    # What is left equal is one map given twice.
+    return [
+        name if names[:index].count(name) == 0 else f"{name}#{names[:index].count(name) + 1}"
+        for index, name in enumerate(names)
+    ]
+
+
+def _naming_parts(path: Path) -> tuple[str, ...]:
+    """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
+    full = path.resolve()
+    if full.suffix and not full.is_dir():
+        full = full.parent if full.stem == "map" else full.with_suffix("")
+    return full.parts[1:] or (str(path),)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="merge", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "maps",
+        nargs="+",
+        type=Path,
+        metavar="MAP",
+        help="a folder of build_maps or merge, or a .npz, .yaml or .tbm_map",
+    )
+    parser.add_argument("-o", "--out", required=True, type=Path, metavar="FOLDER", help="where the merged map goes")
+    finding = parser.add_argument_group("how maps find each other")
+    finding.add_argument("--method", choices=METHODS, help="default: features")
+    finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
+    features = parser.add_argument_group("method features (the paper's)")
+    features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
+    features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
+    features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
+    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are a refusal, default: 5")
+    fusing = parser.add_argument_group("how cells are fused")
+    fusing.add_argument("--rule", choices=RULES, help="default: disjunctive")
+    fusing.add_argument(
+        "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
+    )
+    fusing.add_argument(
+        "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
+    )
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
+    parser.add_argument("--debug", action="store_true", help="show where an error came from")
+    return parser
+
+
+def _config(options: argparse.Namespace) -> "MergeConfig":
+    from merging.config import MergeConfig  # noqa: PLC0415
+
+    chosen = {
+        "method": options.method,
+        "rule": options.rule,
+        "coverage": options.coverage,
+        "resolution": options.compare_at,
+        "merged_resolution": options.resolution,
+        "features": _given(keypoints=options.keypoints, ratio=options.ratio, descriptor=options.descriptor),
+        "consensus": _given(min_inliers=options.min_inliers),
+    }
+    return MergeConfig.model_validate(_given(**chosen))
+
+
+def _given(**values: object) -> dict[str, object]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig") -> int:
+    from tbmslam.map_folder import load_map, save_map  # noqa: PLC0415
+
+    from merging.merger import merge  # noqa: PLC0415
+    from merging.report import write_report  # noqa: PLC0415
+
+    maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
+    result = merge(maps, config)
+    if result.merged is not None:
+        save_map(out, result.merged)
+    write_report(out, result, maps, config)
+    _tell(result, out)
+    return DONE if result.merged is not None else NOTHING_MERGED
+
+
+def _tell(result: "Merge", out: Path) -> None:
+    for (target, source), found in result.alignments.items():
+        print(f"{source} in {target}: {'accepted' if found.accepted else 'refused'}: {found.reason}")
+    if result.merged is None:
+        print(f"nothing merged; the reasons are in {out / 'report.json'}")
+        return
+    for name, reason in result.left_out.items():
+        print(f"left out: {name}: {reason}")
+    print(f"merged {', '.join(result.poses)} into {out}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
