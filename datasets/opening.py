@@ -1,14 +1,12 @@
 """From paths to a recording: what kind of files they are, and who reads them."""
 
-import bz2
-import gzip
-import lzma
 from collections.abc import Sequence
 from pathlib import Path
 
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
+from datasets.text_files import first_bytes
 
 _MAGICS = (
     (b"#ROSBAG", "rosbag"),
@@ -16,7 +14,6 @@ _MAGICS = (
     (b"\x89MCAP0\r\n", "rosbag"),
     (b"#ROSRECORD", "rosbag"),
 )
-_COMPRESSED = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.open))
 _ROS_SUFFIXES = (".bag", ".db3", ".mcap")
 
 
@@ -71,7 +68,7 @@ def _kind(path: Path) -> str:
             return kind
     if path.suffix in _ROS_SUFFIXES:
         raise DatasetError(f"{path}: does not begin like a {path.suffix} file: it is damaged or not a recording")
-    head = _decompressed_head(path, head)
+    head = first_bytes(path)
     if any(head.startswith(magic) for magic, _ in _MAGICS):
         raise DatasetError(f"{path}: a compressed bag; decompress it first")
     if b"\0" in head:
@@ -88,15 +85,3 @@ def _kind_of_directory(path: Path) -> str:
     if bags:
         raise DatasetError(f"{path}: a directory of ROS 1 bags; give the files themselves: {', '.join(bags[:5])}")
     raise DatasetError(f"{path}: a directory without a ROS 2 bag (metadata.yaml, .db3 or .mcap)")
-
-
-def _decompressed_head(path: Path, head: bytes) -> bytes:
-    """Return the first bytes of a file behind its compression, if it has one."""
-    for magic, opener in _COMPRESSED:
-        if head.startswith(magic):
-            try:
-                with opener(path, "rb") as stream:
-                    return bytes(stream.read(4096))
-            except (OSError, EOFError, lzma.LZMAError) as error:
-                raise DatasetError(f"{path}: cannot be decompressed: {error}") from error
-    return head

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from datasets.beam_angles import angle_warning
 from datasets.counts import ReadingCounts
 from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.options import RecordingOptions
@@ -115,19 +116,20 @@ def _description(plan: Plan) -> dict[str, object]:
     mounting, upside_down = Mounting(plan.to_sensor, plan.sensor_pose, plan.options.upside_down).at(0.0)
     rules = plan.survey.range_rules()
     first = plan.survey.first_scan
-    stated = first is not None and {
+    stated = first and {
         "beams": len(first.ranges),
         "angle_min_deg": math.degrees(first.angle_min),
         "angle_step_deg": math.degrees(first.angle_increment),
         "range_min_m": first.range_min,
         "range_max_m": first.range_max,
+        "angle_warning": angle_warning(len(first.ranges), first.angle_increment),
     }
     return {
         "kind": "rosbag",
         "paths": [str(path) for path in plan.files.paths],
         "profile": plan.options.profile,
         "scan_topic": plan.topics.scan,
-        "first_scan": stated or None,
+        "first_scan": stated,
         "sensor_frame": plan.survey.sensor_frame,
         "odometry": plan.source,
         "odometry_topic": plan.topics.odometry[0] if plan.source == "topic" else None,

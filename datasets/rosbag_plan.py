@@ -3,6 +3,7 @@
 import logging
 from dataclasses import dataclass, replace
 
+from datasets.beam_angles import angle_warning
 from datasets.clock import ClockFinding, compare_clocks
 from datasets.errors import DatasetError
 from datasets.frames import Frames, Step, find_robot_frame
@@ -90,6 +91,9 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     clock = _compared(survey, options, frames, topics, source)
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
+    stretched = angle_warning(len(survey.first_scan.ranges), survey.first_scan.angle_increment)
+    if stretched and options.angle_step_deg is None:
+        logger.warning("%s: %s", files.paths[0], stretched)
     return Plan(files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock)
 
 

@@ -1,0 +1,31 @@
+"""Whether the angle between beams that a recording states can be true."""
+
+import math
+
+_ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
+
+
+def angle_warning(beams: int, angle_increment: float) -> str | None:
+    """Return one line where a step looks like a fan stretched over one beam too few; None where it looks right.
+
+    Converters of old logs wrote 180 beams "from -90 to 90 degrees", so that they state 180/179 degrees a step where
+    the laser made exactly 1. Simulated lasers do step so, hence this is said and not corrected.
+
+    Parameters
+    ----------
+    beams
+        Number of beams.
+    angle_increment
+        Stated step [rad].
+    """
+    if beams < 2:
+        return None
+    step = abs(math.degrees(angle_increment))
+    fan = step * (beams - 1)
+    for true_step in _ROUND_STEPS_DEG:
+        if abs(fan - true_step * beams) < 0.02 * true_step:
+            return (
+                f"{beams} beams {step:.4f} degrees apart are stated; real lasers step {true_step:g} degrees: "
+                f"if this is one, pass --angle-step-deg {true_step:g}"
+            )
+    return None

@@ -1,0 +1,53 @@
+"""Lines of text files, compressed or not."""
+
+import bz2
+import gzip
+import lzma
+from collections.abc import Iterator
+from pathlib import Path
+
+from datasets.errors import DatasetError
+
+_OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.open))
+
+
+def first_bytes(path: Path, number: int = 4096) -> bytes:
+    """Return the beginning of a file, behind its compression if it has one.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be decompressed.
+    """
+    try:
+        with _opener(path)(path, "rb") as stream:
+            return bytes(stream.read(number))
+    except (OSError, EOFError, lzma.LZMAError) as error:
+        raise _damaged(path, error) from error
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be read or ends within its compressed data.
+    """
+    try:
+        with _opener(path)(path, "rt", encoding="latin-1") as stream:
+            yield from stream
+    except (OSError, EOFError, lzma.LZMAError) as error:
+        raise _damaged(path, error) from error
+
+
+def _opener(path: Path):  # type: ignore[no-untyped-def]  # the openers' overloads have no common type
+    """Return what opens a file, by its first bytes."""
+    with path.open("rb") as stream:
+        head = stream.read(8)
+    return next((opener for magic, opener in _OPENERS if head.startswith(magic)), open)
+
+
+def _damaged(path: Path, error: Exception) -> DatasetError:
+    """Return the error for a file that cannot be read to its end."""
+    return DatasetError(f"{path}: cannot be read to its end ({error}): fetch the file again")
