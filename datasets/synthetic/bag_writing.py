@@ -1,0 +1,202 @@
+"""Real bags of simulated robots, with the topics and frames of the MIT Stata Center recordings."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from datasets.synthetic.messages import LASER_HEIGHT, Messages
+from datasets.synthetic.simulation import SimulatedRobot
+from tbmslam.errors import TbmSlamError
+from tbmslam.laser_scan import LaserScan
+
+SCAN_TOPIC, ODOMETRY_TOPIC = "/base_scan", "/base_odometry/odom"
+ODOM_FRAME, ROBOT_FRAME, LASER_FRAME = "odom_combined", "base_footprint", "base_laser_link"
+
+NO_RETURN = 65.533
+"""What a Hokuyo's driver puts where nothing came back [m]; above any range_max."""
+
+_SCAN_DELAY, _TRANSFORM_DELAY = 30_000_000, 1_000_000  # from a stamp to the recording of its message [ns]
+_MOUNT_EVERY = 5  # ROS 1: the laser's mount is repeated with every fifth odometry sample, 10 Hz
+
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(0, 0),
+    QosTime(0, 0),
+    QosLiveliness.AUTOMATIC,
+    QosTime(0, 0),
+    avoid_ros_namespace_conventions=False,
+)
+
+Entry = tuple[int, str, bytes]
+"""When a message is recorded [ns], on which topic, and its bytes."""
+
+
+class BagWritingError(TbmSlamError):
+    """A bag could not be written."""
+
+
+def write_ros1_bag(
+    robot: SimulatedRobot, path: Path, *, compression: Literal["none", "bz2"] = "none", no_return: float = NO_RETURN
+) -> None:
+    """Write a ROS 1 bag, whole or not at all; an older one of that name is replaced.
+
+    Parameters
+    ----------
+    compression
+        `none` or `bz2`. Not lz4: what `rosbags` compresses so, ROS 1 itself cannot read.
+    no_return
+        Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
+
+    Raises
+    ------
+    BagWritingError
+        When the file system refuses.
+    """
+    if compression not in {"none", "bz2"}:
+        raise ValueError(f"compression must be none or bz2, got {compression!r}")
+    messages = Messages(ros1=True)
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            unfinished = Path(folder) / path.name
+            writer = Rosbag1Writer(unfinished)
+            if compression == "bz2":
+                writer.set_compression(Rosbag1Writer.CompressionFormat.BZ2)
+            with writer:
+                connections = {
+                    topic: writer.add_connection(topic, kind, typestore=messages.store)
+                    for topic, kind in _topics(messages).items()
+                }
+                for nanoseconds, topic, data in _entries(robot, messages, no_return):
+                    writer.write(connections[topic], nanoseconds, data)
+            _sync(unfinished)
+            unfinished.replace(path)
+    except OSError as error:
+        raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
+
+
+def write_mcap_bag(robot: SimulatedRobot, path: Path, *, no_return: float = NO_RETURN) -> None:
+    """Write a ROS 2 bag, a folder with metadata and one mcap file, whole or not at all; an older one is replaced.
+
+    Parameters
+    ----------
+    no_return
+        Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
+
+    Raises
+    ------
+    BagWritingError
+        When the file system refuses.
+    """
+    messages = Messages(ros1=False)
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            unfinished = Path(folder) / "new" / path.name
+            with Rosbag2Writer(unfinished, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+                connections = {
+                    topic: writer.add_connection(
+                        topic,
+                        kind,
+                        typestore=messages.store,
+                        offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [],
+                    )
+                    for topic, kind in _topics(messages).items()
+                }
+                for nanoseconds, topic, data in _entries(robot, messages, no_return):
+                    writer.write(connections[topic], nanoseconds, data)
+            for file in sorted(unfinished.iterdir()):
+                _sync(file)
+            _replace_folder(unfinished, path, Path(folder) / "old")
+    except OSError as error:
+        raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
+
+
+def _topics(messages: Messages) -> dict[str, str]:
+    topics = {
+        SCAN_TOPIC: "sensor_msgs/msg/LaserScan",
+        ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
+        "/tf": messages.tf_type,
+    }
+    return topics if messages.ros1 else {**topics, "/tf_static": messages.tf_type}
+
+
+def _entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> list[Entry]:
+    """Return all messages in the order of their recording."""
+    return sorted([*_odometry_entries(robot, messages), *_scan_entries(robot, messages, no_return)], key=lambda e: e[0])
+
+
+def _odometry_entries(robot: SimulatedRobot, messages: Messages) -> Iterator[Entry]:
+    mount_topic = "/tf" if messages.ros1 else "/tf_static"
+    steps = np.diff(robot.odometry.stamps, append=np.inf)
+    for index in range(len(robot.odometry)):
+        stamp, pose = _nanoseconds(float(robot.odometry.stamps[index])), robot.odometry.pose(index)
+        if index == 0 or (messages.ros1 and index % _MOUNT_EVERY == 0):
+            mount, is_down = robot.laser.T_robot_sensor, robot.laser.upside_down
+            data = messages.transform(stamp, ROBOT_FRAME, LASER_FRAME, mount, height=LASER_HEIGHT, upside_down=is_down)
+            yield stamp, mount_topic, data
+        after = robot.odometry.pose(min(index + 1, len(robot.odometry) - 1))
+        vx, vy, omega = (rate / float(steps[index]) for rate in (pose.inverse() @ after).log())
+        data = messages.odometry(stamp, ODOM_FRAME, ROBOT_FRAME, pose, (vx, vy, omega))
+        yield stamp + _TRANSFORM_DELAY, ODOMETRY_TOPIC, data
+        yield stamp + _TRANSFORM_DELAY, "/tf", messages.transform(stamp, ODOM_FRAME, ROBOT_FRAME, pose)
+
+
+def _scan_entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> Iterator[Entry]:
+    for reading in robot.readings:
+        stamp = _nanoseconds(reading.scan.stamp)
+        fields = _scan_fields(reading.scan, robot, no_return)
+        yield stamp + _SCAN_DELAY, SCAN_TOPIC, messages.scan(stamp, LASER_FRAME, fields)
+
+
+def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> dict[str, object]:
+    """Return the message's fields; a hanging laser reports in its own frame, in which its beams turn the usual way."""
+    turn = -1.0 if robot.laser.upside_down else 1.0
+    first, step = turn * scan.angle_min, turn * scan.angle_increment
+    return {
+        "angle_min": first,
+        "angle_increment": step,
+        "angle_max": first + (len(scan.ranges) - 1) * step,
+        "time_increment": 0.0,
+        "scan_time": 1.0 / robot.laser.rate,
+        "range_min": scan.range_min,
+        "range_max": scan.range_max,
+        "ranges": np.where(scan.is_hit(), scan.ranges, no_return).astype(np.float32),
+    }
+
+
+def _nanoseconds(stamp: float) -> int:
+    """Return a stamp of whole microseconds exactly."""
+    return round(stamp * 1e6) * 1000
+
+
+def _sync(file: Path) -> None:
+    descriptor = os.open(file, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _replace_folder(new: Path, target: Path, aside: Path) -> None:
+    """Put a folder in a place; what was there goes aside first, and back should the second step fail."""
+    if not target.exists():
+        new.replace(target)
+        return
+    target.replace(aside)
+    try:
+        new.replace(target)
+    except OSError:
+        aside.replace(target)
+        raise
+    shutil.rmtree(aside) if aside.is_dir() else aside.unlink()

@@ -1,0 +1,55 @@
+"""Buildings by name and seed; another seed is another building of the same kind."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from datasets.synthetic.buildings.apartment import draw_apartment
+from datasets.synthetic.buildings.corridor import draw_corridor
+from datasets.synthetic.buildings.halls import draw_halls
+from datasets.synthetic.buildings.office import draw_office
+from datasets.synthetic.buildings.open_plan import draw_open_plan
+from datasets.synthetic.buildings.store import draw_store
+from datasets.synthetic.buildings.wings import draw_wings
+from datasets.synthetic.floor_plan import FloorPlan
+from datasets.synthetic.world import World
+
+_DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
+    "office": draw_office,
+    "halls": draw_halls,
+    "store": draw_store,
+    "corridor": draw_corridor,
+    "wings": draw_wings,
+    "apartment": draw_apartment,
+    "open_plan": draw_open_plan,
+}
+
+WORLDS = (*_DRAW, "variety")
+"""Names that `make_world` knows."""
+
+
+def make_world(name: str, seed: int = 0) -> World:
+    """Build a world.
+
+    Parameters
+    ----------
+    name
+        `office`: a corridor loop with rooms on both sides; `halls`: large halls with pillars; `store`: shelves and
+        clutter; `corridor`: looks the same everywhere; `wings`: corridors with dead ends; `apartment`: rooms that
+        open into one another; `open_plan`: partitions around a core; `variety`: the seed picks the kind too.
+    seed
+        Any whole number from 0; the same one gives the same building.
+
+    Raises
+    ------
+    ValueError
+        When there is no world of that name, or the seed is negative.
+    """
+    if name not in WORLDS:
+        raise ValueError(f"name must be one of {', '.join(WORLDS)}, got {name!r}")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    kinds = [kind for kind in _DRAW if kind != "corridor"]
+    kind = kinds[seed % len(kinds)] if name == "variety" else name
+    rng = np.random.default_rng([seed, WORLDS.index(name)])
+    return _DRAW[kind](rng).world(name, seed)

@@ -1,0 +1,95 @@
+"""Robots in a world: what their lasers and wheels say, and where they truly were."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.odometry_noise import OdometryNoise
+from datasets.synthetic.world import World
+from tbmslam.laser_scan import Reading
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.trajectory import Trajectory
+
+FIRST_SCAN_AFTER = 0.007
+"""Time from a drive's first pose to the first scan [s]: scans fall between odometry samples, as in reality."""
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """One robot's recording and its truth.
+
+    Parameters
+    ----------
+    name
+        `robot_K`.
+    laser
+        What it measured with.
+    readings
+        Scans with odometry at their stamps, as a reader of its bag finds them.
+    odometry
+        All odometry (50 Hz), in an odometry frame that begins at the robot's first pose.
+    truth
+        The robot's true pose in the world's frame at every scan's stamp.
+    """
+
+    name: str
+    laser: SimulatedLaser
+    readings: tuple[Reading, ...] = field(repr=False)
+    odometry: Trajectory
+    truth: Trajectory
+
+
+def simulate(
+    world: World, drives: Sequence[Trajectory], laser: SimulatedLaser, odometry: OdometryNoise, seed: int = 0
+) -> list[SimulatedRobot]:
+    """Let robots measure while they drive.
+
+    Parameters
+    ----------
+    drives
+        One true drive a robot in the world's frame, as `plan_drives` returns them.
+    seed
+        Draws every error of lasers and wheels.
+    """
+    rngs = np.random.default_rng([seed, 23]).spawn(len(drives))
+    return [
+        _simulate_robot(world, index, *each, laser, odometry)
+        for index, each in enumerate(zip(drives, rngs, strict=True))
+    ]
+
+
+def _simulate_robot(
+    world: World,
+    index: int,
+    drive: Trajectory,
+    rng: np.random.Generator,
+    laser: SimulatedLaser,
+    noise: OdometryNoise,
+) -> SimulatedRobot:
+    wheel_rng, laser_rng = rng.spawn(2)
+    odometry = noise.odometry(drive, wheel_rng)
+    first = drive.stamps[0] + FIRST_SCAN_AFTER
+    stamps = first + np.arange(int((drive.stamps[-1] - first) * laser.rate) + 1) / laser.rate
+    # A stamp is a whole number of microseconds, so that a bag's nanoseconds hold it.
+    stamps = np.round(stamps * 1e6) / 1e6
+    poses = poses_at(drive, stamps)
+    scans = laser.scans(world, stamps, poses, laser_rng)
+    readings = tuple(
+        Reading(scan, SE2.from_array(pose), laser.T_robot_sensor)
+        for scan, pose in zip(scans, poses_at(odometry, stamps), strict=True)
+    )
+    return SimulatedRobot(f"robot_{index}", laser, readings, odometry, Trajectory(stamps, poses))
+
+
+def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
+    """Return the poses (S, 3) at stamps (S,) within a trajectory, at constant twist between its poses."""
+    after = np.searchsorted(trajectory.stamps, stamps, side="right").clip(1, len(trajectory) - 1)
+    before = trajectory.stamps[after - 1]
+    fractions = (stamps - before) / (trajectory.stamps[after] - before)
+    poses = [
+        trajectory.pose(index - 1).interpolate(trajectory.pose(index), float(fraction))
+        for index, fraction in zip(after.tolist(), fractions, strict=True)
+    ]
+    return np.array(poses).reshape(-1, 3)

@@ -1,0 +1,95 @@
+"""Exact ranges from a laser to wall segments, for simulated worlds."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@kernel
+def cast_rays(
+    walls: FloatArray, sensors: FloatArray, angle_min: float, angle_increment: float, limit: float, ranges: FloatArray
+) -> None:
+    """Write the distance to the nearest wall along every beam of every scan; `inf` where none lies within `limit`.
+
+    Like a depth buffer: each segment covers an interval of beams, and only those are compared with it. The beams must
+    span at most one full turn.
+
+    Parameters
+    ----------
+    walls
+        Segments (N, 4): x0, y0, x1, y1 [m] in the world.
+    sensors
+        Poses (S, 3) of the laser in the world.
+    angle_min, angle_increment
+        Direction of the first beam and step between beams [rad]; the step may be negative.
+    limit
+        Largest distance that is looked at [m].
+    ranges
+        Output (S, B) [m].
+    """
+    beams = ranges.shape[1]
+    cosines, sines = np.empty(beams), np.empty(beams)
+    for beam in range(beams):
+        cosines[beam] = math.cos(angle_min + beam * angle_increment)
+        sines[beam] = math.sin(angle_min + beam * angle_increment)
+    for scan in range(len(sensors)):
+        nearest = ranges[scan]
+        nearest[:] = np.inf
+        x, y, theta = sensors[scan, 0], sensors[scan, 1], sensors[scan, 2]
+        cosine, sine = math.cos(theta), math.sin(theta)
+        for wall in range(len(walls)):
+            dx, dy = walls[wall, 0] - x, walls[wall, 1] - y
+            x0, y0 = cosine * dx + sine * dy, cosine * dy - sine * dx
+            dx, dy = walls[wall, 2] - x, walls[wall, 3] - y
+            x1, y1 = cosine * dx + sine * dy, cosine * dy - sine * dx
+            if _out_of_reach(x0, y0, x1, y1, limit):
+                continue
+            _cover(x0, y0, x1, y1, angle_min, angle_increment, cosines, sines, nearest)
+        for beam in range(beams):
+            if nearest[beam] > limit:
+                nearest[beam] = np.inf
+
+
+@kernel
+def _out_of_reach(x0: float, y0: float, x1: float, y1: float, limit: float) -> bool:
+    return min(x0, x1) > limit or max(x0, x1) < -limit or min(y0, y1) > limit or max(y0, y1) < -limit
+
+
+@kernel
+def _cover(
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    angle_min: float,
+    angle_increment: float,
+    cosines: FloatArray,
+    sines: FloatArray,
+    nearest: FloatArray,
+) -> None:
+    """Compare the beams between the ends of one segment, in the sensor's frame, with that segment."""
+    cross = x0 * y1 - y0 * x1
+    span = math.atan2(cross, x0 * x1 + y0 * y1)
+    if span == 0.0:
+        return
+    step = abs(angle_increment)
+    # The end that the beams meet first, as the angle turned from the first beam to it, within [0, 2 pi).
+    first_angle = math.atan2(y0, x0) if (span > 0.0) == (angle_increment > 0.0) else math.atan2(y1, x1)
+    turned = (first_angle - angle_min) * (1.0 if angle_increment > 0.0 else -1.0)
+    turned %= 2.0 * math.pi
+    # The line is normal . p = offset, so the beam in direction d meets it at offset / (normal . d).
+    normal_x, normal_y = y1 - y0, x0 - x1
+    for _ in range(2):  # the second time a full turn earlier: a segment that lies across the first beam
+        # The slack closes the gap that rounding would leave where two segments meet.
+        first = max(0, math.ceil(turned / step - 1e-7))
+        last = min(len(nearest) - 1, math.floor((turned + abs(span)) / step + 1e-7))
+        for beam in range(first, last + 1):
+            distance = cross / (normal_x * cosines[beam] + normal_y * sines[beam])
+            if 0.0 < distance < nearest[beam]:
+                nearest[beam] = distance
+        turned -= 2.0 * math.pi

@@ -1,0 +1,176 @@
+"""Write bags of simulated robots that drive through a made-up building, and the truth beside them.
+
+Into the output folder go robot_0.bag, robot_1.bag, ... (or folders robot_0, ... in ROS 2's mcap), the true trajectory
+of each as robot_0.truth.tum, truth.json, the building as world.npz and a picture of it all, world.png.
+"""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from datasets.synthetic.laser import SimulatedLaser
+    from datasets.synthetic.simulation import SimulatedRobot
+    from datasets.synthetic.world import World
+
+EXAMPLES = """examples:
+  %(prog)s --world office --seed 1 --robots 3 --odometry good -o out/office
+      three robots in an office; together they see all of it, neighbours share 30 %% of their ways
+  %(prog)s --world corridor --robots 1 --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
+      60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+"""
+
+WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety")
+PIXELS_PER_METRE = 25
+ROUTE_COLOURS = ((200, 90, 0), (0, 150, 60), (40, 40, 220), (190, 0, 190), (0, 150, 200), (120, 120, 0))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="make_world", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("-o", "--out", type=Path, required=True, help="folder for everything; made when missing")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    world = grammar.add_argument_group("world and drives")
+    world.add_argument("--world", choices=WORLDS, default="office", help="kind of building (office)")
+    world.add_argument("--seed", type=int, default=0, help="of the building, the drives and all noise (0)")
+    world.add_argument(
+        "--drive-seed", type=int, metavar="SEED", help="of drives and noise alone: other drives in the same building"
+    )
+    world.add_argument("--robots", type=int, default=1, metavar="N", help="number of robots (1)")
+    world.add_argument("--length", type=float, metavar="M", help="metres a robot drives (all that needs seeing)")
+    world.add_argument("--duration", type=float, metavar="S", help="seconds a robot drives at most")
+    world.add_argument("--overlap", type=float, default=0.3, metavar="F", help="share of a way in common (0.3)")
+    world.add_argument("--speed", type=float, default=0.65, metavar="M/S", help="largest speed (0.65)")
+    world.add_argument("--odometry", choices=("none", "good", "poor"), default="good", help="odometry's errors (good)")
+    laser = grammar.add_argument_group("laser (by default MIT Stata Center's)")
+    laser.add_argument("--beams", type=int, default=1040, help="beams a scan; 180, 181, 361 span half a turn (1040)")
+    laser.add_argument("--rate", type=float, default=20.0, metavar="HZ", help="scans a second (20)")
+    laser.add_argument("--range-max", type=float, default=30.0, metavar="M", help="largest range (30)")
+    laser.add_argument("--noise", type=float, default=0.01, metavar="M", help="standard deviation of a range (0.01)")
+    laser.add_argument("--dropouts", type=float, default=0.003, metavar="F", help="share of lost returns (0.003)")
+    laser.add_argument("--wrong-returns", type=float, default=0.001, metavar="F", help="share of early ones (0.001)")
+    laser.add_argument(
+        "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"), help="(0.275 0 0)"
+    )
+    laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
+    files = grammar.add_argument_group("files")
+    files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
+    files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
+    files.add_argument(
+        "--no-return", type=float, default=65.533, metavar="CODE", help="inf, nan or a number out of range (65.533)"
+    )
+    return grammar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    grammar = parser()
+    args = grammar.parse_args(argv)
+    if args.format == "mcap" and args.compression != "none":
+        grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
+    from tbmslam.errors import TbmSlamError
+
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        make(args)
+    except ValueError as error:
+        if args.debug:
+            raise
+        grammar.error(str(error))
+    except (TbmSlamError, OSError) as error:
+        if args.debug:
+            raise
+        sys.stderr.write(f"make_world: {error}\n")
+        return 1
+    return 0
+
+
+def make(args: argparse.Namespace) -> None:
+    """Simulate what the arguments ask for and write it."""
+    from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
+    from datasets.synthetic.buildings import make_world
+    from datasets.synthetic.drives import plan_drives
+    from datasets.synthetic.odometry_noise import OdometryNoise
+    from datasets.synthetic.simulation import simulate
+    from datasets.synthetic.truth import write_truth
+
+    seed = args.seed if args.drive_seed is None else args.drive_seed
+    world = make_world(args.world, args.seed)
+    drives = plan_drives(
+        world,
+        args.robots,
+        length=args.length,
+        duration=args.duration,
+        overlap=args.overlap,
+        speed=args.speed,
+        seed=seed,
+    )
+    noise = OdometryNoise.preset(args.odometry)
+    robots = simulate(world, drives, laser_of(args), noise, seed)
+    bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
+    for robot, bag in zip(robots, bags, strict=True):
+        if args.format == "mcap":
+            write_mcap_bag(robot, args.out / bag, no_return=args.no_return)
+        else:
+            write_ros1_bag(robot, args.out / bag, compression=args.compression, no_return=args.no_return)
+        print(f"{args.out / bag}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
+    run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
+    write_truth(args.out, world, robots, bags, run)
+    draw(world, robots, args.out / "world.png")
+    print(f"{args.out / 'truth.json'}, world.npz, world.png: the truth, for evaluation only")
+
+
+def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
+    """Return the laser that the arguments describe."""
+    from datasets.synthetic.laser import SimulatedLaser
+    from tbmslam.se2 import SE2
+
+    angle_min, angle_increment = SimulatedLaser.field_of(args.beams)
+    return SimulatedLaser(
+        beams=args.beams,
+        angle_min=angle_min,
+        angle_increment=angle_increment,
+        rate=args.rate,
+        range_max=args.range_max,
+        noise=args.noise,
+        dropouts=args.dropouts,
+        wrong_returns=args.wrong_returns,
+        T_robot_sensor=SE2(args.mount[0], args.mount[1], math.radians(args.mount[2])),
+        upside_down=args.upside_down,
+    )
+
+
+def draw(world: "World", robots: "Sequence[SimulatedRobot]", path: Path) -> None:
+    """Draw the walls, each robot's way in a colour and its start as a circle."""
+    import cv2
+    import numpy as np
+
+    min_x, min_y, max_x, max_y = world.bounds()
+    origin = np.array([min_x - 0.5, max_y + 0.5])
+    size = (math.ceil((max_y - min_y + 1.0) * PIXELS_PER_METRE), math.ceil((max_x - min_x + 1.0) * PIXELS_PER_METRE))
+    picture = np.full((*size, 3), 255, dtype=np.uint8)
+    sixteenths = PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel
+    walls = np.round((world.walls.reshape(-1, 2, 2) - origin) * [sixteenths, -sixteenths]).astype(np.int32)
+    cv2.polylines(picture, list(walls), isClosed=False, color=(0, 0, 0), thickness=1, lineType=cv2.LINE_AA, shift=4)
+    for index, robot in enumerate(robots):
+        colour = ROUTE_COLOURS[index % len(ROUTE_COLOURS)]
+        way = np.round((robot.truth.poses[:, :2] - origin) * [sixteenths, -sixteenths]).astype(np.int32)
+        cv2.polylines(picture, [way], isClosed=False, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
+        start = (int(way[0, 0]), int(way[0, 1]))
+        cv2.circle(picture, start, 8 * 16, colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
+    encoded, data = cv2.imencode(".png", picture)
+    if not encoded:
+        raise OSError(f"{path}: the picture cannot be encoded")
+    path.write_bytes(data.tobytes())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
