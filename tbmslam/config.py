@@ -1,6 +1,8 @@
 """Every parameter of the SLAM, and the presets that people choose by name."""
 
+import copy
 import difflib
+import tomllib
 from collections.abc import Mapping
 from typing import Annotated, Self
 
@@ -102,6 +104,36 @@ def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"configuration: {place}: {first['msg']} (got {first['input']!r})") from None
+
+
+def with_setting(values: Mapping[str, object], setting: str) -> dict[str, object]:
+    """Return a configuration's values with one changed by a text like ``map.resolution=0.1``, its value as in TOML.
+
+    Raises
+    ------
+    ConfigError
+        When the text is not of that form or the key does not exist.
+    """
+    path, equals, text = setting.partition("=")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    if not equals or not path:
+        raise ConfigError(f"setting {setting!r} must look like map.resolution=0.1")
+    changed = copy.deepcopy(dict(values))
+    place: dict[str, object] = changed
+    *parents, key = path.split(".")
+    for depth, parent in enumerate([*parents, key]):
+        if parent not in place:
+            raise ConfigError(f"there is no parameter {path!r}{_suggestion(parent, place)}")
+        if depth < len(parents):
+            below = place[parent]
+            if not isinstance(below, dict):
+                raise ConfigError(f"there is no parameter {path!r}: {'.'.join(parents[: depth + 1])} is a value")
+            place = below
+    place[key] = value
+    return changed
 
 
 def _suggestion(name: str, known: Mapping[str, object]) -> str:

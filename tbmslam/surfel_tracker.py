@@ -26,8 +26,12 @@ class SurfelTrackerConfig(BaseModel):
     )
     tolerances: tuple[float, ...] = Field((8.0, 3.0), description="distances at which a hit loses its say [deviations]")
     iterations: int = Field(8, ge=1, description="Gauss-Newton steps for each tolerance, at the most")
-    min_matched: float = Field(0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry rules")
-    doubtful: float = Field(0.55, ge=0, le=1, description="share of hits on known surfaces below which to search around")
+    min_matched: float = Field(
+        0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry rules"
+    )
+    doubtful: float = Field(
+        0.55, ge=0, le=1, description="share of hits on known surfaces below which to search around"
+    )
     search_gain: float = Field(0.15, ge=0, le=1, description="how much more a search must match to be believed")
     search_points: int = Field(120, ge=10, description="hits that are tried in a search")
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")

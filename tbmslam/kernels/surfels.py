@@ -204,6 +204,7 @@ def align(
                 hessian,
                 gradient,
             )
+            _drop_weak_direction(hessian, gradient)
             ox, oy, ot = x - guess[0], y - guess[1], theta - guess[2]
             for a in range(3):
                 gradient[a] += prior[a, 0] * ox + prior[a, 1] * oy + prior[a, 2] * ot
@@ -259,6 +260,36 @@ def search(
                 best_score = score
                 best = (x, y, theta)
     return best
+
+
+@kernel
+def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
+    """Silence a direction of the plane that hardly any surface faces, such as the one along a corridor.
+
+    Fitted normals scatter by some degrees, and what that leaks along a wall is no evidence: a curvature below 0.5 % of
+    the one across is dropped, above 1.5 % it is kept, with a ramp between.
+    """
+    middle = 0.5 * (hessian[0, 0] + hessian[1, 1])
+    spread = math.hypot(0.5 * (hessian[0, 0] - hessian[1, 1]), hessian[0, 1])
+    if middle + spread <= 0.0:
+        return
+    kept = min(max((middle - spread) / (middle + spread) * 100.0 - 0.5, 0.0), 1.0)
+    if kept >= 1.0:
+        return
+    angle = 0.5 * math.atan2(2.0 * hessian[0, 1], hessian[0, 0] - hessian[1, 1])
+    weak = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    # P = I - (1 - kept) weak weak^T leaves the rest as it is; the system becomes P H P, P g.
+    for a in range(3):
+        along = hessian[a, 0] * weak[0] + hessian[a, 1] * weak[1]
+        for b in range(2):
+            hessian[a, b] -= (1.0 - kept) * along * weak[b]
+    for b in range(3):
+        along = weak[0] * hessian[0, b] + weak[1] * hessian[1, b]
+        for a in range(2):
+            hessian[a, b] -= (1.0 - kept) * along * weak[a]
+    along = weak[0] * gradient[0] + weak[1] * gradient[1]
+    gradient[0] -= (1.0 - kept) * along * weak[0]
+    gradient[1] -= (1.0 - kept) * along * weak[1]
 
 
 @kernel

@@ -1,0 +1,151 @@
+"""Slow, plain twins of the kernels, written for reading."""
+
+import math
+
+import numpy as np
+
+from tbmslam.belief import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise
+
+
+def observation(probability, quality):
+    """Masses of one beam's word on a cell."""
+    return np.array([0.0, (1 - probability) * quality, probability * quality, 1 - quality])
+
+
+def insert_beams(cells, resolution, start, ends, is_hit, model, quality):
+    """Combine beams into a dict of cells (row, col) -> masses by Dempster's rule, as vinySLAM does."""
+    radius = model.wall_blur / resolution
+    for end, hit in zip(ends, is_hit, strict=True):
+        path = walk(start, end, resolution)
+        goal = path[-1]
+        span = squared_distance(path[0], goal)
+        for cell in path:
+            gap = squared_distance(cell, goal)
+            if cell == goal and hit:
+                word = observation(model.hit_probability, model.hit_quality * quality)
+            elif hit and gap < radius**2 < span:
+                blurred = model.hit_probability * (1 - gap / radius**2)
+                word = observation(blurred, model.miss_quality * quality)
+            else:
+                word = observation(model.miss_probability, model.miss_quality * quality)
+            cells[cell] = dempster(cells.get(cell, VACUOUS), word)
+
+
+def insert_scan(cells, resolution, start, ends, is_hit, model, quality):
+    """Combine a scan into a dict of cells, one word for each cell, hits first."""
+    hits = {walk(start, end, resolution)[-1] for end, hit in zip(ends, is_hit, strict=True) if hit}
+    passed = {cell for end in ends for cell in walk(start, end, resolution)} - hits
+    for chosen, probability, mass in (
+        (hits, model.hit_probability, model.hit_quality),
+        (passed, model.miss_probability, model.miss_quality),
+    ):
+        for cell in chosen:
+            cells[cell] = conjunctive(cells.get(cell, VACUOUS), observation(probability, mass * quality))
+
+
+def squared_distance(a, b):
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
+
+
+def walk(start, end, resolution):
+    """Return the (row, col) cells of a 4-connected walk along a beam."""
+    (x0, y0), (x1, y1) = start, end
+    cell = (math.floor(y0 / resolution), math.floor(x0 / resolution))
+    goal = (math.floor(y1 / resolution), math.floor(x1 / resolution))
+    dx, dy = x1 - x0, y1 - y0
+    row_step, col_step = (1 if dy > 0 else -1), (1 if dx > 0 else -1)
+
+    def height_error(row, col):
+        return dx * (y0 - (row + 0.5) * resolution) + dy * ((col + 0.5) * resolution - x0)
+
+    path, correction = [cell], 0.0
+    while cell != goal:
+        row, col = cell
+        by_row = abs(height_error(row + row_step, col) + correction)
+        by_col = abs(height_error(row, col + col_step) + correction)
+        if abs(by_row - by_col) <= 1e-7 * max(1.0, by_row, by_col):
+            cell = (row + (row_step if row != goal[0] else 0), col + (col_step if col != goal[1] else 0))
+            correction = -height_error(*cell)
+        elif by_row < by_col:
+            cell = (row + row_step, col)
+        else:
+            cell = (row, col + col_step)
+        path.append(cell)
+        if len(path) > abs(goal[0] - path[0][0]) + abs(goal[1] - path[0][1]) + 1:
+            return bresenham(path[0], goal)
+    return path
+
+
+def bresenham(cell, goal):
+    row, col = cell
+    rows, cols = abs(goal[0] - row), abs(goal[1] - col)
+    path, error = [cell], cols - rows
+    while (row, col) != goal:
+        doubled = 2 * error
+        if doubled > -rows:
+            error -= rows
+            col += 1 if goal[1] > col else -1
+        if doubled < cols:
+            error += cols
+            row += 1 if goal[0] > row else -1
+        path.append((row, col))
+    return path
+
+
+def impact(masses):
+    """Agreement of a cell with a certain hit, in vinySLAM's general form."""
+    hit = np.array([0.0, 0.0, 1.0, 0.0])
+    ignorance = (masses[UNKNOWN] + hit[UNKNOWN]) / 2
+    conflict = masses[FREE] * hit[OCCUPIED] + masses[OCCUPIED] * hit[FREE]
+    difference = abs(hit[OCCUPIED] - masses[OCCUPIED])
+    return 1 - (ignorance / 2 + (1 - ignorance) * (conflict + difference) / 2)
+
+
+def weighted_impact(masses_at, resolution, points, weights, pose):
+    """Weighted mean agreement of a scan at a pose; `masses_at` maps (row, col) to masses."""
+    x, y, theta = pose
+    total = 0.0
+    for (px, py), weight in zip(points, weights, strict=True):
+        wx = x + math.cos(theta) * px - math.sin(theta) * py
+        wy = y + math.sin(theta) * px + math.cos(theta) * py
+        cell = (math.floor(wy / resolution), math.floor(wx / resolution))
+        total += weight * impact(normalise(masses_at.get(cell, VACUOUS)))
+    return total
+
+
+def climb_hill(score, pose, length, angle, halvings):
+    """Climb on `score(pose)` along the axes."""
+    best, best_score, failures = np.array(pose, dtype=float), score(pose), 0
+    while failures < halvings:
+        base, improved = best.copy(), False
+        for offset in (
+            (length, 0, 0),
+            (0, -length, 0),
+            (0, 0, angle),
+            (-length, 0, 0),
+            (0, length, 0),
+            (0, 0, -angle),
+        ):
+            trial = base + offset
+            if score(trial) > best_score:
+                best, best_score, improved = trial, score(trial), True
+        if not improved:
+            failures += 1
+            length, angle = length / 2, angle / 2
+    return best, best_score
+
+
+def surfel(points, cell, resolution, noise, point_size, clutter, certain_count):
+    """Fit mean, information matrix and weight to the points in a cell and its neighbours; None where too few."""
+    rows_cols = np.floor(points[:, ::-1] / resolution).astype(int)
+    near = points[np.abs(rows_cols - cell).max(axis=1) <= 1]
+    if len(near) < 3:
+        return None
+    mean = near.mean(axis=0)
+    covariance = (near - mean).T @ (near - mean) / len(near)
+    variances, axes = np.linalg.eigh(covariance)
+    across = 1 / (max(variances[0], 0) + noise**2)
+    along = 1 / (variances[1] + noise**2) if variances[1] < point_size**2 else 0.0
+    information = across * np.outer(axes[:, 0], axes[:, 0]) + along * np.outer(axes[:, 1], axes[:, 1])
+    weight = min(len(near) / certain_count, 1.0) / (1 + max(variances[0], 0) / clutter**2)
+    return mean, information, weight

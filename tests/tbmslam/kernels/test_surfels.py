@@ -1,0 +1,111 @@
+import math
+
+import numpy as np
+import pytest
+
+from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.surfels import add_hits, align, linearise, search
+from tests import reference
+
+RESOLUTION = 0.1
+LIMITS = (0.02, 0.03, 0.05, 8.0)
+LATTICE = Lattice(RESOLUTION, -60, -60)
+
+
+def room_walls(generator, count=3000):
+    """Hits on the four walls of a 6 m x 4 m room and on a thin post, with 1 cm noise."""
+    side = generator.integers(0, 4, count)
+    t = generator.uniform(-1.0, 1.0, count)
+    x = np.select([side == 0, side == 1], [3.0, -3.0], 3.0 * t)
+    y = np.select([side == 2, side == 3], [2.0, -2.0], 2.0 * t)
+    post = np.array([1.0, 0.5]) + generator.normal(0.0, 0.005, (50, 2))
+    return np.vstack((np.column_stack((x, y)) + generator.normal(0.0, 0.01, (count, 2)), post))
+
+
+def surfels_of(points):
+    moments = np.zeros((120, 120, 6), dtype=np.float32)
+    surfels = np.zeros_like(moments)
+    for part in np.array_split(points, 7):
+        add_hits(moments, surfels, LATTICE, part, LIMITS)
+    return surfels
+
+
+def test_surfels_are_the_plain_fit():
+    points = room_walls(np.random.default_rng(0), 400)
+    surfels = surfels_of(points)
+    for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
+        cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
+        expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
+        if expected is None:
+            assert surfels[row, col, 5] == 0.0
+            continue
+        mean, information, weight = expected
+        np.testing.assert_allclose(surfels[row, col, :2], mean, atol=1e-5)
+        fitted = [[surfels[row, col, 2], surfels[row, col, 3]], [surfels[row, col, 3], surfels[row, col, 4]]]
+        np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
+        assert surfels[row, col, 5] == pytest.approx(weight, rel=1e-3)
+
+
+def test_gradient_and_curvature_are_those_of_the_cost():
+    generator = np.random.default_rng(2)
+    surfels = surfels_of(room_walls(generator))
+    points = room_walls(generator, 300)
+    weights = np.ones(len(points))
+    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+
+    def cost(pose):
+        return linearise(surfels, LATTICE, points, weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
+
+    pose = (0.004, -0.003, 0.001)
+    linearise(surfels, LATTICE, points, weights, pose, 50.0, hessian, gradient)
+    step = 1e-6
+    for axis in range(3):
+        ahead, behind = list(pose), list(pose)
+        ahead[axis] += step
+        behind[axis] -= step
+        slope = (cost(tuple(ahead)) - cost(tuple(behind))) / (2 * step)
+        assert 2.0 * gradient[axis] == pytest.approx(slope, rel=0.05, abs=0.02 * abs(hessian[axis, axis]) * 0.01)
+    assert np.linalg.eigvalsh(hessian).min() > 0.0
+
+
+def aligned(points, guess, prior=0.0, surfels=None):
+    weights = np.full(len(points), 1.0)
+    return align(surfels, LATTICE, points, weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10)
+
+
+def test_a_scan_finds_its_place_to_millimetres():
+    generator = np.random.default_rng(4)
+    surfels = surfels_of(room_walls(generator))
+    pose, hessian, matched, _ = aligned(room_walls(generator, 400), (0.06, -0.05, 0.02), surfels=surfels)
+    assert math.hypot(pose[0], pose[1]) < 0.003
+    assert abs(pose[2]) < 0.002
+    assert matched > 0.8
+    assert hessian.shape == (3, 3)
+
+
+def test_along_a_corridor_the_guess_stays():
+    generator = np.random.default_rng(5)
+    walls = np.column_stack((generator.uniform(-4.0, 4.0, 3000), np.where(generator.random(3000) < 0.5, -1.0, 1.0)))
+    walls[:, 1] += generator.normal(0.0, 0.01, 3000)
+    scan = walls[np.abs(walls[:, 0]) < 2.5][:300]
+    pose, hessian, _, _ = aligned(scan, (0.3, 0.04, 0.01), prior=100.0, surfels=surfels_of(walls))
+    assert pose[0] == pytest.approx(0.3, abs=0.02)
+    assert pose[1] == pytest.approx(0.0, abs=0.005)
+    assert hessian[0, 0] < 0.02 * hessian[1, 1]
+
+
+def test_nothing_known_leaves_the_guess():
+    surfels = np.zeros((120, 120, 6), dtype=np.float32)
+    pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), prior=1.0, surfels=surfels)
+    assert pose == pytest.approx((1.0, 2.0, 0.5))
+    assert (matched, cost) == (0.0, 0.0)
+
+
+def test_search_finds_a_far_place():
+    generator = np.random.default_rng(6)
+    surfels = surfels_of(room_walls(generator))
+    steps = np.arange(-0.5, 0.51, 0.1)
+    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    turns = np.arange(-1.0, 1.01, 0.03)
+    found = search(surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0)
+    assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)

@@ -1,0 +1,53 @@
+import math
+
+import numpy as np
+import pytest
+
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.motion import MotionConfig, MotionModel
+from tbmslam.se2 import SE2
+
+
+def reading(stamp, pose):
+    return Reading(LaserScan(stamp, 0.0, 0.1, 0.0, 10.0, np.ones(3)), pose)
+
+
+def test_the_first_reading_lies_at_its_odometry_pose():
+    assert MotionModel(MotionConfig()).predict(reading(0.0, SE2(1, 2, 3))).T_map_robot == (1, 2, 3)
+    assert MotionModel(MotionConfig()).predict(reading(0.0, None)).T_map_robot == (0, 0, 0)
+
+
+def test_a_step_is_taken_in_the_robots_frame():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, SE2(5, 5, 0)), SE2(0, 0, math.pi / 2))
+    prediction = model.predict(reading(1.0, SE2(6, 5, 0)))
+    assert prediction.T_map_robot == pytest.approx((0.0, 1.0, math.pi / 2))
+
+
+def test_the_original_adds_components():
+    model = MotionModel(MotionConfig(composition="component"))
+    model.correct(reading(0.0, SE2(5, 5, 0)), SE2(0, 0, math.pi / 2))
+    assert model.predict(reading(1.0, SE2(6, 5, 0.1))).T_map_robot == pytest.approx((1.0, 0.0, math.pi / 2 + 0.1))
+
+
+def test_longer_steps_are_less_certain():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, SE2(0, 0, 0)), SE2.identity())
+    short = model.predict(reading(0.1, SE2(0.01, 0, 0))).deviations
+    far = model.predict(reading(0.1, SE2(1.0, 0, 0))).deviations
+    turned = model.predict(reading(0.1, SE2(0, 0, 1.0))).deviations
+    assert (far > short).all()
+    assert (turned > short).all()
+
+
+def test_without_odometry_the_motion_goes_on():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, None), SE2(0, 0, 0))
+    assert model.predict(reading(0.1, None)).T_map_robot == (0, 0, 0)
+    model.correct(reading(0.1, None), SE2(0.1, 0, 0.05))
+    ahead = model.predict(reading(0.3, None)).T_map_robot
+    assert ahead.theta == pytest.approx(0.15)
+    assert math.hypot(ahead.x, ahead.y) == pytest.approx(0.3, rel=0.01)
+    # A stamp that steps back predicts no motion backwards, and a long pause no flight.
+    assert model.predict(reading(0.05, None)).T_map_robot == pytest.approx((0.1, 0, 0.05))
+    assert model.predict(reading(500.0, None)).T_map_robot.x < 1.2

@@ -1,0 +1,99 @@
+"""Turn recordings into one belief map per robot.
+
+A recording is split into segments that stand for several robots, each robot is mapped on its own, and each map lies in
+a frame that no other robot knows.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+EXAMPLES = """examples:
+  %(prog)s recording.bag --robots 3 --overlap 0.3 -o out/building
+      split one drive into three robots that share 30 % of their way
+  %(prog)s monday.bag tuesday.bag --separate --profile stata -o out/stata
+      one robot a bag, read like the MIT Stata Center recordings
+
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    from tools.recording_options import add_recording_options
+
+    grammar = argparse.ArgumentParser(
+        prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help="bags or logs")
+    grammar.add_argument("-o", "--out", type=Path, default=Path("maps"), help="where the robots' folders go (maps)")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    robots = grammar.add_argument_group("robots")
+    robots.add_argument("--separate", action="store_true", help="each recording is a robot; else they are one drive")
+    robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
+    robots.add_argument(
+        "--split", choices=("distance", "time", "gaps"), default="distance", help="what to split by (distance)"
+    )
+    robots.add_argument(
+        "--overlap", type=float, default=0.3, metavar="F", help="share of its way that a robot repeats (0.3)"
+    )
+    robots.add_argument(
+        "--gap", type=float, default=5.0, metavar="S", help="a pause that splits, with --split gaps (5)"
+    )
+    robots.add_argument(
+        "--interval",
+        nargs=2,
+        type=float,
+        action="append",
+        metavar=("BEGIN", "END"),
+        help="seconds since the start that make a robot; repeat for more robots",
+    )
+    robots.add_argument(
+        "--frames",
+        choices=("private", "odometry"),
+        default="private",
+        help="turn and shift each robot's frame at random, or keep the odometry's (private)",
+    )
+    slam = grammar.add_argument_group("SLAM")
+    slam.add_argument("--preset", default="default", help="default, viny (Monte Carlo) or viny-hc (hill climbing)")
+    slam.add_argument("--config", type=Path, metavar="TOML", help="parameters that differ from the preset's")
+    slam.add_argument(
+        "--set", action="append", default=[], metavar="A.B=C", help="one parameter, e.g. map.resolution=0.1"
+    )
+    slam.add_argument("--seed", type=int, default=0, help="of the private frames and of matchers that draw (0)")
+    truth = grammar.add_argument_group("truth, for evaluation only")
+    truth.add_argument(
+        "--reference",
+        type=Path,
+        nargs="+",
+        metavar="TUM",
+        help="true trajectories, one a recording; without them the whole recording is mapped as the reference",
+    )
+    truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
+    add_recording_options(grammar)
+    return grammar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    grammar = parser()
+    args = grammar.parse_args(argv)
+    if args.reference and len(args.reference) != (len(args.recordings) if args.separate else 1):
+        grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
+    if args.separate and (args.robots != 1 or args.interval):
+        grammar.error("--separate makes each recording one robot: drop --robots and --interval")
+    from tbmslam.errors import TbmSlamError
+    from tools.mapping_run import build_maps
+
+    try:
+        build_maps(args)
+    except TbmSlamError as error:
+        if args.debug:
+            raise
+        sys.stderr.write(f"build_maps: {error}\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,218 @@
+"""What build_maps does: split, map each robot, save, and note what happened."""
+
+import argparse
+import importlib.metadata
+import json
+import platform
+import time
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from datasets import Recording, RecordingOptions, open_recording
+from datasets.cached import cached
+from tbmslam.atomic_file import write_text
+from tbmslam.config import ConfigError, SlamConfig, config_from_dict, preset, with_setting
+from tbmslam.errors import TbmSlamError
+from tbmslam.laser_scan import Reading
+from tbmslam.map_folder import save_map
+from tbmslam.se2 import SE2
+from tbmslam.segmentation import (
+    Itinerary,
+    Segment,
+    in_frame,
+    private_frame,
+    split_at_gaps,
+    split_at_intervals,
+    split_by_distance,
+    split_by_time,
+)
+from tbmslam.slam import Slam
+from tbmslam.tbm_map import TbmMap
+from tbmslam.trajectory import Trajectory
+from tbmslam.trajectory_alignment import align_trajectories
+from tbmslam.tum import read_tum
+from tools.recording_options import options_from
+
+
+class OutputError(TbmSlamError):
+    """The folder to write into holds something else."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot to map."""
+
+    name: str
+    recording: Recording
+    segment: Segment | None  # None: all of the recording
+    T_own_start: SE2 | None
+    reference: Path | None
+
+
+def build_maps(args: argparse.Namespace) -> None:
+    """Map every robot and save its folder, then the truth beside them."""
+    config = _config(args)
+    robots = _robots(args, options_from(args))
+    _refuse_stale_robots(args.out, [robot.name for robot in robots])
+    made: dict[str, TbmMap] = {}
+    for robot in robots:
+        made[robot.name] = _map_robot(robot, config, args.out / robot.name)
+    if not args.no_truth and (len(robots) > 1 or args.reference):
+        _write_truth(args.out / "truth.json", robots, made)
+
+
+def _config(args: argparse.Namespace) -> SlamConfig:
+    values = preset(args.preset).model_dump()
+    if args.config is not None:
+        try:
+            values = _merged(values, tomllib.loads(args.config.read_text(encoding="utf-8")))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise ConfigError(f"{args.config}: cannot be read as TOML: {error}") from None
+    for setting in args.set:
+        values = with_setting(values, setting)
+    if getattr(args, "no_return", None) is not None:
+        values["map"]["insertion"]["no_return"] = "free" if args.no_return == "free" else "ignore"
+    values["seed"] = args.seed
+    return config_from_dict(values)
+
+
+def _merged(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    merged = dict(values)
+    for key, change in changes.items():
+        old = merged.get(key)
+        merged[key] = _merged(old, change) if isinstance(old, Mapping) and isinstance(change, Mapping) else change
+    return merged
+
+
+def _robots(args: argparse.Namespace, options: RecordingOptions) -> list[Robot]:
+    groups = [[path] for path in args.recordings] if args.separate else [args.recordings]
+    robots: list[Robot] = []
+    for number, paths in enumerate(groups):
+        recording = cached(open_recording(paths, options))
+        reference = args.reference[number] if args.reference else None
+        for segment in _segments(args, recording):
+            index = len(robots)
+            T_own_start = private_frame(args.seed, index) if args.frames == "private" else None
+            robots.append(Robot(f"robot_{index}", recording, segment, T_own_start, reference))
+    return robots
+
+
+def _segments(args: argparse.Namespace, recording: Recording) -> Sequence[Segment | None]:
+    if args.robots == 1 and not args.interval and args.split != "gaps":
+        return [None]
+    stamps, poses = [], []
+    for reading in _progress(recording, "reading", recording.expected_scans):
+        stamps.append(reading.scan.stamp)
+        poses.append(reading.T_odom_robot)
+    itinerary = Itinerary.from_poses(stamps, poses)
+    if args.interval:
+        return split_at_intervals(itinerary, [(begin, end) for begin, end in args.interval])
+    if args.split == "gaps":
+        return split_at_gaps(itinerary, args.gap)
+    split = split_by_distance if args.split == "distance" else split_by_time
+    return split(itinerary, args.robots, args.overlap)
+
+
+def _map_robot(robot: Robot, config: SlamConfig, folder: Path) -> TbmMap:
+    began = time.perf_counter()
+    slam = Slam(config, robot.name)
+    scans = 0
+    for reading in _progress(_readings(robot), robot.name, _length(robot)):
+        slam.process(reading)
+        scans += 1
+    run = _run_record(robot, config)
+    tbm_map = slam.finish(run)
+    save_map(folder, tbm_map)
+    drive = tbm_map.drives[0]
+    known = float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2
+    result = {
+        "scans": scans,
+        "keyframes": len(drive.keyframes),
+        "duration_s": float(np.ptp(drive.trajectory.stamps)),
+        "distance_m": drive.trajectory.length(),
+        "known_area_m2": known,
+    }
+    write_text(folder / "run.json", json.dumps({**run, "result": result}, indent=2) + "\n")
+    seconds = time.perf_counter() - began
+    print(
+        f"{robot.name}: {scans} scans, {drive.trajectory.length():.1f} m, {len(drive.keyframes)} keyframes, "
+        f"{known:.0f} m2 known, {seconds:.1f} s -> {folder}"
+    )
+    for line in robot.recording.counts.summary().splitlines():
+        print(f"  {line}")
+    return tbm_map
+
+
+def _readings(robot: Robot) -> Iterable[Reading]:
+    """Yield a robot's own readings, its odometry in its own frame."""
+    start, stop = robot.segment or (0, None)
+    T_own_odom: SE2 | None = None
+    for reading in islice(robot.recording, start, stop):
+        if robot.T_own_start is not None and T_own_odom is None:
+            T_own_odom = robot.T_own_start @ (reading.T_odom_robot or SE2.identity()).inverse()
+        yield reading if T_own_odom is None else in_frame(reading, T_own_odom)
+
+
+def _length(robot: Robot) -> int | None:
+    return robot.segment.stop - robot.segment.start if robot.segment else robot.recording.expected_scans
+
+
+def _progress(readings: Iterable[Reading], label: str, total: int | None) -> Iterable[Reading]:
+    """Show progress where somebody watches."""
+    return tqdm(readings, desc=label, total=total, unit=" scans", disable=None, leave=False)
+
+
+def _run_record(robot: Robot, config: SlamConfig) -> dict[str, object]:
+    """Return what made a map, without anything that differs between two runs of the same kind."""
+    return {
+        "program": "build_maps",
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in ("tbmslam", "numpy", "numba", "rosbags")},
+        },
+        "robot": robot.name,
+        "recording": {"name": robot.recording.name, **robot.recording.description},
+        "segment": robot.segment._asdict() if robot.segment else None,
+        "config": config.model_dump(mode="json"),
+    }
+
+
+def _write_truth(path: Path, robots: Sequence[Robot], made: Mapping[str, TbmMap]) -> None:
+    """Write where each robot's map lies in a common frame, for evaluation; nothing of it is in the maps."""
+    robots_truth: dict[str, object] = {}
+    references: dict[str, tuple[str, Trajectory]] = {}
+    for robot in robots:
+        if robot.recording.name not in references:
+            references[robot.recording.name] = _reference(robot)
+        source, reference = references[robot.recording.name]
+        alignment = align_trajectories(reference, made[robot.name].drives[0].trajectory)
+        robots_truth[robot.name] = {
+            "recording": robot.recording.name,
+            "reference": source,
+            "T_reference_map": list(alignment.T_reference_estimate),
+            "ate_m": alignment.ate_m,
+        }
+    write_text(path, json.dumps({"robots": robots_truth}, indent=2) + "\n")
+    print(f"truth for evaluation -> {path}")
+
+
+def _reference(robot: Robot) -> tuple[str, Trajectory]:
+    """Return the trajectory of the whole drive: the one that was given, or the default SLAM's."""
+    if robot.reference is not None:
+        return str(robot.reference.name), read_tum(robot.reference)
+    slam = Slam(preset("default"), "reference")
+    for reading in _progress(robot.recording, "reference", robot.recording.expected_scans):
+        slam.process(reading)
+    return "default SLAM on the whole recording", slam.finish().drives[0].trajectory
+
+
+def _refuse_stale_robots(out: Path, names: Sequence[str]) -> None:
+    stale = sorted(path.name for path in out.glob("robot_*") if path.name not in names) if out.is_dir() else []
+    if stale:
+        raise OutputError(f"{out} holds {', '.join(stale)} of another run: remove it or choose another folder with -o")
