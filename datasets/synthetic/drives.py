@@ -18,7 +18,7 @@ START_STAMP = 1_300_000_000.0
 PLANNED_CLEARANCE = 0.42
 """Planned ways keep so far off walls [m]; driving cuts a corner here and there."""
 
-AVERAGE_SPEED = 0.7
+AVERAGE_SPEED = 0.67
 """Mean speed over a drive, of the largest: turns and doors cost time."""
 
 

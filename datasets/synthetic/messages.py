@@ -78,7 +78,7 @@ class Messages:
         x, y, z, w = (cosine, sine, 0.0, 0.0) if upside_down else (0.0, 0.0, sine, cosine)
         return self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def _make(self, name: str, **fields: Any) -> Any:  # noqa: ANN401 - message classes exist only at run time
+    def _make(self, name: str, **fields: Any) -> Any:
         return self.store.types[name](**fields)
 
     def _bytes(self, name: str, **fields: object) -> bytes:

@@ -39,7 +39,12 @@ class CorridorSide:
 
 
 def add_rooms(
-    plan: FloorPlan, side: CorridorSide, extent: tuple[float, float], depth: float, rng: np.random.Generator
+    plan: FloorPlan,
+    side: CorridorSide,
+    extent: tuple[float, float],
+    depth: float,
+    rng: np.random.Generator,
+    corridor: tuple[float, float] = (-math.inf, math.inf),
 ) -> None:
     """Fill one side of a corridor with furnished rooms.
 
@@ -49,19 +54,25 @@ def add_rooms(
         Where along the corridor the rooms begin and end, u [m].
     depth
         From the corridor's wall to the rooms' back [m].
+    corridor
+        Where the corridor begins and ends, when rooms stand beyond its ends: a room that shares too little of it for
+        a door is left out.
     """
     wall = float(rng.uniform(0.1, 0.2))
     for start, end in _split(*extent, wall, rng):
         fate = rng.random()
         width = float(rng.uniform(1.02, 1.15))
-        at = float(rng.uniform(start + 0.15, end - 0.15 - width))
+        first, last = max(start, corridor[0]) + 0.15, min(end, corridor[1]) - 0.15 - width
+        if last < first:
+            continue
+        at = float(rng.uniform(first, last))
         if fate < 0.12:  # a closed door: only its recess shows
             plan.carve(side.rectangle(at, 0.0, at + width, wall * 0.6))
             continue
         room = side.rectangle(start, wall, end, depth - float(rng.uniform(0.0, 0.3)))
         plan.carve(room)
-        if fate < 0.25 and end - start > 3.0:  # no door, a wide opening
-            width, at = 0.6 * (end - start), start + 0.2 * (end - start)
+        if fate < 0.25 and last - first > 2.0:  # no door, a wide opening
+            width, at = 0.7 * (last - first), first + 0.2 * (last - first)
             add_opening(plan, side, at, width, wall)
         else:
             add_opening(plan, side, at, width, wall)

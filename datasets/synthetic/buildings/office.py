@@ -17,8 +17,8 @@ def draw_office(rng: np.random.Generator) -> FloorPlan:
     core = Rectangle(outer.x0 + left, outer.y0 + low, outer.x1 - right, outer.y1 - high)
     _carve_loop(plan, outer, core)
     crossings = _carve_crossings(plan, core, rng)
-    add_rooms(plan, CorridorSide("south", outer.y0), (0.0, width), south, rng)
-    add_rooms(plan, CorridorSide("north", outer.y1), (0.0, width), north, rng)
+    add_rooms(plan, CorridorSide("south", outer.y0), (0.0, width), south, rng, (outer.x0, outer.x1))
+    add_rooms(plan, CorridorSide("north", outer.y1), (0.0, width), north, rng, (outer.x0, outer.x1))
     add_rooms(plan, CorridorSide("west", outer.x0), (outer.y0, outer.y1), west, rng)
     add_rooms(plan, CorridorSide("east", outer.x1), (outer.y0, outer.y1), east, rng)
     for x0, x1 in crossings:
