@@ -12,7 +12,8 @@ class ReadingCounts:
     scans_read, scans_used
         Scans in the recording, and those that became readings.
     dropped
-        Scans left out, by reason: before_odometry, no_odometry, odometry_gap, empty, duplicate, unreadable.
+        Scans left out, by reason: before_odometry, no_odometry, odometry_gap, empty, duplicate,
+        unreadable, other_frame (another laser on the same topic).
     beams
         Beams of all scans that were not duplicates, by fate: hit, no_return, too_close, zero, nan.
     backward_stamps

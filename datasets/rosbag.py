@@ -7,6 +7,7 @@ from pathlib import Path
 
 from datasets.beam_angles import angle_warning
 from datasets.counts import ReadingCounts
+from datasets.frames import plain
 from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.options import RecordingOptions
 from datasets.pairing import EXTRAPOLATION_LIMIT_S, Pairing
@@ -94,6 +95,10 @@ class _Pass:
         if message.content is None:
             self._counts.scans_read += 1
             self._counts.drop("unreadable")
+            return
+        if plain(message.content.header.frame_id) != self._plan.survey.sensor_frame:
+            self._counts.scans_read += 1
+            self._counts.drop("other_frame")
             return
         raw = scan_of(message.content, message.bag_time)
         lag = self._plan.clock.steady_lag

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import lru_cache
 from heapq import merge
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,7 @@ ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
+_KEPT_CHUNKS = 6
 _REINDEX = "let `rosbag reindex` repair a copy, or fetch the file again"
 
 
@@ -107,6 +109,8 @@ class BagFiles:
                     reader: rosbag1.Reader | rosbag2.Reader
                     reader = rosbag1.Reader(path) if _is_ros1(path) else rosbag2.Reader(_storage_of(path))
                     reader.open()
+                    if isinstance(reader, rosbag1.Reader):
+                        _keep_chunks(reader)
                 stack.callback(reader.close)
                 readers.append(reader)
             yield readers
@@ -131,6 +135,17 @@ def _stream(reader: rosbag1.Reader | rosbag2.Reader, topics: Collection[str], st
                 logger.debug("%s: a message of %s cannot be decoded: %r", path, connection.topic, error)
                 content = None
             yield Message(connection.topic, connection.msgtype, 1e-9 * nanoseconds, content)
+
+
+def _keep_chunks(reader: rosbag1.Reader) -> None:
+    """Let a reader remember the last chunks it decompressed.
+
+    Where topics lie in chunks of their own, reading by time jumps between these, and rosbags keeps only one.
+    """
+    remembered = {chunk.decompressor: lru_cache(_KEPT_CHUNKS)(chunk.decompressor) for chunk in reader.chunks.values()}
+    reader.chunks = {
+        place: chunk._replace(decompressor=remembered[chunk.decompressor]) for place, chunk in reader.chunks.items()
+    }
 
 
 def _in_order_of_writing(reader: rosbag1.Reader, connections: list[Connection], steered_by: str) -> list[Connection]:

@@ -1,0 +1,21 @@
+import math
+
+import pytest
+
+from datasets.beam_angles import angle_warning
+
+
+@pytest.mark.parametrize(("beams", "fan_deg", "step"), [(180, 180.0, "1"), (360, 180.0, "0.5"), (360, 360.0, "1")])
+def test_a_stretched_fan_is_said(beams, fan_deg, step):
+    warning = angle_warning(beams, math.radians(fan_deg / (beams - 1)))
+    assert warning is not None
+    assert f"pass --angle-step-deg {step}" in warning
+
+
+@pytest.mark.parametrize(
+    ("beams", "step_deg"),
+    [(180, 1.0), (181, 1.0), (361, 0.5), (1081, 0.25), (1040, 0.25), (361, 1.0), (682, 0.352), (1, 1)],
+)
+def test_true_fans_are_not(beams, step_deg):
+    assert angle_warning(beams, math.radians(step_deg)) is None
+    assert angle_warning(beams, -math.radians(step_deg)) is None

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from datasets.cleaning import KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
+from datasets.counts import ReadingCounts
+
+
+@given(
+    arrays(np.float32, st.integers(0, 50), elements=st.floats(width=32, allow_nan=True, allow_infinity=True)),
+    st.sampled_from(["free", "drop"]),
+)
+def test_every_beam_has_one_fate_and_hits_lie_within_limits(ranges, no_return):
+    counts = ReadingCounts()
+    before = ranges.copy()
+    cleaned = clean_ranges(ranges, 0.1, 30.0, RangeRules(None, None, KNOWN_CODES, no_return), counts)
+    hits = cleaned[np.isfinite(cleaned)]
+    assert ((hits >= 0.1) & (hits < 30.0)).all()
+    assert sum(counts.beams.values()) == len(ranges)
+    assert counts.beams.get("hit", 0) == len(hits)
+    assert not np.isneginf(cleaned).any()
+    np.testing.assert_array_equal(ranges, before)
+
+
+def test_codes_count_wherever_they_lie():
+    rules = RangeRules(None, None, (*KNOWN_CODES, 8.0), "free")
+    ranges = np.array([81.83, 81.91, 65.53, 8.0, 50.0, 7.99], dtype=np.float32)
+    cleaned = clean_ranges(ranges, 0.0, 100.0, rules, ReadingCounts())
+    assert np.isinf(cleaned).tolist() == [True, True, True, True, False, False]
+
+
+def test_exactly_the_maximum_is_no_hit():
+    rules = RangeRules(None, None, (), "free")
+    limit = float(np.float32(5.6))
+    assert np.isinf(clean_ranges(np.array([5.6], np.float32), 0.0, limit, rules, ReadingCounts())).all()
+
+
+@pytest.mark.parametrize(
+    ("stated", "given_limits", "expected"),
+    [
+        ((0.1, 30.0), (None, None), (0.1, 30.0)),
+        ((0.1, 30.0), (0.5, 10.0), (0.5, 10.0)),
+        ((np.nan, np.nan), (None, None), (0.0, np.inf)),
+        ((-1.0, 0.0), (None, None), (0.0, np.inf)),
+    ],
+)
+def test_limits(stated, given_limits, expected):
+    assert RangeRules(*given_limits, (), "free").limits(*stated) == expected
+
+
+def walls(number=60, beams=180, far=25.0):
+    rng = np.random.default_rng(1)
+    return [np.round(rng.uniform(1.0, far, beams), 2) for _ in range(number)]
+
+
+def test_a_code_below_the_maximum_is_found():
+    scans = walls()
+    for scan in scans:
+        scan[::30] = 50.0
+    assert find_no_return_code(scans) == 50.0
+    assert find_no_return_code(scans, known=[50.0]) is None
+
+
+def test_walls_are_no_code():
+    assert find_no_return_code(walls()) is None
+    assert find_no_return_code([np.full(180, 4.0)] * 3) is None
+    standing = np.round(np.linspace(1.0, 12.34, 180), 2)
+    assert find_no_return_code([standing] * 200) is None
+    assert find_no_return_code([]) is None
+    assert find_no_return_code([np.array([np.nan, 0.0])]) is None

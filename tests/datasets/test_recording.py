@@ -1,0 +1,60 @@
+import json
+
+import pytest
+
+from datasets import DatasetError, ReadingCounts, Recording, RecordingOptions
+
+
+def recording_of(**values):
+    def stream(counts):
+        for name, value in values.items():
+            setattr(counts, name, value)
+        return iter(())
+
+    return Recording("run", stream, {})
+
+
+def test_nothing_to_read_is_an_error():
+    with pytest.raises(DatasetError, match="run: no scan in the recording: choose another with --scan-topic"):
+        list(recording_of())
+    with pytest.raises(DatasetError, match=r"run: none of 3 scans can be used \(3 empty\): check --odometry"):
+        list(recording_of(scans_read=3, dropped={"empty": 3}))
+
+
+def test_counts_as_text_and_as_json():
+    counts = ReadingCounts(scans_read=10, scans_used=8, backward_stamps=2)
+    counts.drop("empty")
+    counts.drop("duplicate")
+    counts.add_beams("hit", 90)
+    counts.add_beams("no_return", 10)
+    counts.add_beams("nan", 0)
+    counts.add_gap(3.0)
+    counts.add_gap(5.0)
+    assert counts.summary() == (
+        "8 of 10 scans used, dropped: 1 duplicate, 1 empty; beams: 90.0 % hit, 10.0 % no_return\n"
+        "odd: 2 backward stamps, 2 gaps of 8.0 s in all, the longest 5.0 s"
+    )
+    assert json.loads(json.dumps(counts.as_dict()))["dropped"] == {"duplicate": 1, "empty": 1}
+    other = ReadingCounts()
+    other.replace_by(counts)
+    counts.drop("empty")
+    assert other.dropped == {"duplicate": 1, "empty": 1}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"profile": "x"}, "profile must be one of auto, stata, got 'x'"),
+        ({"odometry": "x"}, "odometry must be one of auto, tf, topic, none, got 'x'"),
+        ({"no_return": "x"}, "no_return must be one of free, drop, got 'x'"),
+        ({"range_max": 0.0}, r"range_max must be positive, got 0\.0"),
+        ({"gap_s": -1.0}, r"gap_s must be positive, got -1\.0"),
+        ({"max_odometry_gap_s": float("nan")}, "max_odometry_gap_s must be positive, got nan"),
+        ({"range_min": -1.0}, r"range_min must not be negative, got -1\.0"),
+        ({"angle_step_deg": 0.0}, r"angle_step_deg must be finite and not 0, got 0\.0"),
+        ({"clock_offset": float("inf")}, "clock_offset must be finite, got inf"),
+    ],
+)
+def test_options_that_cannot_be_meant(options, message):
+    with pytest.raises(ValueError, match=message):
+        RecordingOptions(**options)

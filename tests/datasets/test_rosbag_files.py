@@ -1,0 +1,128 @@
+"""Damaged, foreign and odd bag files: one clear line, never a library's exception."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags import rosbag1
+
+from datasets import DatasetError, RecordingOptions, open_recording
+
+
+def short_drive(script):
+    script.tf(100.0, "base_link", "laser", topic="/tf_static").drive(100.0, 103.0)
+    for k in range(20):
+        script.scan(100.5 + 0.1 * k, [1.0, 2.0 + 0.01 * k])
+    return script.in_time_order()
+
+
+def test_a_bad_definition_in_another_topic_does_no_harm(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "good.bag")
+    spoiled = tmp_path / "spoiled.bag"
+    with rosbag1.Reader(bag) as reader, rosbag1.Writer(spoiled) as writer:
+        writer.add_connection("/odd", "odd/msg/Odd", msgdef="this is { no definition\n===\nMSG: ?", md5sum="0" * 32)
+        connections = {
+            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest)
+            for c in reader.connections
+        }
+        for connection, time, raw in reader.messages():
+            writer.write(connections[connection.id], time, raw)
+    assert len(list(open_recording([spoiled]))) == 20
+
+
+def test_a_type_that_only_bears_the_name_is_refused(tmp_path):
+    with rosbag1.Writer(tmp_path / "odd.bag") as writer:
+        connection = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", msgdef="int32 x", md5sum="1" * 32)
+        writer.write(connection, 10**9, b"\0\0\0\0")
+    with pytest.raises(DatasetError, match=r"odd\.bag: /scan is no standard sensor_msgs/msg/LaserScan \(checksum 1+"):
+        open_recording([tmp_path / "odd.bag"])
+
+
+def test_messages_that_cannot_be_decoded_are_counted(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "good.bag")
+    spoiled = tmp_path / "spoiled.bag"
+    with rosbag1.Reader(bag) as reader, rosbag1.Writer(spoiled) as writer:
+        connections = {
+            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest)
+            for c in reader.connections
+        }
+        for number, (connection, time, raw) in enumerate(reader.messages()):
+            cut = number % 7 == 3
+            writer.write(connections[connection.id], time, raw[: len(raw) // 2] if cut else raw)
+    recording = open_recording([spoiled])
+    assert len(list(recording)) + recording.counts.dropped["unreadable"] == 20
+    assert recording.counts.dropped["unreadable"] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("rosbag-v1.2.bag", r"rosbag-v1\.2\.bag: a bag of version 'ROSRECORD V1\.2', only V2\.0 can be read"),
+        ("truncated-intel.bag", r"truncated-intel\.bag: the bag is cut off or its index is damaged: .*rosbag reindex"),
+        ("wrong-index-length.bag", r"wrong-index-length\.bag: the index of the bag contradicts itself: .*reindex"),
+    ],
+)
+def test_each_broken_file_gets_one_line(shared_data, name, message):
+    with pytest.raises(DatasetError, match=message) as caught:
+        list(open_recording([shared_data / "broken" / name]))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unindexed_bag(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "run.bag")
+    content = bag.read_bytes()
+    place = content.index(b"index_pos=") + len("index_pos=")
+    bag.write_bytes(content[:place] + bytes(8) + content[place + 8 :])
+    with pytest.raises(DatasetError, match=r"the bag has no index, its recorder was interrupted: .*rosbag reindex"):
+        open_recording([bag])
+
+
+def test_damaged_compressed_data(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "run.bag", "bz2")
+    content = bytearray(bag.read_bytes())
+    place = content.index(b"BZh") + 200
+    content[place : place + 50] = bytes(50)
+    bag.write_bytes(content)
+    with pytest.raises(DatasetError, match=r"run\.bag: the bag is damaged|run\.bag: cannot be read"):
+        list(open_recording([bag]))
+
+
+def test_a_cut_off_mcap_and_a_missing_storage_file(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "run", "mcap")
+    storage = next(bag.glob("*.mcap"))
+    whole = storage.read_bytes()
+    storage.write_bytes(whole[:-1])
+    with pytest.raises(DatasetError, match=r"the bag is damaged .*fetch it again"):
+        list(open_recording([storage]))
+    storage.unlink()
+    with pytest.raises(DatasetError, match=r"the bag is damaged .*missing"):
+        open_recording([bag])
+
+
+def test_a_directory_with_several_storage_files(script, tmp_path):
+    bag = short_drive(script).write(tmp_path / "run", "mcap")
+    storage = next(bag.glob("*.mcap"))
+    (bag / "more.mcap").write_bytes(storage.read_bytes())
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(DatasetError, match=r"no metadata\.yaml in this directory; give its storage files .*more\.mcap"):
+        open_recording([bag])
+
+
+@pytest.mark.parametrize("kind", ["none", "bz2", "sqlite3", "mcap"])
+def test_random_damage_never_leaks_a_library_exception(script, tmp_path, kind):
+    bag = short_drive(script).write(tmp_path / "run.bag", kind)
+    source = bag if bag.is_file() else next(path for path in bag.iterdir() if path.suffix != ".yaml")
+    whole = source.read_bytes()
+    rng = np.random.default_rng(3)
+    for number in range(25):
+        damaged = bytearray(whole)
+        if number % 3 == 0:
+            del damaged[int(rng.integers(20, len(damaged))) :]
+        for place in rng.integers(16, len(damaged), 12):
+            damaged[place] = int(rng.integers(256))
+        path = Path(tmp_path / f"damaged{number}{source.suffix}")
+        path.write_bytes(damaged)
+        try:
+            list(open_recording([path], RecordingOptions()))
+        except DatasetError as error:
+            assert "\n" not in str(error)  # noqa: PT017 - whether it is raised depends on the damage
