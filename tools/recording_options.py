@@ -88,8 +88,8 @@ def options_from(args: argparse.Namespace) -> "RecordingOptions":
         A value cannot be meant, such as a negative range.
     """
     # Only a program that does something needs the rest: --help must be quick.
-    from datasets.options import RecordingOptions  # noqa: PLC0415
-    from tbmslam.se2 import SE2  # noqa: PLC0415
+    from datasets.options import RecordingOptions
+    from tbmslam.se2 import SE2
 
     pose = args.sensor_pose
     return RecordingOptions(

@@ -24,7 +24,8 @@ def test_every_choice_has_an_option():
     words = (
         "--profile stata --scan-topic /s --odometry topic --odometry-topic /o --tf-topic /a --tf-topic /b "
         "--odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
-        "--range-min 0.1 --range-max 20 --no-return drop --no-return-code 8 --no-return-code 9 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
+        "--range-min 0.1 --range-max 20 --no-return drop "
+        "--no-return-code 8 --no-return-code 9 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
     )
     assert parse(*words.split()) == RecordingOptions(
         profile="stata",
