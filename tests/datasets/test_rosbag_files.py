@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags import rosbag1
+from rosbags.typesys import Stores, get_typestore
 
 from datasets import DatasetError, RecordingOptions, open_recording
 
@@ -126,3 +127,12 @@ def test_random_damage_never_leaks_a_library_exception(script, tmp_path, kind):
             list(open_recording([path], RecordingOptions()))
         except DatasetError as error:
             assert "\n" not in str(error)  # noqa: PT017 - whether it is raised depends on the damage
+
+
+def test_scans_of_which_none_can_be_decoded(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with rosbag1.Writer(tmp_path / "run.bag") as writer:
+        connection = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
+        writer.write(connection, 10**9, b"\1\2\3")
+    with pytest.raises(DatasetError, match=r"run\.bag: no scan of /scan can be decoded: choose another --scan-topic"):
+        open_recording([tmp_path / "run.bag"])

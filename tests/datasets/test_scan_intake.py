@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from datasets.cleaning import RangeRules
+from datasets.counts import ReadingCounts
+from datasets.scan_intake import RawScan, ScanIntake
+
+
+def raw(stamp, ranges=(1.0, 2.0), step=0.1, **others):
+    return RawScan(stamp, -0.5, step, 0.1, 30.0, np.array(ranges, dtype=np.float32), **others)
+
+
+def take(*scans, angle_step=None):
+    counts = ReadingCounts()
+    intake = ScanIntake(RangeRules(None, None, (), "free"), angle_step, 2.0, counts)
+    return [intake.take(scan) for scan in scans], counts
+
+
+def test_a_duplicate_may_come_a_little_later():
+    scans, counts = take(raw(1.0), raw(1.1), raw(1.0))
+    assert [scan is not None for scan in scans] == [True, True, False]
+    assert counts.dropped == {"duplicate": 1}
+    assert counts.backward_stamps == 0
+
+
+def test_a_scan_that_looks_the_same_later_is_no_duplicate():
+    scans, counts = take(raw(1.0), raw(2.0))
+    assert None not in scans
+    assert counts.dropped == {}
+
+
+@pytest.mark.parametrize("step", [0.0, np.nan, np.inf])
+def test_a_senseless_step_makes_a_scan_useless(step):
+    scans, counts = take(raw(1.0, step=step))
+    assert scans == [None]
+    assert counts.dropped == {"unreadable": 1}
+    assert take(raw(1.0, step=step), angle_step=0.2)[0][0].angle_increment == 0.2
+
+
+def test_nothing_in_range_is_information():
+    (scan,), counts = take(raw(1.0, [np.inf, np.inf]))
+    assert np.isinf(scan.ranges).all()
+    assert counts.dropped == {}
+
+
+def test_memory_of_stamps_is_bounded():
+    counts = ReadingCounts()
+    intake = ScanIntake(RangeRules(None, None, (), "free"), None, 2.0, counts)
+    for k in range(1000):
+        intake.take(raw(0.1 * k))
+    assert len(intake._seen) <= 64
