@@ -118,7 +118,7 @@ def load_world(path: Path) -> World:
     """
     file = path / "world.npz" if path.is_dir() else path
     try:
-        with np.load(file, allow_pickle=False) as arrays:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             walls = np.asarray(arrays["walls"], dtype=np.float64)
             places = np.asarray(arrays["places"], dtype=np.float64)
             return World(str(arrays["name"]), int(arrays["seed"]), walls, places)

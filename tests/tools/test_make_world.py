@@ -1,0 +1,98 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datasets import open_recording
+from datasets.synthetic.buildings import WORLDS as BUILT
+from datasets.synthetic.world import load_world
+from tools.make_world import WORLDS, main
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT = ["--duration", "3", "--beams", "180"]
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def test_a_run_writes_bags_truth_and_a_picture(tmp_path, capsys):
+    assert run("--world", "office", "--seed", 1, "--robots", 2, *SHORT, "-o", tmp_path / "office") == 0
+    names = sorted(path.name for path in (tmp_path / "office").iterdir())
+    assert names == [
+        *("robot_0.bag", "robot_0.truth.tum", "robot_1.bag", "robot_1.truth.tum"),
+        *("truth.json", "world.npz", "world.png"),
+    ]
+    truth = json.loads((tmp_path / "office" / "truth.json").read_text())
+    assert [robot["scans"] for robot in truth["robots"]] == [60, 60]
+    assert truth["odometry"]["preset"] == "good"
+    assert load_world(tmp_path / "office").name == "office"
+    picture = cv2.imread(str(tmp_path / "office" / "world.png"))
+    assert picture.shape[1] > 900
+    assert (picture == 255).mean() > 0.8
+    assert "robot_1.bag: 60 scans" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_the_projects_own_reader_reads_what_was_written(tmp_path, kind):
+    mount = ["--mount", "-0.1", "0.05", "90", "--upside-down", "--no-return", "inf"]
+    assert run("--world", "halls", *SHORT, *mount, "--format", kind, "--odometry", "none", "-o", tmp_path) == 0
+    truth = np.loadtxt(tmp_path / "robot_0.truth.tum")
+    readings = list(open_recording([tmp_path / ("robot_0.bag" if kind == "ros1" else "robot_0")]))
+    assert len(readings) == len(truth) == 60
+    assert [reading.scan.stamp for reading in readings] == pytest.approx(truth[:, 0].tolist(), abs=1e-6)
+    assert readings[0].T_robot_sensor == pytest.approx((-0.1, 0.05, np.pi / 2))
+    assert readings[0].scan.angle_increment < 0
+    driven = np.hypot(*np.diff([reading.T_odom_robot[:2] for reading in readings], axis=0).T).sum()
+    assert driven == pytest.approx(np.hypot(*np.diff(truth[:, 1:3], axis=0).T).sum(), abs=1e-5)
+
+
+def test_two_runs_give_the_same_bytes_and_another_drive_seed_another_drive(tmp_path):
+    for name, more in (("a", []), ("b", []), ("c", ["--drive-seed", 9])):
+        assert run("--world", "store", "--seed", 2, *SHORT, *more, "-o", tmp_path / name) == 0
+    files = {name: {p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in "abc"}
+    assert files["a"] == files["b"]
+    assert files["a"]["world.npz"] == files["c"]["world.npz"]
+    assert files["a"]["robot_0.bag"] != files["c"]["robot_0.bag"]
+
+
+def test_worlds_offered_are_worlds_built():
+    assert WORLDS == BUILT
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--format", "mcap", "--compression", "bz2"], "--compression is for ROS 1 bags"),
+        (["--robots", "0"], "robots must be at least 1, got 0"),
+        (["--beams", "0"], "beams must be positive, got 0"),
+        (["--world", "castle"], "invalid choice: 'castle'"),
+    ],
+)
+def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):
+    with pytest.raises(SystemExit) as left:
+        run(*arguments, "-o", tmp_path)
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_one_line_and_exit_1(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert run(*SHORT, "-o", tmp_path / "file" / "out") == 1
+    error = capsys.readouterr().err
+    assert error.startswith("make_world: ")
+    assert error.count("\n") == 1
+    with pytest.raises(OSError, match="file"):
+        run(*SHORT, "-o", tmp_path / "file" / "out", "--debug")
+
+
+def test_help_shows_examples_and_loads_nothing_heavy():
+    code = "import sys; from tools.make_world import parser; parser().print_help(); print('numpy' in sys.modules)"
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout  # noqa: S603 - a fixed command
+    assert out.count("make_world --world") + out.count("-c --world") == 2
+    assert out.endswith("False\n")
