@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Method = Literal["features"]
+Method = Literal["correlation", "features"]
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
 Rule = Literal["disjunctive", "conjunctive", "dempster"]
 Coverage = Literal["union", "overlap"]
@@ -82,6 +82,38 @@ class StructureConfig(_Config):
     min_speck_m: Annotated[float, Field(ge=0.0)] = 0.2
 
 
+class CorrelationConfig(_Config):
+    """The search through all rotations and shifts.
+
+    Parameters
+    ----------
+    cells_along
+        Cells along both maps together; large maps are searched more coarsely.
+    max_cell_m
+        Coarsest cells allowed [m], which limits the former.
+    clearance_m, clearance_cells
+        Free space nearer than this to a wall tolerates walls [m, cells]; the larger of the two holds.
+    penalty
+        What a metre of wall on free space costs, in metres of agreeing wall.
+    wall_bonus
+        What a metre of wall on any wall brings.
+    peaks_per_rotation, proposals
+        Best shifts taken from each rotation, and best motions taken from all.
+    finalists
+        How many of these are refined with all of their walls.
+    """
+
+    cells_along: Annotated[int, Field(ge=8)] = 180
+    max_cell_m: Metres = 0.3
+    clearance_m: Metres = 0.25
+    clearance_cells: Annotated[float, Field(ge=0.0)] = 1.6
+    penalty: Annotated[float, Field(ge=0.0)] = 0.5
+    wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
+    peaks_per_rotation: Annotated[int, Field(ge=1)] = 12
+    proposals: Annotated[int, Field(ge=1)] = 100
+    finalists: Annotated[int, Field(ge=2)] = 12
+
+
 class RefinementConfig(_Config):
     """How an alignment is made exact.
 
@@ -89,13 +121,14 @@ class RefinementConfig(_Config):
     ----------
     first_reach_m, last_reach_m
         How far a wall looks for its like in the first and in the last iteration [m].
-    iterations
-        Steps from one to the other.
+    iterations, rough_iterations
+        Steps from one to the other, and those for a proposal of which little is hoped.
     """
 
     first_reach_m: Metres = 0.5
     last_reach_m: Metres = 0.15
     iterations: Annotated[int, Field(ge=0)] = 15
+    rough_iterations: Annotated[int, Field(ge=0)] = 6
 
 
 class VerificationConfig(_Config):
@@ -117,15 +150,21 @@ class VerificationConfig(_Config):
         Least share of the walls in the overlap that agree.
     max_conflict
         Largest share of the walls in the overlap that contradict.
+    conflict_weight
+        What a metre of contradicting wall costs when alignments are compared, in metres of agreeing wall.
+    max_rival
+        Largest support of an alignment elsewhere, as a share of the best one's; above it the maps are ambiguous.
     """
 
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3
     min_overlap_m2: Annotated[float, Field(ge=0.0)] = 4.0
-    min_agreed_wall_m: Annotated[float, Field(ge=0.0)] = 6.0
-    min_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 1.5
-    min_agreement: Share = 0.6
-    max_conflict: Share = 0.15
+    min_agreed_wall_m: Annotated[float, Field(ge=0.0)] = 10.0
+    min_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 5.0
+    min_agreement: Share = 0.55
+    max_conflict: Share = 0.2
+    conflict_weight: Annotated[float, Field(ge=0.0)] = 2.0
+    max_rival: Share = 0.7
 
 
 class MergeConfig(_Config):
@@ -134,7 +173,7 @@ class MergeConfig(_Config):
     Parameters
     ----------
     method
-        How two maps find each other.
+        How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's.
     rule
         How two beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5) or `dempster`.
     coverage
@@ -145,7 +184,7 @@ class MergeConfig(_Config):
         Cell size of the merged map [m]; None takes that of the map whose frame it has.
     """
 
-    method: Method = "features"
+    method: Method = "correlation"
     rule: Rule = "disjunctive"
     coverage: Coverage = "union"
     resolution: Metres | None = None
@@ -153,5 +192,6 @@ class MergeConfig(_Config):
     features: FeatureConfig = FeatureConfig()
     consensus: ConsensusConfig = ConsensusConfig()
     structure: StructureConfig = StructureConfig()
+    correlation: CorrelationConfig = CorrelationConfig()
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()

@@ -37,6 +37,11 @@ class Features:
     points: FloatArray
     descriptors: npt.NDArray[np.uint8]
 
+    @classmethod
+    def none(cls) -> "Features":
+        """Return no keypoints."""
+        return cls(np.empty((0, 2)), np.empty((0, 0), dtype=np.uint8))
+
     def __len__(self) -> int:
         """Return the number of keypoints."""
         return len(self.points)
@@ -78,7 +83,7 @@ def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
     # ORB drops and reorders keypoints by their place and octave alone, so in the same way on every image.
     described = [orb.compute(image, keypoints) for image in images]
     if not keypoints or any(descriptors is None for _, descriptors in described):
-        return Features(np.empty((0, 2)), np.empty((0, 0), dtype=np.uint8))
+        return Features.none()
     points = channels.to_metres([keypoint.pt for keypoint in described[0][0]])
     return Features(
         points, _joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], config.descriptor)

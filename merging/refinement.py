@@ -7,11 +7,24 @@ from merging.structure import FACING, Structure, alignment_of_normals
 from tbmslam.se2 import SE2, FloatArray
 
 
-def refine(target: Structure, source: Structure, T_target_source: SE2, config: RefinementConfig) -> SE2:
+def refine(
+    target: Structure, source: Structure, T_target_source: SE2, config: RefinementConfig, limit: int | None = None
+) -> SE2:
     """Align walls point to line, in both directions, from a first guess (Chen and Medioni 1992; Censi 2008).
 
     Walls count only with walls that face the same way, within a reach that shrinks from iteration to iteration, and
     each the less the farther it is (Geman-McClure weights), so that what moved or bent does not pull.
+
+    Parameters
+    ----------
+    target, source
+        The maps' walls.
+    T_target_source
+        The first guess.
+    config
+        Reach and iterations.
+    limit
+        At most so many walls of each map look for their like, for speed; None lets all.
 
     Returns
     -------
@@ -19,8 +32,8 @@ def refine(target: Structure, source: Structure, T_target_source: SE2, config: R
     """
     motion = T_target_source
     for reach_m in np.geomspace(config.first_reach_m, config.last_reach_m, config.iterations):
-        forth = _lines(source, target, motion, reach_m)
-        back = _lines(target, source, motion.inverse(), reach_m)
+        forth = _lines(source, target, motion, reach_m, limit)
+        back = _lines(target, source, motion.inverse(), reach_m, limit)
         # What pulls the target onto the source pulls the source the opposite way, seen from the target.
         step = _solve(forth, _seen_from_target(back, motion), reach_m)
         if step is None:
@@ -35,13 +48,14 @@ _Lines = tuple[FloatArray, FloatArray, FloatArray]
 """Points (N, 2) that should move, normals (N, 2) of the lines they belong to, and their distances (N,) to them."""
 
 
-def _lines(moving: Structure, fixed: Structure, T_fixed_moving: SE2, reach_m: float) -> _Lines:
-    points = T_fixed_moving.apply(moving.points)
+def _lines(moving: Structure, fixed: Structure, T_fixed_moving: SE2, reach_m: float, limit: int | None) -> _Lines:
+    some = moving.some(limit)
+    points = T_fixed_moving.apply(moving.points[some])
     rows, cols, inside = fixed.cells_of(points)
     near = np.flatnonzero(inside & (fixed.distances_m[rows, cols] <= reach_m))
     nearest = fixed.nearest[rows[near], cols[near]]
-    normals, turned = fixed.normals[nearest], SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals[near])
-    facing = alignment_of_normals(turned, moving.two_sided[near], normals, fixed.two_sided[nearest]) >= FACING
+    normals, turned = fixed.normals[nearest], SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals[some[near]])
+    facing = alignment_of_normals(turned, moving.two_sided[some[near]], normals, fixed.two_sided[nearest]) >= FACING
     near, nearest, normals = near[facing], nearest[facing], normals[facing]
     return points[near], normals, np.einsum("ij,ij->i", points[near] - fixed.points[nearest], normals)
 

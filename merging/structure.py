@@ -80,6 +80,13 @@ class Structure:
             nearest=nearest,
         )
 
+    def some(self, limit: int | None) -> npt.NDArray[np.int64]:
+        """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""
+        count = len(self.points)
+        if limit is None or count <= limit:
+            return np.arange(count)
+        return np.linspace(0, count - 1, limit).astype(np.int64)
+
     def cells_of(self, points: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], BoolArray]:
         """Return the rows and columns of points (N, 2) [m], clipped to the grid, and which points lie inside."""
         g = self.geometry

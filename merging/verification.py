@@ -36,10 +36,20 @@ class Evidence:
     conflict: float
 
 
+def support_m(
+    target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig, limit: int | None = None
+) -> float:
+    """Return how much wall speaks for an alignment, less what speaks against it [m]; `limit` as in `refine`."""
+    forth = _Comparison.of(source, target, T_target_source, config, limit)
+    back = _Comparison.of(target, source, T_target_source.inverse(), config, limit)
+    agreed, conflicting = forth.agreed_m + back.agreed_m, forth.conflicting_m + back.conflicting_m
+    return (agreed - config.conflict_weight * conflicting) / 2.0
+
+
 def examine(target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig) -> Evidence:
     """Compare two maps under an alignment, each one's walls with the other map."""
-    forth = _Comparison.of(source, target, T_target_source, config)
-    back = _Comparison.of(target, source, T_target_source.inverse(), config)
+    forth = _Comparison.of(source, target, T_target_source, config, None)
+    back = _Comparison.of(target, source, T_target_source.inverse(), config, None)
     compared, agreed = (forth.compared_m + back.compared_m) / 2.0, (forth.agreed_m + back.agreed_m) / 2.0
     conflicting = (forth.conflicting_m + back.conflicting_m) / 2.0
     return Evidence(
@@ -89,18 +99,21 @@ class _Comparison:
     weakest_m: float
 
     @classmethod
-    def of(cls, walls: Structure, other: Structure, T_other_walls: SE2, config: VerificationConfig) -> "_Comparison":
-        rows, cols, inside = other.cells_of(T_other_walls.apply(walls.points))
+    def of(
+        cls, walls: Structure, other: Structure, T_other_walls: SE2, config: VerificationConfig, limit: int | None
+    ) -> "_Comparison":
+        some = walls.some(limit)
+        rows, cols, inside = other.cells_of(T_other_walls.apply(walls.points[some]))
         if not inside.any() or len(other.points) == 0:
             return cls(0.0, 0.0, 0.0, 0.0)
         distances = np.where(inside, other.distances_m[rows, cols], np.inf)
-        normals = SE2(0.0, 0.0, T_other_walls.theta).apply(walls.normals)
+        normals = SE2(0.0, 0.0, T_other_walls.theta).apply(walls.normals[some])
         nearest = other.nearest[rows, cols]
-        facing = alignment_of_normals(normals, walls.two_sided, other.normals[nearest], other.two_sided[nearest])
+        facing = alignment_of_normals(normals, walls.two_sided[some], other.normals[nearest], other.two_sided[nearest])
         agreed = (distances <= config.agreement_distance_m) & (facing >= FACING)
         compared = agreed | (inside & other.known[rows, cols])
         conflicting = compared & other.free[rows, cols] & (distances > config.conflict_distance_m)
-        step = walls.geometry.resolution
+        step = walls.geometry.resolution * len(walls.points) / len(some)
         return cls(
             float(compared.sum() * step),
             float(agreed.sum() * step),

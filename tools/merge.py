@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
-METHODS = ("features",)
+METHODS = ("correlation", "features")
 RULES = ("disjunctive", "conjunctive", "dempster")
 COVERAGES = ("union", "overlap")
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if len(options.maps) < 2:
         parser.error(f"two maps or more are needed, got {len(options.maps)}")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
-    from pydantic import ValidationError  # noqa: PLC0415  heavy imports wait until --help has been answered
+    from pydantic import ValidationError
 
     try:
         config = _config(options)
@@ -90,13 +90,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("-o", "--out", required=True, type=Path, metavar="FOLDER", help="where the merged map goes")
     finding = parser.add_argument_group("how maps find each other")
-    finding.add_argument("--method", choices=METHODS, help="default: features")
+    finding.add_argument(
+        "--method",
+        choices=METHODS,
+        help="try every rotation and shift (correlation, default) or match keypoints (features, the paper's)",
+    )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     features = parser.add_argument_group("method features (the paper's)")
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
     features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
     features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
-    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are a refusal, default: 5")
+    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
     fusing = parser.add_argument_group("how cells are fused")
     fusing.add_argument("--rule", choices=RULES, help="default: disjunctive")
     fusing.add_argument(
@@ -111,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _config(options: argparse.Namespace) -> "MergeConfig":
-    from merging.config import MergeConfig  # noqa: PLC0415
+    from merging.config import MergeConfig
 
     chosen = {
         "method": options.method,
@@ -130,10 +134,10 @@ def _given(**values: object) -> dict[str, object]:
 
 
 def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig") -> int:
-    from tbmslam.map_folder import load_map, save_map  # noqa: PLC0415
+    from tbmslam.map_folder import load_map, save_map
 
-    from merging.merger import merge  # noqa: PLC0415
-    from merging.report import write_report  # noqa: PLC0415
+    from merging.merger import merge
+    from merging.report import write_report
 
     maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
     result = merge(maps, config)

@@ -10,7 +10,9 @@ from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 
-CONFIG = VerificationConfig()
+CONFIG = VerificationConfig(
+    min_overlap_m2=4.0, min_agreed_wall_m=6.0, min_weakest_wall_m=1.5, min_agreement=0.6, max_conflict=0.15
+)
 SOUND = Evidence(
     overlap_m2=50.0, compared_wall_m=40.0, agreed_wall_m=35.0, weakest_wall_m=12.0, agreement=0.875, conflict=0.02
 )
@@ -87,7 +89,7 @@ def test_maps_apart_have_nothing_in_common(rooms):
         ({"overlap_m2": 1.04}, "overlap of 1.0 m2 is under 4 m2"),
         ({"conflict": 0.4}, "40% of the walls in the overlap stand on free space of the other, over 15%"),
         ({"agreed_wall_m": 2.0}, "only 2.0 m of wall agree, under 6 m"),
-        ({"agreement": 0.2}, "only 20% of the walls in the overlap agree, under"),
+        ({"agreement": 0.2}, "only 20% of the walls in the overlap agree, under 60%"),
         ({"weakest_wall_m": 0.5}, "the maps could slide: only 0.5 m of wall resist, under 1.5 m"),
     ],
 )

@@ -1,0 +1,182 @@
+"""Alignment without keypoints: every rotation and every shift, scored by correlation.
+
+For one rotation of the source the score of a shift, in metres of wall, is ::
+
+    walls on walls that face the same way + bonus * walls on walls - penalty * walls on the other map's free space
+
+with the last term in both directions. Each term is a correlation, so that two Fourier transforms and one back give the
+scores of all shifts. The penalty decides: unrelated maps always find shifts at which many walls meet, but hardly one
+that leaves the free space of both alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from merging.config import CorrelationConfig
+from merging.structure import Structure
+from tbmslam.se2 import SE2, FloatArray, wrap_angle, wrap_angles
+
+# The plane's points and directions are complex numbers here: a rotation is a product.
+_Complex = npt.NDArray[np.complexfloating]
+_Image = npt.NDArray[np.complex64]
+
+_BLOCK = 8
+"""Each square of so many cells offers one peak."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Walls and free space of a map as weighted points about a centre.
+
+    `walls` (N,) lie `metres` apart and face along `facing` (N,), which is 0 where a wall faces both ways; `free` (M,)
+    are cells of the correlation, of which the shares `filled` (M,) are free.
+    """
+
+    centre: complex
+    walls: _Complex
+    facing: _Complex
+    metres: float
+    free: _Complex
+    filled: FloatArray
+
+    @classmethod
+    def of(cls, structure: Structure, cell_m: float, clearance_m: float) -> "_Layout":
+        walls = structure.points @ [1.0, 1.0j]
+        centre = complex(walls.mean())
+        facing = np.asarray(np.where(structure.two_sided, 0.0, structure.normals @ [1.0, 1.0j]), dtype=np.complex128)
+        geometry = structure.geometry
+        # A wall a little out of place must not count as one in the room's middle.
+        rows, cols = np.nonzero(structure.free & (structure.distances_m > clearance_m))
+        factor = max(1, round(cell_m / geometry.resolution))
+        blocks, counts = np.unique(rows // factor * geometry.cols + cols // factor, return_counts=True)
+        side = factor * geometry.resolution
+        x = geometry.origin_x + (blocks % geometry.cols + 0.5) * side
+        y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
+        filled = counts * (geometry.resolution / cell_m) ** 2
+        return cls(centre, walls - centre, facing, geometry.resolution, x + 1j * y - centre, filled)
+
+    def radius(self) -> float:
+        """Return the distance of the farthest point from the centre [m]."""
+        return float(np.abs(np.concatenate((self.walls, self.free))).max())
+
+    def spread(self) -> float:
+        """Return the distance from the centre within which most of the walls lie [m]."""
+        return float(np.quantile(np.abs(self.walls), 0.8))
+
+
+def propose(target: Structure, source: Structure, config: CorrelationConfig) -> list[SE2]:
+    """Return the most promising motions T_target_source, the best first, no two of them alike.
+
+    Parameters
+    ----------
+    target, source
+        What the maps say for certain; a map without walls aligns with nothing.
+    """
+    if len(target.points) == 0 or len(source.points) == 0:
+        return []
+    cell = _cell_size(target, source, config)
+    fixed, moving = (
+        _Layout.of(structure, cell, max(config.clearance_m, config.clearance_cells * cell))
+        for structure in (target, source)
+    )
+    side = scipy.fft.next_fast_len(math.ceil(2.0 * (fixed.radius() + moving.radius()) / cell) + 4)
+    target_facing, target_kinds = _target_spectra(fixed, side, cell, config)
+    steps = math.ceil(2.0 * math.pi / min(max(cell / max(moving.spread(), cell), 0.01), 0.05))
+    peaks = []
+    for theta in 2.0 * math.pi * np.arange(steps) / steps:
+        facing, kinds = _source_images(moving, float(theta), side, cell)
+        product = np.conj(scipy.fft.fft2(facing)) * target_facing + np.conj(scipy.fft.fft2(kinds)) * target_kinds
+        scores = scipy.fft.ifft2(product, overwrite_x=True).real
+        values, rows, cols = _peaks(scores, config.peaks_per_rotation)
+        shifts = (_signed(cols, side) + 1j * _signed(rows, side)) * cell
+        peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
+    distinct = _distinct(np.concatenate(peaks), 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
+    return [_motion(fixed.centre, moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
+
+
+def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
+    """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
+    extents = [np.ptp(structure.points, axis=0).max() for structure in (target, source)]
+    finest = 2.0 * max(target.geometry.resolution, source.geometry.resolution)
+    return min(max(float(sum(extents)) / config.cells_along, finest), max(config.max_cell_m, finest))
+
+
+def _target_spectra(layout: _Layout, side: int, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
+    """Return the spectra that the source's images are multiplied with; see `_source_images`."""
+    middle = side // 2 * cell * (1 + 1j)
+    walls = _splat(layout.walls + middle, np.full(len(layout.walls), layout.metres + 0j), side, cell)
+    facing = _splat(layout.walls + middle, layout.facing * layout.metres, side, cell)
+    free = np.minimum(_splat(layout.free + middle, layout.filled + 0j, side, cell).real, 1.0)
+    # 1.5: blurred, a straight wall through the cells shall count whole on its line.
+    near = np.minimum(1.5 * _blurred(walls) / cell, 1.0)
+    toward = 1.5 * _blurred(facing) / cell
+    toward /= np.maximum(np.abs(toward), 1.0)
+    kinds = config.wall_bonus * near.real - config.penalty * free - 1j * config.penalty * walls.real
+    return scipy.fft.fft2(toward), scipy.fft.fft2(kinds.astype(np.complex64))
+
+
+def _source_images(layout: _Layout, theta: float, side: int, cell: float) -> tuple[_Image, _Image]:
+    """Return images of the turned source: its walls' facing, and its walls (real) with its free space (imaginary).
+
+    The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
+    """
+    turn, middle = np.exp(1j * theta), side // 2 * cell * (1 + 1j)
+    facing = _splat(layout.walls * turn + middle, layout.facing * turn * layout.metres, side, cell)
+    walls = _splat(layout.walls * turn + middle, np.full(len(layout.walls), layout.metres + 0j), side, cell)
+    free = _splat(layout.free * turn + middle, layout.filled + 0j, side, cell)
+    return facing, np.asarray(walls + 1j * np.minimum(free.real, 1.0), dtype=np.complex64)
+
+
+def _splat(points: _Complex, weights: _Complex, side: int, cell: float) -> _Image:
+    cells = np.floor(points.imag / cell).astype(np.int64) * side + np.floor(points.real / cell).astype(np.int64)
+    image = np.bincount(cells, weights.real, side * side).astype(np.complex64)
+    if weights.imag.any():
+        image.imag = np.bincount(cells, weights.imag, side * side)
+    return image.reshape(side, side)
+
+
+def _blurred(image: _Image) -> _Image:
+    parts = np.dstack((image.real, image.imag))
+    return np.ascontiguousarray(cv2.GaussianBlur(parts, (0, 0), 1.0)).view(np.complex64)[..., 0]
+
+
+def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the values, rows and columns of the best cells, at most one of every block."""
+    blocks = len(scores) // _BLOCK
+    inner = scores[: blocks * _BLOCK, : blocks * _BLOCK].reshape(blocks, _BLOCK, blocks, _BLOCK)
+    flat = inner.swapaxes(1, 2).reshape(blocks * blocks, _BLOCK * _BLOCK)
+    values = flat.max(axis=1)
+    best = np.argsort(-values, kind="stable")[:count]
+    within = flat[best].argmax(axis=1)
+    rows, cols = best // blocks * _BLOCK + within // _BLOCK, best % blocks * _BLOCK + within % _BLOCK
+    return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
+
+
+def _signed(cells: FloatArray, side: int) -> FloatArray:
+    """Undo the wrap of the Fourier transform: the far end stands for negative shifts."""
+    return np.asarray(np.where(cells < side // 2, cells, cells - side))
+
+
+def _distinct(peaks: FloatArray, apart_m: float, apart_rad: float, count: int) -> FloatArray:
+    """Return the best peaks (K, 4) of which none lies near a better one."""
+    ranked = peaks[np.argsort(-peaks[:, 0], kind="stable")]
+    kept: list[FloatArray] = []
+    while len(ranked) and len(kept) < count:
+        best = ranked[0]
+        kept.append(best)
+        near = np.hypot(ranked[:, 1] - best[1], ranked[:, 2] - best[2]) < apart_m
+        near &= np.abs(wrap_angles(ranked[:, 3] - best[3])) < apart_rad
+        near[0] = True
+        ranked = ranked[~near]
+    return np.array(kept).reshape(-1, 4)
+
+
+def _motion(target_centre: complex, source_centre: complex, shift: complex, theta: float) -> SE2:
+    """Return the motion that turns the source about its centre and puts that at a shift from the target's centre."""
+    translation = target_centre + shift - np.exp(1j * theta) * source_centre
+    return SE2(float(translation.real), float(translation.imag), wrap_angle(float(theta)))
