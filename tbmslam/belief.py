@@ -110,7 +110,9 @@ def pignistic(masses: npt.ArrayLike) -> FloatArray:
     m = _masses(masses)
     rest = m[..., FREE] + m[..., OCCUPIED] + m[..., UNKNOWN]
     bet = m[..., OCCUPIED] + 0.5 * m[..., UNKNOWN]
-    return np.divide(bet, rest, out=np.full(m.shape[:-1], 0.5), where=rest > 0.0)
+    probability: FloatArray = np.full(m.shape[:-1], 0.5)
+    np.divide(bet, rest, out=probability, where=rest > 0.0)
+    return probability
 
 
 def _masses(values: npt.ArrayLike) -> FloatArray:

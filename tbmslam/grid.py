@@ -80,13 +80,26 @@ class TbmGrid:
         expected = (self.geometry.rows, self.geometry.cols, 4)
         if self.masses.shape != expected:
             raise ValueError(f"masses must have shape {expected} as the geometry says, got {self.masses.shape}")
-        if not self.geometry.resolution > 0.0:
+        if not (self.geometry.resolution > 0.0 and math.isfinite(self.geometry.resolution)):
             raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
+        if not (math.isfinite(self.geometry.origin_x) and math.isfinite(self.geometry.origin_y)):
+            raise ValueError(f"origin must be finite, got {self.geometry.origin_x}, {self.geometry.origin_y}")
 
     @classmethod
     def unknown(cls, geometry: GridGeometry) -> "TbmGrid":
         """Return a grid about which nothing is known."""
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
+
+    def fault(self) -> str | None:
+        """Return what keeps this from being a grid of beliefs, such as a mass below zero; None where nothing does."""
+        if not np.isfinite(self.geometry).all():
+            return f"geometry is not finite: {self.geometry}"
+        if self.masses.size and not self.masses.min() >= 0.0:  # also where it is nan
+            return f"a mass is {self.masses.min()}, not zero or more"
+        worst = float(np.abs(self.masses.sum(axis=-1) - 1.0).max(initial=0.0))
+        if not worst <= 1e-4:
+            return f"the masses of a cell miss the sum of 1 by {worst:.3g}"
+        return None
 
     def is_known(self) -> npt.NDArray[np.bool_]:
         """Return which cells (rows, cols) hold any evidence at all."""

@@ -45,6 +45,10 @@ class Keyframes:
             raise ValueError(f"keyframe arrays must agree on {count} keyframes, got shapes {shapes}")
         if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges) or np.any(np.diff(self.offsets) < 0):
             raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
+        # A laser without a limit has range_max +inf; nothing else may be infinite.
+        numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3])
+        if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
+            raise ValueError("stamps, poses and beams must be finite")
 
     @classmethod
     def from_scans(cls, scans: Sequence[LaserScan], poses: Sequence[SE2], sensor_poses: Sequence[SE2]) -> "Keyframes":

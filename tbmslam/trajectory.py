@@ -23,11 +23,13 @@ class Trajectory:
     poses: FloatArray
 
     def __post_init__(self) -> None:
-        """Check that stamps and poses belong together."""
+        """Check that stamps and poses are numbers and belong together."""
         if self.stamps.ndim != 1 or self.poses.shape != (len(self.stamps), 3):
             raise ValueError(
                 f"stamps (N,) and poses (N, 3) must agree in length, got {self.stamps.shape}, {self.poses.shape}"
             )
+        if not (np.isfinite(self.stamps).all() and np.isfinite(self.poses).all()):
+            raise ValueError("stamps and poses must be finite")
 
     def __len__(self) -> int:
         """Return the number of poses."""

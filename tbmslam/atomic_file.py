@@ -1,0 +1,69 @@
+"""Files that appear whole or not at all."""
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tbmslam.errors import TbmSlamError
+
+
+class FileNotWrittenError(TbmSlamError):
+    """A file could not be written; what stood at its place before still does."""
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path beside `path` to write to, and put the new file in its place when the block ends well.
+
+    The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
+    cut leaves the old file or the new one. Missing parent folders are made.
+
+    Raises
+    ------
+    FileNotWrittenError
+        The folder or the file cannot be written; the temporary file is gone.
+    """
+    target = Path(path)
+    # The suffix stays last: some writers choose their format by it.
+    temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        _flush(temporary)
+        temporary.replace(target)
+        _flush_folder(target.parent)
+    except OSError as error:
+        raise FileNotWrittenError(
+            f"{target}: cannot be written ({error.strerror or error}): choose another place or make room"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file, whole or not at all; see `replacing`."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def _flush(path: Path) -> None:
+    with path.open("r+b") as stream:
+        os.fsync(stream.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    """Bring a folder's names to the disk, where the system lets a folder be opened."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,135 @@
+"""A whole map in one file, `map.npz`: numpy arrays in a zip, none of them pickled.
+
+==========================  ==========================================================================
+``format_version``          1
+``geometry``                resolution, origin_x, origin_y [m] (3,) float64
+``masses``                  (rows, cols, 4) float32: conflict, free, occupied, unknown
+``provenance``              JSON text
+``drives``                  names (D,); the arrays of drive K are named as follows
+``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
+``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
+==========================  ==========================================================================
+
+The same map gives the same bytes.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.map_file_error import MapFileError, require_sane_size
+from tbmslam.npz import Array, ArrayZip, NpzError, write_npz
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+FORMAT_VERSION = 1
+_KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32}  # all others are float64
+_KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
+
+
+def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap) -> None:
+    """Write a map, whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If the masses are no beliefs or the provenance is not JSON.
+    """
+    if (fault := tbm_map.grid.fault()) is not None:
+        raise ValueError(f"tbm_map must hold beliefs: {fault}")
+    try:
+        provenance = json.dumps(dict(tbm_map.provenance))
+    except TypeError as error:
+        raise ValueError(f"provenance must be JSON: {error}") from None
+    write_npz(path, _arrays(tbm_map, provenance))
+
+
+def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:
+    geometry = tbm_map.grid.geometry
+    arrays: dict[str, Array] = {
+        "format_version": np.array(FORMAT_VERSION, dtype=np.int64),
+        "geometry": np.array([geometry.resolution, geometry.origin_x, geometry.origin_y], dtype=np.float64),
+        "masses": tbm_map.grid.masses.astype(np.float32, copy=False),
+        "provenance": np.array(provenance),
+        "drives": np.array([drive.name for drive in tbm_map.drives], dtype=np.str_),
+    }
+    for number, drive in enumerate(tbm_map.drives):
+        arrays[f"drive_{number}_stamps"] = drive.trajectory.stamps.astype(np.float64, copy=False)
+        arrays[f"drive_{number}_poses"] = drive.trajectory.poses.astype(np.float64, copy=False)
+        for name in _KEYFRAME_NAMES:
+            values: Array = getattr(drive.keyframes, name)
+            dtype = _KEYFRAME_DTYPES.get(name, np.float64)
+            arrays[f"drive_{number}_keyframes_{name}"] = values.astype(dtype, copy=False)
+    return arrays
+
+
+def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
+    """Read a map; nothing in the file is trusted before it is checked, and nothing in it is run.
+
+    Raises
+    ------
+    MapFileError
+        The file is no map of this format, damaged, or of a newer version.
+    """
+    try:
+        with ArrayZip(path) as arrays:
+            _require_version(path, arrays)
+            grid = _read_grid(path, arrays)
+            drives = tuple(
+                _read_drive(arrays, number, str(name))
+                for number, name in enumerate(arrays.read("drives", np.str_, (None,)))
+            )
+            return TbmMap(grid, drives, _read_provenance(arrays))
+    except (NpzError, ValueError) as error:  # ValueError: the types refuse arrays that do not belong together
+        raise MapFileError(f"{path}: is no map of this program or is damaged: {error}: make the map anew") from error
+
+
+def _require_version(path: str | os.PathLike[str], arrays: ArrayZip) -> None:
+    version = int(arrays.read("format_version", np.int64, ()))
+    if version != FORMAT_VERSION:
+        raise MapFileError(
+            f"{path}: is a map of format {version}, and this program reads format {FORMAT_VERSION}: update the program"
+        )
+
+
+def _read_grid(path: str | os.PathLike[str], arrays: ArrayZip) -> TbmGrid:
+    rows, cols, _ = arrays.shape("masses", np.float32, (None, None, 4))
+    require_sane_size(path, rows, cols)
+    resolution, origin_x, origin_y = arrays.read("geometry", np.float64, (3,)).tolist()
+    masses = cast("npt.NDArray[np.float32]", arrays.read("masses", np.float32, (rows, cols, 4)))
+    grid = TbmGrid(GridGeometry(resolution, origin_x, origin_y, rows, cols), masses)
+    if (fault := grid.fault()) is not None:
+        raise ValueError(fault)
+    return grid
+
+
+def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
+    stamps = arrays.read(f"drive_{number}_stamps", np.float64, (None,))
+    poses = arrays.read(f"drive_{number}_poses", np.float64, (len(stamps), 3))
+    keyframes = {
+        field: arrays.read(
+            f"drive_{number}_keyframes_{field}",
+            _KEYFRAME_DTYPES.get(field, np.float64),
+            (None, None) if field in {"poses", "sensor_poses", "beams"} else (None,),
+        )
+        for field in _KEYFRAME_NAMES
+    }
+    # Ranges may be inf or nan: that is how a scan says that it saw nothing.
+    for field, values in {"stamps": stamps, "poses": poses, **keyframes}.items():
+        if field != "ranges" and not np.isfinite(values).all():
+            raise ValueError(f"{field} of drive {name} are not finite")
+    return Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
+
+
+def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:
+    provenance = json.loads(str(arrays.read("provenance", np.str_, ())))
+    if not isinstance(provenance, dict):
+        raise ValueError("provenance is no JSON object")  # noqa: TRY004  # the file's fault, not a caller's type
+    return provenance
