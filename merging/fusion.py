@@ -88,6 +88,8 @@ def _add(
     first, again = sees & (seen_by == 0), sees & (seen_by > 0)
     fused[first] = layer.masses[first]
     agreed[first] = normalise(layer.masses[first])
-    fused[again] = rule(np.asarray(fused[again], np.float64), np.asarray(layer.masses[again], np.float64))
+    together = rule(np.asarray(fused[again], np.float64), np.asarray(layer.masses[again], np.float64))
+    # Sums of masses multiply: a rounding of each map would grow with their number.
+    fused[again] = together / together.sum(axis=-1, keepdims=True)
     agreed[again] = conjunctive(agreed[again], normalise(layer.masses[again]))
     seen_by[sees] += 1

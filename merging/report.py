@@ -1,8 +1,6 @@
 """What a merge did: for programs as JSON, for people as pictures."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,8 +13,8 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.merger import Merge
 from merging.warping import offset_in, warp
+from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.errors import TbmSlamError
 from tbmslam.tbm_map import TbmMap
 
 WALL_COLOURS = (
@@ -34,28 +32,20 @@ WALL_COLOURS = (
 _UNKNOWN_GREY = 205
 
 
-class ReportError(TbmSlamError):
-    """The report cannot be written."""
-
-
 def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
     """Write `report.json` and, where maps were merged, `overlay.png` and `conflict.png`.
 
     Raises
     ------
-    ReportError
+    FileNotWrittenError
         If the folder cannot be written.
     """
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     if merge.fusion is not None:
         files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
         files["conflict.png"] = _png(draw_conflict(merge.fusion))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            _write_whole(folder / name, content)
-    except OSError as error:
-        raise ReportError(f"{folder} cannot be written: {error.strerror}; name another output folder") from error
+    for name, content in files.items():
+        write_bytes(folder / name, content)
 
 
 def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
@@ -114,17 +104,3 @@ def _areas(fusion: Fusion) -> dict[str, float]:
 
 def _png(picture: npt.NDArray[np.uint8]) -> bytes:
     return bytes(cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1])
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that whoever looks finds the old one or the new one, never a part."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as temporary:
-        try:
-            temporary.write(content)
-            temporary.flush()
-            os.fsync(temporary.fileno())
-            Path(temporary.name).chmod(0o644)
-            Path(temporary.name).replace(path)
-        except BaseException:
-            Path(temporary.name).unlink(missing_ok=True)
-            raise

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def unique_names(paths: Sequence[Path]) -> list[str]:
     """Name maps by their folder or file, with as much of the path before it as tells them apart."""
     parts = [_naming_parts(path) for path in paths]
-    depth, names = 0, [""] * len(paths)
+    depth, names = 1, [own[-1] for own in parts]
     while len(set(names)) < len(set(parts)):
         depth += 1
         names = ["/".join(own[-depth:]) for own in parts]

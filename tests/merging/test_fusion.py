@@ -133,3 +133,9 @@ def test_two_halves_of_a_map_as_in_figure_2_of_the_paper():
 def test_nothing_to_fuse_is_refused():
     with pytest.raises(ValueError, match="windows must not be empty"):
         fuse([])
+
+
+def test_many_maps_with_rounded_masses_still_give_beliefs():
+    rounded = grid(*[tuple(np.array((0.0, 0.3, 0.2, 0.50005)))] * 3)
+    for rule in ("disjunctive", "conjunctive", "dempster"):
+        assert fuse([rounded] * 12, rule).grid.masses.sum(axis=-1) == pytest.approx(1.0, abs=1e-5)

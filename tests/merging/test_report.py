@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge
-from merging.report import WALL_COLOURS, ReportError, as_json, draw_conflict, draw_overlay, write_report
+from merging.report import WALL_COLOURS, as_json, draw_conflict, draw_overlay, write_report
 from merging.warping import warp
+from tbmslam.atomic_file import FileNotWrittenError
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
@@ -93,5 +94,5 @@ def test_a_scale_that_is_no_number_does_not_spoil_the_report(maps):
 
 def test_a_folder_that_cannot_be_written_is_named(maps, tmp_path):
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(ReportError, match=r"taken cannot be written: .*; name another output folder"):
+    with pytest.raises(FileNotWrittenError, match=r"report\.json: cannot be written"):
         write_report(tmp_path / "taken", merge(maps, CONFIG), maps, CONFIG)

@@ -1,0 +1,178 @@
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from merging.config import Coverage, Descriptor, Method, Rule
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.resampling import resample
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tools import merge
+
+map_folder = pytest.importorskip("tbmslam.map_folder")
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def floor(seed):
+    """A floor of rooms, 16 m by 12 m."""
+    rng = np.random.default_rng(seed)
+    masses = np.zeros((240, 320, 4), dtype=np.float32)
+    masses[..., 1] = 1.0
+    walls = np.zeros((240, 320), dtype=bool)
+    walls[[0, 1, -2, -1]] = walls[:, [0, 1, -2, -1]] = True
+    for _ in range(8):
+        row, col = rng.integers(30, 210), rng.integers(30, 290)
+        walls[row : row + 2, max(0, col - rng.integers(20, 90)) : col] = True
+        walls[max(0, row - rng.integers(20, 90)) : row, col : col + 2] = True
+    masses[walls] = (0.0, 0.0, 1.0, 0.0)
+    return TbmGrid(GridGeometry(0.05, 0.0, 0.0, 240, 320), masses)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two robots' maps of one floor, one of another floor, and an empty one."""
+    root = tmp_path_factory.mktemp("maps")
+    turned = resample(floor(1), SE2(2.0, 3.0, math.radians(70.0)), GridGeometry(0.05, -20.0, -20.0, 900, 900))
+    empty = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20))
+    for name, grid in {
+        "here": floor(1),
+        "there": turned.cropped_to_known(),
+        "foreign": floor(2),
+        "empty": empty,
+    }.items():
+        map_folder.save_map(root / name, TbmMap(grid))
+    return root
+
+
+def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsys):
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path / "merged")]) == 0
+    merged = map_folder.load_map(tmp_path / "merged")
+    assert merged.grid.is_known().sum() == pytest.approx(240 * 320, rel=0.03)
+    report = json.loads((tmp_path / "merged" / "report.json").read_text())
+    assert report["pairs"][0]["accepted"] is True
+    x, y, theta = SE2(2.0, 3.0, math.radians(70.0)).inverse()
+    assert report["maps"]["there"]["T_merged_map"] == pytest.approx([x, y, theta], abs=0.05)
+    assert {"report.json", "overlay.png", "conflict.png", "map.npz", "map.yaml", "map.pgm"} <= {
+        path.name for path in (tmp_path / "merged").iterdir()
+    }
+    assert "there in here: accepted: " in capsys.readouterr().out
+
+
+def test_a_merge_is_merged_with_a_map_file(folders, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(first)]) == 0
+    assert merge.main([str(first / "map.npz"), str(folders / "there" / "map.yaml"), "-o", str(second)]) == 0
+    assert list(json.loads((second / "report.json").read_text())["maps"]) == ["first", "there"]
+
+
+def test_a_foreign_map_is_left_out_and_named(folders, tmp_path, capsys):
+    names = [str(folders / name) for name in ("foreign", "here", "there")]
+    assert merge.main([*names, "-o", str(tmp_path)]) == 0
+    assert "left out: foreign: no alignment with a merged map was accepted" in capsys.readouterr().out
+    assert json.loads((tmp_path / "report.json").read_text())["frame"] == "here"
+
+
+@pytest.mark.parametrize(("other", "reason"), [("foreign", ""), ("empty", "the source map is empty")])
+def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, other, reason):
+    assert merge.main([str(folders / "here"), str(folders / other), "-o", str(tmp_path)]) == 3
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["merged"] is False
+    assert reason in report["pairs"][0]["reason"]
+    assert not (tmp_path / "map.npz").exists()
+    assert "nothing merged" in capsys.readouterr().out
+
+
+def test_the_options_reach_the_merge(folders, tmp_path):
+    chosen = [
+        "--method", "features", "--rule", "conjunctive", "--coverage", "overlap", "--keypoints", "800",
+        "--ratio", "0.8", "--descriptor", "pignistic", "--min-inliers", "6", "--resolution", "0.1", "--compare-at", "0.06",
+    ]  # fmt: skip
+    merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), *chosen])
+    config = json.loads((tmp_path / "report.json").read_text())["config"]
+    assert {key: config[key] for key in ("method", "rule", "coverage", "resolution", "merged_resolution")} == {
+        "method": "features",
+        "rule": "conjunctive",
+        "coverage": "overlap",
+        "resolution": 0.06,
+        "merged_resolution": 0.1,
+    }
+    assert (config["features"]["keypoints"], config["features"]["ratio"], config["features"]["descriptor"]) == (
+        800,
+        0.8,
+        "pignistic",
+    )
+    assert config["consensus"]["min_inliers"] == 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["one", "-o", "out"], "two maps or more are needed, got 1"),
+        (
+            ["one", "two", "-o", "out", "--ratio", "7"],
+            "features.ratio: Input should be less than or equal to 1, got 7.0",
+        ),
+        (
+            ["one", "two", "-o", "out", "--resolution", "0"],
+            "merged_resolution: Input should be greater than 0, got 0.0",
+        ),
+        (["one", "two", "-o", "out", "--method", "guess"], "invalid choice: 'guess'"),
+        (["one", "two"], "required: -o/--out"),
+    ],
+)
+def test_wrong_usage_is_status_2(capsys, arguments, message):
+    with pytest.raises(SystemExit) as stopped:
+        merge.main(arguments)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
+    assert merge.main([str(tmp_path / "one"), str(tmp_path / "two"), "-o", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("merge: ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["out/robot_0", "out/robot_1"], ["robot_0", "robot_1"]),
+        (["a/robot_0", "b/robot_0", "b/robot_1"], ["a/robot_0", "b/robot_0", "b/robot_1"]),
+        (["robot_0/map.npz", "robot_1/map.yaml", "hall.yaml"], ["robot_0", "robot_1", "hall"]),
+        (["robot_0", "robot_0/map.npz"], ["robot_0", "robot_0#2"]),
+    ],
+)
+def test_maps_have_names_of_their_own(paths, names):
+    assert merge.unique_names([Path(path) for path in paths]) == names
+
+
+def test_the_choices_are_the_library_s():
+    assert get_args(Method) == merge.METHODS
+    assert get_args(Rule) == merge.RULES
+    assert get_args(Coverage) == merge.COVERAGES
+    assert get_args(Descriptor) == merge.DESCRIPTORS
+
+
+def test_help_answers_at_once():
+    start = time.perf_counter()
+    command = [sys.executable, "tools/merge.py", "--help"]
+    answer = subprocess.run(  # noqa: S603  our own program
+        command, cwd=REPOSITORY, capture_output=True, text=True, check=True
+    )
+    assert time.perf_counter() - start < 2.0  # 0.05 s on an idle machine
+    assert "exit status: 0 merged" in answer.stdout
+    loaded = "import sys; import tools.merge; print({'cv2', 'numba', 'scipy', 'pydantic'} & set(sys.modules))"
+    answer = subprocess.run(  # noqa: S603  our own program
+        [sys.executable, "-c", loaded], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == "set()"
