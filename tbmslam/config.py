@@ -10,9 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid_tracker import GridTrackerConfig
+from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.motion import MotionConfig
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
+from tbmslam.scan_matching.monte_carlo import MonteCarloConfig
 from tbmslam.sensor_model import SensorModelConfig
 from tbmslam.surfel_tracker import SurfelTrackerConfig
 
@@ -60,6 +62,7 @@ class SlamConfig(BaseModel):
     motion: MotionConfig = MotionConfig()
     tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig, Field(discriminator="kind")] = SurfelTrackerConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    loop_closing: LoopClosingConfig = LoopClosingConfig()
     map: MapConfig = MapConfig()
 
 
@@ -70,10 +73,21 @@ _VINY_MAP = MapConfig(
     keep_conflict=False,
 )
 
+
+def _viny(name: str, matcher: MonteCarloConfig | HillClimbingConfig) -> SlamConfig:
+    """Return vinySLAM with one of its matchers: one hypothesis, every scan written, no loop closed."""
+    return SlamConfig(
+        preset=name,
+        tracker=GridTrackerConfig(matcher=matcher),
+        loop_closing=LoopClosingConfig(enabled=False),
+        map=_VINY_MAP,
+    )
+
+
 PRESETS: Mapping[str, SlamConfig] = {
     "default": SlamConfig(),
-    "viny": SlamConfig(preset="viny", tracker=GridTrackerConfig(), map=_VINY_MAP),
-    "viny-hc": SlamConfig(preset="viny-hc", tracker=GridTrackerConfig(matcher=HillClimbingConfig()), map=_VINY_MAP),
+    "viny": _viny("viny", MonteCarloConfig()),
+    "viny-hc": _viny("viny-hc", HillClimbingConfig()),
 }
 
 

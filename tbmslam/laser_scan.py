@@ -1,5 +1,6 @@
 """What a robot senses: one turn of ranges, and where the wheels say the robot was."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,9 +48,9 @@ class LaserScan:
         """Return which beams (N,) ended on something."""
         return np.isfinite(self.ranges)
 
-    def hit_points(self) -> FloatArray:
-        """Return the end points (M, 2) of the beams that hit something, in the sensor's frame [m]."""
-        hit = self.is_hit()
+    def hit_points(self, max_range: float = math.inf) -> FloatArray:
+        """Return the end points (M, 2) of the beams that hit something within a range, in the sensor's frame [m]."""
+        hit = self.is_hit() & (self.ranges <= max_range)
         ranges, angles = self.ranges[hit], self.angles()[hit]
         return np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles)))
 

@@ -6,15 +6,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from tbmslam.config import SlamConfig
+from tbmslam.drive_correction import spread_corrections
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
 from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.laser_scan import Reading
+from tbmslam.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.motion import MotionModel
-from tbmslam.se2 import SE2
+from tbmslam.se2 import SE2, FloatArray
 from tbmslam.surfel_tracker import SurfelTracker
 from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.tracked_keyframe import TrackedKeyframe, chain
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 
@@ -38,11 +41,11 @@ class Slam:
         self._motion = MotionModel(self.config.motion)
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
+        self._closer = self._make_closer()
         self._stamps: list[float] = []
         self._poses: list[SE2] = []
-        self._keyframe_scans: list[LaserScan] = []
-        self._keyframe_indices: list[int] = []
-        self._keyframe_sensor_poses: list[SE2] = []
+        self._keyframes: list[TrackedKeyframe] = []
+        self._variances = np.zeros(3)
 
     def process(self, reading: Reading) -> SE2:
         """Place one reading, learn from it, and return the robot's pose T_map_robot."""
@@ -51,24 +54,40 @@ class Slam:
         match = self._tracker.match(scan, prediction.T_map_robot @ T_robot_sensor, prediction.deviations)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
+        self._variances += prediction.deviations**2
         if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
             self._tracker.learn(scan, match)
-            self._keyframe_scans.append(scan)
-            self._keyframe_indices.append(len(self._poses))
-            self._keyframe_sensor_poses.append(T_robot_sensor)
+            keyframe = TrackedKeyframe(len(self._poses), scan, T_robot_sensor, match, self._variances)
+            self._keyframes.append(keyframe)
+            self._variances = np.zeros(3)
         self._stamps.append(scan.stamp)
         self._poses.append(T_map_robot)
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
-        """Return the map of everything processed so far."""
-        trajectory = Trajectory(np.array(self._stamps), np.array(self._poses, dtype=np.float64).reshape(-1, 3))
-        keyframe_poses = [self._poses[index] for index in self._keyframe_indices]
-        keyframes = Keyframes.from_scans(self._keyframe_scans, keyframe_poses, self._keyframe_sensor_poses)
+        """Close the loops, render the map of everything processed so far and return it."""
+        poses = np.array(self._poses, dtype=np.float64).reshape(-1, 3)
+        poses = self._close_loops(poses)
+        trajectory = Trajectory(np.array(self._stamps), poses)
+        keyframes = Keyframes.from_scans(
+            [k.scan for k in self._keyframes],
+            [trajectory.pose(k.index) for k in self._keyframes],
+            [k.T_robot_sensor for k in self._keyframes],
+        )
         evidence = self._tracker.grid or self._rendered(keyframes)
         grid = evidence.to_tbm_grid(self.config.map.keep_conflict).cropped_to_known()
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
         return TbmMap(grid, (Drive(self.name, trajectory, keyframes),), dict(provenance or {}))
+
+    def _close_loops(self, poses: FloatArray) -> FloatArray:
+        """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
+        kept = self._keyframes
+        if self._closer is None or len(kept) < 2:
+            return poses
+        tracked = np.array([k.match.T_map_sensor for k in kept])
+        closed, _ = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
+        moved = [SE2.from_array(pose) @ k.T_robot_sensor.inverse() for pose, k in zip(closed, kept, strict=True)]
+        return spread_corrections(poses, np.array([k.index for k in kept]), np.array(moved))
 
     def _rendered(self, keyframes: Keyframes) -> EvidenceGrid:
         """Draw the grid from the keyframes at their final poses."""
@@ -82,9 +101,9 @@ class Slam:
 
     def _has_moved_to(self, T_map_robot: SE2) -> bool:
         """Tell whether the robot is far enough from its last keyframe for a new one."""
-        if not self._keyframe_indices:
+        if not self._keyframes:
             return True
-        step = self._poses[self._keyframe_indices[-1]].inverse() @ T_map_robot
+        step = self._poses[self._keyframes[-1].index].inverse() @ T_map_robot
         limits = self.config.keyframes
         return step.x**2 + step.y**2 >= limits.distance**2 or abs(step.theta) >= limits.angle
 
@@ -93,3 +112,9 @@ class Slam:
         if isinstance(config, GridTrackerConfig):
             return GridTracker(config, self._empty_grid(), self._inserter, self.config.seed)
         return SurfelTracker(config)
+
+    def _make_closer(self) -> LoopCloser | None:
+        tracker, closing = self.config.tracker, self.config.loop_closing
+        if not closing.enabled or isinstance(tracker, GridTrackerConfig):
+            return None
+        return LoopCloser(closing, tracker.surfels)

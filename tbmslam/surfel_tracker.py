@@ -1,5 +1,6 @@
 """Our way to follow the robot: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -36,6 +37,7 @@ class SurfelTrackerConfig(BaseModel):
     search_points: int = Field(120, ge=10, description="hits that are tried in a search")
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
+    window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
     novel: float = Field(0.6, ge=0, le=1, description="share of hits on known surfaces below which a scan is learnt")
 
 
@@ -45,7 +47,10 @@ class SurfelTracker:
     def __init__(self, config: SurfelTrackerConfig) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = None
-        self._map = SurfelMap(config.surfels)
+        # Scans are laid onto the older map; the younger one takes its place once it reaches back far enough.
+        self._map, self._next = SurfelMap(config.surfels), SurfelMap(config.surfels)
+        self._travelled = 0.0
+        self._last: SE2 | None = None
         self._tolerances = np.array(config.tolerances)
         steps = np.arange(-config.search_shift, config.search_shift + 1e-9, config.surfels.resolution)
         self._search_shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -54,7 +59,7 @@ class SurfelTracker:
     def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
-        points = self._near_points(scan)
+        points = scan.hit_points(config.max_range)
         points = points[:: max(len(points) // config.max_points, 1)]
         if not len(points) or not deviations.any():
             return ScanMatch(T_map_sensor, 0.0, moved=False)
@@ -67,7 +72,7 @@ class SurfelTracker:
                 result = other
         if result.matched < config.min_matched:
             return ScanMatch(T_map_sensor, result.matched, moved=False)
-        return ScanMatch(result.pose, result.matched, moved=True)
+        return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
 
     def _register(self, points: FloatArray, guess: SE2, prior: FloatArray) -> Registration:
         config = self._config
@@ -79,11 +84,14 @@ class SurfelTracker:
         return match.score < self._config.novel
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
-        """Add the scan's hits to the surfaces."""
-        self._map.insert(match.T_map_sensor.apply(self._near_points(scan)))
-
-    def _near_points(self, scan: LaserScan) -> FloatArray:
-        points = scan.hit_points()
-        limit = self._config.max_range
-        near: FloatArray = points[np.einsum("ij,ij->i", points, points) <= limit * limit]
-        return near
+        """Add the scan's hits to the surfaces, and let old ones go."""
+        pose = match.T_map_sensor
+        if self._last is not None:
+            self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
+        self._last = pose
+        if self._travelled > self._config.window:
+            self._map, self._next = self._next, SurfelMap(self._config.surfels)
+            self._travelled = 0.0
+        points = pose.apply(scan.hit_points(self._config.max_range))
+        self._map.insert(points)
+        self._next.insert(points)

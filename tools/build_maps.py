@@ -8,6 +8,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from tools.recording_options import add_recording_options, options_from
+
 EXAMPLES = """examples:
   %(prog)s recording.bag --robots 3 --overlap 0.3 -o out/building
       split one drive into three robots that share 30 % of their way
@@ -20,8 +22,6 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    from tools.recording_options import add_recording_options
-
     grammar = argparse.ArgumentParser(
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -32,13 +32,13 @@ def parser() -> argparse.ArgumentParser:
     robots.add_argument("--separate", action="store_true", help="each recording is a robot; else they are one drive")
     robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
     robots.add_argument(
-        "--split", choices=("distance", "time", "gaps"), default="distance", help="what to split by (distance)"
+        "--split",
+        choices=("distance", "time", "gaps"),
+        default="distance",
+        help="what to split by; gaps: see --gap (distance)",
     )
     robots.add_argument(
         "--overlap", type=float, default=0.3, metavar="F", help="share of its way that a robot repeats (0.3)"
-    )
-    robots.add_argument(
-        "--gap", type=float, default=5.0, metavar="S", help="a pause that splits, with --split gaps (5)"
     )
     robots.add_argument(
         "--interval",
@@ -82,11 +82,17 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
         grammar.error("--separate makes each recording one robot: drop --robots and --interval")
+    if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or args.seed < 0:
+        grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
     from tbmslam.errors import TbmSlamError
     from tools.mapping_run import build_maps
 
     try:
-        build_maps(args)
+        options = options_from(args)
+    except ValueError as error:
+        grammar.error(str(error))
+    try:
+        build_maps(args, options)
     except TbmSlamError as error:
         if args.debug:
             raise

@@ -37,7 +37,6 @@ from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
-from tools.recording_options import options_from
 
 
 class OutputError(TbmSlamError):
@@ -55,10 +54,10 @@ class Robot:
     reference: Path | None
 
 
-def build_maps(args: argparse.Namespace) -> None:
+def build_maps(args: argparse.Namespace, options: RecordingOptions) -> None:
     """Map every robot and save its folder, then the truth beside them."""
     config = _config(args)
-    robots = _robots(args, options_from(args))
+    robots = _robots(args, options)
     _refuse_stale_robots(args.out, [robot.name for robot in robots])
     made: dict[str, TbmMap] = {}
     for robot in robots:
@@ -76,7 +75,7 @@ def _config(args: argparse.Namespace) -> SlamConfig:
             raise ConfigError(f"{args.config}: cannot be read as TOML: {error}") from None
     for setting in args.set:
         values = with_setting(values, setting)
-    if getattr(args, "no_return", None) is not None:
+    if args.no_return is not None:
         values["map"]["insertion"]["no_return"] = "free" if args.no_return == "free" else "ignore"
     values["seed"] = args.seed
     return config_from_dict(values)

@@ -25,8 +25,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans.add_argument(
         "--no-return",
         choices=("free", "drop"),
-        default="free",
-        help="what a beam without a return says: nothing was in range, or nothing at all (free)",
+        help="a beam without a return clears its way up to the range limit, or says nothing (as the preset has it)",
     )
     scans.add_argument(
         "--no-return-code",
@@ -105,7 +104,7 @@ def options_from(args: argparse.Namespace) -> "RecordingOptions":
         angle_step_deg=args.angle_step_deg,
         range_min=args.range_min,
         range_max=args.range_max,
-        no_return=args.no_return,
+        no_return=args.no_return or "free",
         no_return_codes=tuple(args.no_return_code),
         clock_offset=args.clock_offset,
         gap_s=args.gap,

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
+from tbmslam.se2 import SE2, FloatArray
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,14 @@ class ScanMatch:
         How well the scan agrees with the map there; its scale is the matcher's own.
     moved
         Whether the map was able to correct the initial guess at all.
+    information
+        Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say.
     """
 
     T_map_sensor: SE2
     score: float
     moved: bool
+    information: FloatArray | None = None
 
 
 class ScanMatcher(Protocol):
