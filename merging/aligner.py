@@ -150,6 +150,10 @@ def _judged(found: Alignment, motion: SE2, target: Structure, source: Structure,
     evidence = examine(target, source, motion, config.verification)
     against = objection(evidence, config.verification)
     confirmed = f"{found.reason}; {evidence.agreed_wall_m:.1f} m of wall confirm it ({evidence.agreement:.0%})"
+    if found.method == "correlation":  # whose matches are the walls themselves
+        step = target.geometry.resolution
+        walls = round(evidence.compared_wall_m / step), round(evidence.agreed_wall_m / step)
+        found = replace(found, matches=walls[0], inliers=walls[1], rmse_m=evidence.rmse_m)
     return replace(
         found,
         accepted=against is None,

@@ -24,11 +24,12 @@ class Alignment:
     T_target_source
         Pose of the source's frame in the target's frame.
     matches, inliers
-        Keypoints that look alike, and how many of them the transform brings together.
+        Of `features`, keypoints that look alike, and how many of them the transform brings together; of `correlation`,
+        cells of wall in the overlap, and how many of them agree.
     rmse_m
         Root mean square distance of the inliers [m].
     scale
-        The factor that would fit the inliers best; two maps in metres have 1.
+        The factor that would fit the inliers best, where the method estimates it; two maps in metres have 1.
     overlap_m2
         Area both maps know [m^2].
     agreement, conflict

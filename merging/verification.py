@@ -1,5 +1,6 @@
 """Is this alignment true? What the aligned maps say about each other."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ class Evidence:
         Of those, the walls with a wall of the other map near by that was seen from the same side [m].
     weakest_wall_m
         How much of the agreeing wall resists sliding in the direction that it resists least [m].
+    rmse_m
+        Root mean square distance of the agreeing walls from their likes, to half a cell [m]; None where none agree.
     agreement, conflict
         Shares of the compared walls that agree with, and that stand on free space of, the other map. The rest is
         neither: near a wall but not near enough, or near one that faces another way.
@@ -32,6 +35,7 @@ class Evidence:
     compared_wall_m: float
     agreed_wall_m: float
     weakest_wall_m: float
+    rmse_m: float | None
     agreement: float
     conflict: float
 
@@ -57,6 +61,7 @@ def examine(target: Structure, source: Structure, T_target_source: SE2, config: 
         compared_wall_m=compared,
         agreed_wall_m=agreed,
         weakest_wall_m=min(forth.weakest_m, back.weakest_m),
+        rmse_m=math.sqrt((forth.squares_m3 + back.squares_m3) / 2.0 / agreed) if agreed > 0.0 else None,
         agreement=agreed / compared if compared > 0.0 else 0.0,
         conflict=conflicting / compared if compared > 0.0 else 0.0,
     )
@@ -97,6 +102,7 @@ class _Comparison:
     agreed_m: float
     conflicting_m: float
     weakest_m: float
+    squares_m3: float  # squared distances of the agreeing walls, each times the wall's length
 
     @classmethod
     def of(
@@ -105,7 +111,7 @@ class _Comparison:
         some = walls.some(limit)
         rows, cols, inside = other.cells_of(T_other_walls.apply(walls.points[some]))
         if not inside.any() or len(other.points) == 0:
-            return cls(0.0, 0.0, 0.0, 0.0)
+            return cls(0.0, 0.0, 0.0, 0.0, 0.0)
         distances = np.where(inside, other.distances_m[rows, cols], np.inf)
         normals = SE2(0.0, 0.0, T_other_walls.theta).apply(walls.normals[some])
         nearest = other.nearest[rows, cols]
@@ -119,6 +125,7 @@ class _Comparison:
             float(agreed.sum() * step),
             float(conflicting.sum() * step),
             _weakest(normals[agreed]) * step,
+            float((distances[agreed] ** 2).sum() * step),
         )
 
 

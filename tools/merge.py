@@ -134,10 +134,9 @@ def _given(**values: object) -> dict[str, object]:
 
 
 def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig") -> int:
-    from tbmslam.map_folder import load_map, save_map
-
     from merging.merger import merge
     from merging.report import write_report
+    from tbmslam.map_folder import load_map, save_map
 
     maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
     result = merge(maps, config)

@@ -14,7 +14,13 @@ CONFIG = VerificationConfig(
     min_overlap_m2=4.0, min_agreed_wall_m=6.0, min_weakest_wall_m=1.5, min_agreement=0.6, max_conflict=0.15
 )
 SOUND = Evidence(
-    overlap_m2=50.0, compared_wall_m=40.0, agreed_wall_m=35.0, weakest_wall_m=12.0, agreement=0.875, conflict=0.02
+    overlap_m2=50.0,
+    compared_wall_m=40.0,
+    agreed_wall_m=35.0,
+    weakest_wall_m=12.0,
+    rmse_m=0.03,
+    agreement=0.875,
+    conflict=0.02,
 )
 
 
@@ -38,6 +44,7 @@ def test_a_map_agrees_with_itself(rooms):
     assert evidence.conflict == 0.0
     assert evidence.overlap_m2 == pytest.approx(240 * 320 * 0.05**2)
     assert evidence.weakest_wall_m > 10.0
+    assert evidence.rmse_m == 0.0
     assert objection(evidence, CONFIG) is None
 
 
@@ -45,6 +52,7 @@ def test_it_agrees_with_itself_turned(rooms):
     grid, motion = rooms(1), SE2(3.0, -4.0, math.radians(33.0))
     evidence = examine(structure(warp(grid, motion, grid.geometry)), structure(grid), motion, CONFIG)
     assert evidence.agreement > 0.9
+    assert 0.0 < evidence.rmse_m < 0.05
     assert evidence.conflict < 0.01
 
 

@@ -93,7 +93,8 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
 def test_the_options_reach_the_merge(folders, tmp_path):
     chosen = [
         "--method", "features", "--rule", "conjunctive", "--coverage", "overlap", "--keypoints", "800",
-        "--ratio", "0.8", "--descriptor", "pignistic", "--min-inliers", "6", "--resolution", "0.1", "--compare-at", "0.06",
+        "--ratio", "0.8", "--descriptor", "pignistic", "--min-inliers", "6", "--resolution", "0.1",
+        "--compare-at", "0.06",
     ]  # fmt: skip
     merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), *chosen])
     config = json.loads((tmp_path / "report.json").read_text())["config"]
