@@ -1,13 +1,14 @@
 """True relative poses between moments of a drive, and how far a trajectory is from them.
 
-Source of the metric: Kuemmerle et al., "On measuring the accuracy of SLAM algorithms", 2009, eq. 3: only relative motions
-are compared, so that an error is charged where it happened and not to all that follows.
+Source of the metric: Kuemmerle et al., "On measuring the accuracy of SLAM algorithms", 2009, eq. 3: only relative
+motions are compared, so that an error is charged where it happened and not to all that follows.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.se2 import SE2, FloatArray
@@ -43,12 +44,15 @@ class RelationErrors:
     ----------
     translations_m, rotations_deg
         Absolute error (M,) of every relation that could be checked.
+    pairs
+        Indices (M, 2) of the estimated poses that each of them was checked at: from, to.
     unmatched
         Relations without an estimated pose at one of their moments.
     """
 
     translations_m: FloatArray
     rotations_deg: FloatArray
+    pairs: npt.NDArray[np.int64]
     unmatched: int
 
 
@@ -91,4 +95,4 @@ def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: flo
         estimated = trajectory.pose(indices[k, 0]).inverse() @ trajectory.pose(indices[k, 1])
         error = SE2.from_array(relations.motions[k]).inverse() @ estimated
         translations[number], rotations[number] = np.hypot(error.x, error.y), np.degrees(abs(error.theta))
-    return RelationErrors(translations, rotations, len(indices) - len(checked))
+    return RelationErrors(translations, rotations, indices[checked], len(indices) - len(checked))
