@@ -1,0 +1,122 @@
+"""Say how far a trajectory or a map is from the truth, and where.
+
+A trajectory, anybody's in TUM format, is compared with a true one (ATE, RPE after a rigid alignment) or with the true
+relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+EXAMPLES = """examples:
+  %(prog)s trajectory out/office/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
+      ATE and RPE over steps of 1 m, and the drive coloured by its error
+  %(prog)s trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
+      the errors of Kuemmerle et al. (2009), for other programs to read
+  %(prog)s map out/office/robot_0 --truth world/world.npz \\
+      --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
+      the share of cells that are as in the world, where the trajectories say that the map lies
+
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="evaluate", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = grammar.add_subparsers(dest="command", required=True, metavar="trajectory|map")
+    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations"))
+    _add_map(commands.add_parser("map", help="share of cells that agree with the truth"))
+    return grammar
+
+
+def _add_trajectory(command: argparse.ArgumentParser) -> None:
+    command.add_argument("estimate", type=Path, metavar="EST.tum", help="the trajectory to judge")
+    truth = command.add_mutually_exclusive_group(required=True)
+    truth.add_argument("--truth", type=Path, metavar="GT.tum", help="the true trajectory")
+    truth.add_argument("--relations", type=Path, metavar="FILE", help="true relations: t1 t2 x y z roll pitch yaw")
+    step = command.add_argument_group("relative errors (with --truth)").add_mutually_exclusive_group()
+    step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")
+    step.add_argument("--step-s", type=float, metavar="S", help="time of a step instead")
+    command.add_argument(
+        "--max-stamp-difference",
+        type=float,
+        metavar="S",
+        help="poses belong together when their stamps are no further apart (0.01; 0.001 for relations)",
+    )
+    _add_output(command)
+    command.add_argument(
+        "--map", type=Path, metavar="MAP", help="draw it beneath: a map in the estimate's frame, or a world.npz"
+    )
+
+
+def _add_map(command: argparse.ArgumentParser) -> None:
+    command.add_argument("map", type=Path, metavar="MAP", help="the map to judge: a folder, map.npz or ROS yaml")
+    command.add_argument("--truth", type=Path, required=True, metavar="MAP2|world.npz", help="the true one")
+    place = command.add_argument_group("where the map lies in the truth (the same frame when nothing is said)")
+    either = place.add_mutually_exclusive_group()
+    either.add_argument("--transform", type=float, nargs=3, metavar=("X", "Y", "DEG"), help="T_truth_map [m, m, deg]")
+    either.add_argument(
+        "--trajectories",
+        type=Path,
+        nargs=2,
+        metavar=("EST.tum", "GT.tum"),
+        help="one drive in the map's frame and in the truth's",
+    )
+    place.add_argument("--refine", action="store_true", help="refine that by laying the walls onto each other")
+    command.add_argument(
+        "--min-evidence",
+        type=float,
+        default=0.0,
+        metavar="F",
+        help="cells of a map with less mass on free and occupied count as unknown (0: any evidence counts)",
+    )
+    _add_output(command)
+
+
+def _add_output(command: argparse.ArgumentParser) -> None:
+    output = command.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="print JSON instead of lines for people")
+    output.add_argument("--picture", type=Path, metavar="PNG", help="draw where the error is")
+    output.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    grammar = parser()
+    args = grammar.parse_args(argv)
+    _check(grammar, args)
+    from tbmslam.errors import TbmSlamError
+    from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
+
+    try:
+        report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
+    except TbmSlamError as error:
+        if args.debug:
+            raise
+        sys.stderr.write(f"evaluate: {error}\n")
+        return 1
+    print_report(report, as_json=args.json)
+    return 0
+
+
+def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    if args.command == "map":
+        if not 0.0 <= args.min_evidence < 1.0:
+            grammar.error("--min-evidence must lie within [0, 1)")
+        return
+    for option in ("step_m", "step_s"):
+        if getattr(args, option) is not None and not getattr(args, option) > 0.0:
+            grammar.error(f"--{option.replace('_', '-')} must be positive")
+    if args.relations and (args.step_m or args.step_s):
+        grammar.error("relations have steps of their own: drop --step-m and --step-s")
+    if args.max_stamp_difference is not None and not args.max_stamp_difference >= 0.0:
+        grammar.error("--max-stamp-difference must not be negative")
+    if args.map and not args.picture:
+        grammar.error("--map is drawn beneath the trajectory: add --picture")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
