@@ -20,11 +20,10 @@ from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.keyframes import Keyframes
-from tbmslam.map_file_error import MapFileError, require_sane_size
+from tbmslam.map_check import MapFileError, check_geometry
 from tbmslam.npz import Array, ArrayZip, NpzError, write_npz
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
@@ -101,10 +100,10 @@ def _require_version(path: str | os.PathLike[str], arrays: ArrayZip) -> None:
 
 def _read_grid(path: str | os.PathLike[str], arrays: ArrayZip) -> TbmGrid:
     rows, cols, _ = arrays.shape("masses", np.float32, (None, None, 4))
-    require_sane_size(path, rows, cols)
     resolution, origin_x, origin_y = arrays.read("geometry", np.float64, (3,)).tolist()
-    masses = cast("npt.NDArray[np.float32]", arrays.read("masses", np.float32, (rows, cols, 4)))
-    grid = TbmGrid(GridGeometry(resolution, origin_x, origin_y, rows, cols), masses)
+    geometry = GridGeometry(resolution, origin_x, origin_y, rows, cols)
+    check_geometry(path, geometry)
+    grid = TbmGrid(geometry, cast("Masses", arrays.read("masses", np.float32, (rows, cols, 4))))
     if (fault := grid.fault()) is not None:
         raise ValueError(fault)
     return grid
@@ -121,10 +120,6 @@ def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
         )
         for field in _KEYFRAME_NAMES
     }
-    # Ranges may be inf or nan: that is how a scan says that it saw nothing.
-    for field, values in {"stamps": stamps, "poses": poses, **keyframes}.items():
-        if field != "ranges" and not np.isfinite(values).all():
-            raise ValueError(f"{field} of drive {name} are not finite")
     return Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
 
 

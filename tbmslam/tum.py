@@ -17,15 +17,7 @@ class TumError(TbmSlamError):
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write a trajectory; stamps keep nanoseconds.
-
-    Raises
-    ------
-    ValueError
-        If a stamp or a pose is not finite.
-    """
-    if not (np.isfinite(trajectory.stamps).all() and np.isfinite(trajectory.poses).all()):
-        raise ValueError("trajectory must be finite, got a stamp or a pose that is not")
+    """Write a trajectory, whole or not at all; stamps keep nanoseconds."""
     lines = [
         # No space may follow the last number: evo refuses the line.
         f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n"

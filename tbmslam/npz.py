@@ -1,0 +1,131 @@
+"""Arrays in a zip as numpy writes them, with the same bytes every time and without trust in what a file says."""
+
+import math
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.atomic_file import replacing
+from tbmslam.errors import TbmSlamError
+
+Array = npt.NDArray[Any]
+_DEFLATE_LIMIT = 1040
+"""Deflate never packs more bytes than this into one: a file that claims it lies about its sizes."""
+
+
+class NpzError(TbmSlamError):
+    """A file is no zip of arrays, or not of those expected."""
+
+
+def write_npz(path: str | os.PathLike[str], arrays: dict[str, Array]) -> None:
+    """Write named arrays, whole or not at all, in the order given; `numpy.load` reads them.
+
+    Raises
+    ------
+    ValueError
+        If an array holds Python objects.
+    """
+    with (
+        replacing(path) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+    ):
+        for name, values in arrays.items():
+            # An entry opened by its name gets no time but the zip epoch: the same arrays give the same bytes.
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, values, allow_pickle=False)
+
+
+class ArrayZip:
+    """A file of named arrays, opened for reading.
+
+    Raises
+    ------
+    NpzError
+        The file cannot be read or is no zip.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except OSError as error:
+            raise NpzError(f"it cannot be read ({error.strerror or error})") from error
+        except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
+            raise NpzError(f"it is no zip file ({error})") from error
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Close the file."""
+        self._archive.close()
+
+    def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
+        """Return the shape an array has by its header, after checking what can be known before reading it.
+
+        Parameters
+        ----------
+        dtype, shape
+            What is expected; None stands for any length.
+
+        Raises
+        ------
+        NpzError
+            The array is missing, of another type or shape, or its size is not that of its data.
+        """
+        with self._entry(name) as (stream, info):
+            return _checked_shape(stream, info, name, dtype, shape)
+
+    def read(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> Array:
+        """Return an array; see `shape` for the arguments and errors."""
+        self.shape(name, dtype, shape)
+        with self._entry(name) as (stream, _):
+            values = np.lib.format.read_array(stream, allow_pickle=False)
+            stream.read(1)  # at its end an entry is compared with its checksum
+            return np.ascontiguousarray(values).reshape(values.shape)
+
+    @contextmanager
+    def _entry(self, name: str) -> Iterator[tuple[IO[bytes], zipfile.ZipInfo]]:
+        """Open an array's bytes; what goes wrong while they are read is a NpzError."""
+        try:
+            info = self._archive.getinfo(f"{name}.npy")
+            if info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+                raise NpzError(f"{name} is packed in a way that numpy does not use")
+            with self._archive.open(info) as stream:
+                yield stream, info
+        except KeyError:
+            raise NpzError(f"it has no {name}") from None
+        # Damaged zips and headers raise all of these; an encrypted one a RuntimeError.
+        except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error) as error:
+            raise NpzError(f"{name} cannot be read ({error})") from error
+
+
+def _checked_shape(
+    stream: IO[bytes], info: zipfile.ZipInfo, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]
+) -> tuple[int, ...]:
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise NpzError(f"{name} has a header of version {version}, not 1.0")
+    found_shape, _, found_dtype = np.lib.format.read_array_header_1_0(stream)
+    expected = np.dtype(dtype)
+    # The length of texts is free.
+    if found_dtype.kind != expected.kind or (expected.kind != "U" and found_dtype != expected):
+        raise NpzError(f"{name} is of type {found_dtype}, not {expected}")
+    agrees = len(found_shape) == len(shape) and all(
+        wanted in {None, found} for found, wanted in zip(found_shape, shape, strict=True)
+    )
+    if not agrees:
+        wanted = " x ".join("any" if length is None else str(length) for length in shape)
+        raise NpzError(f"{name} has shape {found_shape}, not {wanted or 'that of a single value'}")
+    size = stream.tell() + math.prod(found_shape) * found_dtype.itemsize
+    if size != info.file_size or size > _DEFLATE_LIMIT * (info.compress_size + 64):
+        raise NpzError(f"{name} states {size} bytes and does not hold them")
+    return found_shape
