@@ -148,8 +148,10 @@ class VerificationConfig(_Config):
         Least length of agreeing wall across the direction in which the maps could slide most easily.
     min_agreement
         Least share of the walls in the overlap that agree.
-    max_conflict
-        Largest share of the walls in the overlap that contradict.
+    max_conflict, max_conflict_bent, bent_weakest_wall_m
+        Largest share of the walls in the overlap that contradict. Two drives bend their maps differently, and in a
+        large overlap walls then contradict although the place is beyond doubt: where more wall resists the easiest
+        slide than chance ever brings together, the second limit holds.
     conflict_weight
         What a metre of contradicting wall costs when alignments are compared, in metres of agreeing wall.
     max_rival
@@ -163,6 +165,8 @@ class VerificationConfig(_Config):
     min_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 5.0
     min_agreement: Share = 0.55
     max_conflict: Share = 0.2
+    max_conflict_bent: Share = 0.35
+    bent_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 30.0
     conflict_weight: Annotated[float, Field(ge=0.0)] = 2.0
     max_rival: Share = 0.7
 

@@ -69,14 +69,16 @@ def examine(target: Structure, source: Structure, T_target_source: SE2, config: 
 
 def objection(evidence: Evidence, config: VerificationConfig) -> str | None:
     """Return why an alignment cannot be believed, with the numbers; None where nothing speaks against it."""
+    beyond_chance = evidence.weakest_wall_m >= config.bent_weakest_wall_m
+    max_conflict = config.max_conflict_bent if beyond_chance else config.max_conflict
     checks = (
         (
             evidence.overlap_m2 >= config.min_overlap_m2,
             "overlap of {0.overlap_m2:.1f} m2 is under {1.min_overlap_m2:g} m2",
         ),
         (
-            evidence.conflict <= config.max_conflict,
-            "{0.conflict:.0%} of the walls in the overlap stand on free space of the other, over {1.max_conflict:.0%}",
+            evidence.conflict <= max_conflict,
+            "{0.conflict:.0%} of the walls in the overlap stand on free space of the other, over {2:.0%}",
         ),
         (
             evidence.agreed_wall_m >= config.min_agreed_wall_m,
@@ -91,7 +93,7 @@ def objection(evidence: Evidence, config: VerificationConfig) -> str | None:
             "the maps could slide: only {0.weakest_wall_m:.1f} m of wall resist, under {1.min_weakest_wall_m:g} m",
         ),
     )
-    return next((text.format(evidence, config) for holds, text in checks if not holds), None)
+    return next((text.format(evidence, config, max_conflict) for holds, text in checks if not holds), None)
 
 
 @dataclass(frozen=True)

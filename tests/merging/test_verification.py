@@ -106,6 +106,14 @@ def test_each_objection_gives_its_numbers(fault, message):
     assert message in objection(evidence, CONFIG)
 
 
+def test_bent_maps_may_contradict_more_where_chance_is_out_of_the_question():
+    bent = {"conflict": 0.27, "agreement": 0.65}
+    assert "27% of the walls" in objection(Evidence(**{**vars(SOUND), **bent}), CONFIG)
+    assert objection(Evidence(**{**vars(SOUND), **bent, "weakest_wall_m": 100.0}), CONFIG) is None
+    hopeless = Evidence(**{**vars(SOUND), "conflict": 0.5, "weakest_wall_m": 100.0})
+    assert "50% of the walls in the overlap stand on free space of the other, over 35%" in objection(hopeless, CONFIG)
+
+
 def test_a_map_without_walls_confirms_nothing(rooms):
     blank = structure(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 50, 50)))
     assert objection(examine(structure(rooms(1)), blank, SE2.identity(), CONFIG), CONFIG) is not None
