@@ -52,7 +52,7 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
     cell = _SLAM_CELL if len(body) == geometry.rows * geometry.cols * _SLAM_CELL.itemsize else _MERGING_CELL
     if len(body) != geometry.rows * geometry.cols * cell.itemsize:
         raise MapFileError(
-            f"{path}: has {len(body)} bytes for {geometry.rows} x {geometry.cols} cells of 48 or 49 each: it is cut off "
+            f"{path}: has {len(body)} bytes for {geometry.rows} x {geometry.cols} cells of 48 or 49: it is cut off "
             "or no .tbm_map"
         )
     cells = np.frombuffer(body, dtype=cell)
