@@ -1,0 +1,78 @@
+"""A SLAM that notes how long its parts take, for benchmarks: the plain one pays nothing for it.
+
+Wall time is noted, since asking for the CPU time costs a microsecond, which is much beside a scan: who needs CPU time
+of the parts measures that of a whole stretch, and shares it out.
+"""
+
+import time
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+from tbmslam.config import SlamConfig
+from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.slam import Slam
+from tbmslam.tracker import Tracker
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+STAGES = ("matching", "inserting", "closing", "rendering")
+"""Parts that are timed; inserting is what the tracker learns from a scan."""
+
+
+class StageClock:
+    """Adds up wall time by stage.
+
+    Attributes
+    ----------
+    seconds
+        Of each stage so far.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+
+    def timed(self, stage: str, call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
+        """Make a call and add the time it took to a stage."""
+        began = time.perf_counter()
+        try:
+            return call(*args, **keywords)
+        finally:
+            self.seconds[stage] += time.perf_counter() - began
+
+
+class TimedSlam(Slam):
+    """Maps as `Slam` does, and notes the time on its `clock`."""
+
+    def __init__(self, config: SlamConfig | None = None, name: str = "robot") -> None:
+        self.clock = StageClock()
+        super().__init__(config, name)
+
+    def _make_tracker(self) -> Tracker:
+        return _TimedTracker(super()._make_tracker(), self.clock)
+
+    def _close_loops(self, poses: FloatArray) -> FloatArray:
+        return self.clock.timed("closing", super()._close_loops, poses)
+
+    def _rendered(self, keyframes: Keyframes) -> EvidenceGrid:
+        return self.clock.timed("rendering", super()._rendered, keyframes)
+
+
+class _TimedTracker:
+    """A tracker whose work is timed."""
+
+    def __init__(self, tracker: Tracker, clock: StageClock) -> None:
+        self._tracker = tracker
+        self._clock = clock
+        self.grid = tracker.grid
+        self.is_novel = tracker.is_novel
+
+    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
+        return self._clock.timed("matching", self._tracker.match, scan, T_map_sensor, deviations)
+
+    def learn(self, scan: LaserScan, match: ScanMatch) -> None:
+        self._clock.timed("inserting", self._tracker.learn, scan, match)

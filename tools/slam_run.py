@@ -1,0 +1,167 @@
+"""One run of the SLAM over a recording, measured."""
+
+import itertools
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets import open_recording
+from tbmslam.config import preset
+from tbmslam.laser_scan import Reading
+from tbmslam.relations import read_relations, relation_errors
+from tbmslam.timed_slam import STAGES, TimedSlam
+from tbmslam.trajectory import Trajectory
+from tbmslam.trajectory_errors import absolute_errors
+from tbmslam.tum import read_tum
+from tools.measured_process import peak_memory_mb
+from tools.recording_spec import RecordingSpec, beside
+
+WARM_UP_SCANS = 20
+
+_BLOCK = 50  # readings between two looks at the CPU clock: a look costs a microsecond
+
+
+@dataclass(frozen=True)
+class SlamRun:
+    """Figures of one run over one recording.
+
+    Parameters
+    ----------
+    scans, beams, keyframes
+        How many; beams of the largest scan.
+    duration_s, length_m
+        How long and how far the drive was.
+    start_s
+        CPU time to import, to load compiled code and to map the first scans once as a warm-up; in no other figure.
+    reading_s
+        CPU time to read the recording.
+    mapping_s
+        CPU time of everything else. Among it:
+    matching_s, inserting_s, finishing_s, closing_s
+        To place scans; to learn from them; to make the map at the end; to close loops, a part of finishing.
+    wall_s
+        Time that passed from the first scan to the map.
+    start_memory_mb, peak_memory_mb
+        Most memory that the process held until after the warm-up, and in all.
+    translation_error_m, rotation_error_deg
+        Mean errors against the relations beside the recording; None without.
+    ate_m
+        Error against the true trajectory beside the recording; None without.
+    """
+
+    scans: int
+    beams: int
+    keyframes: int
+    duration_s: float
+    length_m: float
+    start_s: float
+    reading_s: float
+    mapping_s: float
+    matching_s: float
+    inserting_s: float
+    finishing_s: float
+    closing_s: float
+    wall_s: float
+    start_memory_mb: float
+    peak_memory_mb: float
+    translation_error_m: float | None = None
+    rotation_error_deg: float | None = None
+    ate_m: float | None = None
+
+
+class CpuClock:
+    """Adds up CPU and wall time of this process by activity.
+
+    Attributes
+    ----------
+    cpu, wall
+        Seconds of each activity so far.
+    """
+
+    def __init__(self) -> None:
+        self.cpu = dict.fromkeys(("reading", "processing", "finishing"), 0.0)
+        self.wall = dict(self.cpu)
+
+    @contextmanager
+    def during(self, activity: str) -> Iterator[None]:
+        """Add what the block takes."""
+        cpu, wall = time.process_time(), time.perf_counter()
+        yield
+        self.cpu[activity] += time.process_time() - cpu
+        self.wall[activity] += time.perf_counter() - wall
+
+    def cpu_share(self, activity: str) -> float:
+        """Return CPU seconds for each second that passed: less than 1 where others used the processor."""
+        return self.cpu[activity] / self.wall[activity] if self.wall[activity] > 0.0 else 1.0
+
+
+def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
+    """Map a recording in this process and measure it.
+
+    Raises
+    ------
+    TbmSlamError
+        When the recording cannot be read or mapped.
+    """
+    config = preset(preset_name)
+    recording = open_recording([spec.path], spec.options)
+    warm_up = TimedSlam(config)
+    for reading in itertools.islice(recording, WARM_UP_SCANS):
+        warm_up.process(reading)
+    warm_up.finish()
+    start_s, start_memory_mb, began = time.process_time(), peak_memory_mb(), time.perf_counter()
+    slam, clock, beams = TimedSlam(config), CpuClock(), 0
+    for block in _blocks(recording, clock):
+        with clock.during("processing"):
+            for reading in block:
+                slam.process(reading)
+        beams = max(beams, *(len(reading.scan.ranges) for reading in block))
+    in_tracker = {stage: slam.clock.seconds[stage] * clock.cpu_share("processing") for stage in STAGES}
+    with clock.during("finishing"):
+        drive = slam.finish().drives[0]
+    trajectory = drive.trajectory
+    return SlamRun(
+        scans=len(trajectory),
+        beams=beams,
+        keyframes=len(drive.keyframes),
+        duration_s=float(np.ptp(trajectory.stamps)),
+        length_m=trajectory.length(),
+        start_s=start_s,
+        reading_s=clock.cpu["reading"],
+        mapping_s=clock.cpu["processing"] + clock.cpu["finishing"],
+        matching_s=in_tracker["matching"],
+        inserting_s=in_tracker["inserting"],
+        finishing_s=clock.cpu["finishing"],
+        closing_s=slam.clock.seconds["closing"] * clock.cpu_share("finishing"),
+        wall_s=time.perf_counter() - began,
+        start_memory_mb=start_memory_mb,
+        peak_memory_mb=peak_memory_mb(),
+        **_errors(spec, trajectory),
+    )
+
+
+def _blocks(readings: Iterable[Reading], clock: CpuClock) -> Iterator[list[Reading]]:
+    """Yield the readings some at a time, timed."""
+    iterator = iter(readings)
+    while True:
+        with clock.during("reading"):
+            block = list(itertools.islice(iterator, _BLOCK))
+        if not block:
+            return
+        yield block
+
+
+def _errors(spec: RecordingSpec, trajectory: Trajectory) -> dict[str, float | None]:
+    """Return the errors against what is known of the truth."""
+    errors: dict[str, float | None] = {}
+    if (path := beside(spec.path, ".relations")) is not None:
+        against = relation_errors(read_relations(path), trajectory)
+        if len(against.translations_m):
+            errors["translation_error_m"] = float(against.translations_m.mean())
+            errors["rotation_error_deg"] = float(against.rotations_deg.mean())
+    if (path := beside(spec.path, ".truth.tum")) is not None:
+        errors["ate_m"] = float(np.sqrt(np.mean(absolute_errors(read_tum(path), trajectory).errors_m ** 2)))
+    return errors

@@ -1,0 +1,34 @@
+"""Tables for a terminal that are Markdown too."""
+
+from collections.abc import Sequence
+
+
+def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table; every column but the first two stands to the right.
+
+    Parameters
+    ----------
+    head
+        Names of the columns.
+    rows
+        Cells, as many a row as there are names.
+    """
+    columns = list(zip(head, *rows, strict=True))
+    widths = [max(3, *(len(cell) for cell in column)) for column in columns]
+    rule = [("-" * width if index < 2 else "-" * (width - 1) + ":") for index, width in enumerate(widths)]
+    lines = [_line(head, widths), "| " + " | ".join(rule) + " |"]
+    lines += [_line(row, widths) for row in rows]
+    return "\n".join(lines)
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    aligned = [
+        cell.ljust(width) if index < 2 else cell.rjust(width)
+        for index, (cell, width) in enumerate(zip(cells, widths, strict=True))
+    ]
+    return "| " + " | ".join(aligned) + " |"
+
+
+def number(value: float | None, digits: int) -> str:
+    """Return a number with so many digits after the point, a dash for none."""
+    return "-" if value is None else f"{value:.{digits}f}"
