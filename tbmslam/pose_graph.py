@@ -72,15 +72,10 @@ def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEd
     parameters.setMaxIterations(30)
     parameters.setRelativeErrorTol(1e-6)
     solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-    moved = np.empty_like(poses)
-    for index in range(len(poses)):
-        pose = solved.atPose2(index)
-        moved[index] = pose.x(), pose.y(), pose.theta()
+    moved: FloatArray = gtsam.utilities.extractPose2(solved)
     return moved
 
 
-def edge_error(edge: MotionEdge, poses: FloatArray) -> float:
-    """Return how many standard deviations an edge is from the poses (Mahalanobis distance)."""
-    between = SE2.from_array(poses[edge.source]).inverse() @ SE2.from_array(poses[edge.target])
-    error = np.array((edge.T_source_target.inverse() @ between).log())
-    return float(np.sqrt(error @ edge.information @ error))
+def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
+    """Return one pose of (N, 3) as seen from another."""
+    return SE2.from_array(poses[source]).inverse() @ SE2.from_array(poses[target])
