@@ -2,57 +2,66 @@
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
+from tbmslam.beesoft_map import read_beesoft_map
+from tbmslam.grid import TbmGrid
 from tbmslam.map_check import MapFileError
 from tbmslam.map_file import read_map_file, write_map_file
 from tbmslam.map_pictures import write_pictures
 from tbmslam.ros_map import read_ros_map, write_ros_map
+from tbmslam.tbm_dump import read_tbm_dump
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tum import write_tum
+
+_GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
+    (".yaml", ".yml"): read_ros_map,
+    (".tbm_map", ".tbm_map.xz"): read_tbm_dump,
+    (".dat", ".dat.gz"): read_beesoft_map,
+}
+_PICTURES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
+_LONGEST_NAME = 100
 
 
 def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     """Write a map's folder, made if need be: map.npz, map.yaml and map.pgm, trajectories, pictures.
 
-    A single drive is trajectory.tum, several are trajectory_NAME.tum; trajectories of an older map there are removed.
+    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum;
+    other trajectories of these names belong to an older map and are removed.
+
+    Raises
+    ------
+    ValueError
+        If the map's provenance holds what JSON cannot.
+    FileNotWrittenError
+        If the folder or a file cannot be written.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    trajectories = _trajectory_names(tbm_map.drives)
-    for old in folder.glob("trajectory*.tum"):
-        if old.name not in trajectories:
-            old.unlink()
+    trajectories = _trajectory_files(tbm_map.drives)
     write_map_file(folder / "map.npz", tbm_map)
     write_ros_map(folder / "map", tbm_map.grid)
     for name, drive in trajectories.items():
         write_tum(folder / name, drive.trajectory)
     write_pictures(folder, tbm_map.grid)
-
-
-def _trajectory_names(drives: tuple[Drive, ...]) -> dict[str, Drive]:
-    """Return the trajectories' file names; a drive without poses gets none, since evo reads no empty file."""
-    if len(drives) == 1 and len(drives[0].trajectory):
-        return {"trajectory.tum": drives[0]}
-    names: dict[str, Drive] = {}
-    for number, drive in enumerate(drives):
-        if not len(drive.trajectory):
-            continue
-        plain = re.sub(r"[^\w.-]+", "_", drive.name)
-        # Names that differ only in what a file name cannot hold, or in case, would overwrite each other.
-        taken = {name.lower() for name in names}
-        name = f"trajectory_{plain}.tum"
-        names[f"trajectory_{plain}_{number}.tum" if name.lower() in taken else name] = drive
-    return names
+    for old in folder.glob("trajectory*.tum"):
+        if old.name not in trajectories:
+            old.unlink(missing_ok=True)
 
 
 def load_map(path: str | os.PathLike[str]) -> TbmMap:
-    """Read a map: a folder that `save_map` wrote, a map.npz, or the yaml file of a ROS map.
+    """Read a map of any format known here.
+
+    Parameters
+    ----------
+    path
+        A folder that `save_map` wrote (or one with a map.yaml), a .npz of ours, the .yaml of a ROS map, a .tbm_map of
+        the original programs, or the .dat of a Beesoft map.
 
     Raises
     ------
     MapFileError
-        There is no map of a format known here, or it is damaged.
+        If there is no map of a known format, or it is damaged.
     """
     path = Path(path)
     if path.is_dir():
@@ -62,14 +71,39 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
     name = path.name.lower()
     if name.endswith(".npz"):
         return read_map_file(path)
-    if name.endswith((".yaml", ".yml")):
-        return TbmMap(read_ros_map(path), provenance={"read_from": path.name})
-    raise MapFileError(f"{path}: is no map this reads: give a folder, .npz or .yaml")
+    for endings, read_grid in _GRID_READERS.items():
+        if name.endswith(endings):
+            return TbmMap(read_grid(path), provenance={"read_from": path.name})
+    if name.endswith(_PICTURES):
+        raise MapFileError(
+            f"{path}: is a picture, which does not tell the size of a cell: give the yaml file beside it"
+        )
+    raise MapFileError(f"{path}: is no map this reads: give a folder, or a .npz, .yaml, .tbm_map or .dat file")
 
 
 def _map_in(folder: Path) -> Path:
-    if not (folder / "map.npz").is_file():
-        raise MapFileError(
-            f"{folder}: holds no map.npz: give a folder that build_maps or merge wrote, or a map's yaml file"
-        )
-    return folder / "map.npz"
+    for name in ("map.npz", "map.yaml"):
+        if (folder / name).is_file():
+            return folder / name
+    raise MapFileError(
+        f"{folder}: holds no map.npz or map.yaml: give a folder that build_maps or merge wrote, or a map's file"
+    )
+
+
+def _trajectory_files(drives: tuple[Drive, ...]) -> dict[str, Drive]:
+    """Return the trajectories' file names; a drive without poses gets none, since evo reads no empty file."""
+    files: dict[str, Drive] = {}
+    taken = set()
+    for drive in drives:
+        if not len(drive.trajectory):
+            continue
+        plain = re.sub(r"[^\w.-]+", "_", drive.name)[:_LONGEST_NAME]
+        stem = name = "trajectory" if len(drives) == 1 else f"trajectory_{plain}"
+        number = 1
+        # Names may differ only in what a file name cannot hold, or in case, which some disks do not tell apart.
+        while name.lower() in taken:
+            number += 1
+            name = f"{stem}_{number}"
+        taken.add(name.lower())
+        files[f"{name}.tum"] = drive
+    return files
