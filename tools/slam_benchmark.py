@@ -30,7 +30,8 @@ NOTES = f"""\
 scans/s: scans per CPU second of the process in everything but reading. read/s, match/s, insert/s, finish/s: scans per
 CPU second of that part alone (finish: closing loops and rendering). real time: duration of the recording over the time
 that passed, reading included. trans m, rot deg: mean errors of relations. Warm-up: a run that is not counted fills
-numba's cache, and before the clocks start each process maps the first {WARM_UP_SCANS} scans, so that compiled code is loaded."""
+numba's cache; then each process maps the first {WARM_UP_SCANS} scans once before its clocks start, which loads the
+compiled code."""
 
 TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
 """Scans per CPU second at TARGET_BEAMS beams that the presets are held to: five times the original program's."""

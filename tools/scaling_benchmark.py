@@ -1,0 +1,150 @@
+"""What a scan costs as drives become longer and maps larger, each run in a process of its own."""
+
+import argparse
+import dataclasses
+import itertools
+import json
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.synthetic.endless_drive import ROUTES, EndlessDrive, Route
+from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.odometry_noise import OdometryNoise
+from tbmslam.atomic_file import write_text
+from tbmslam.config import preset
+from tbmslam.timed_slam import TimedSlam
+from tbmslam.trajectory_errors import absolute_errors
+from tools.machine import describe_machine
+from tools.measured_process import MeasurementError, in_fresh_process, peak_memory_mb
+from tools.slam_run import WARM_UP_SCANS, CpuClock
+from tools.text_table import number, text_table
+
+HEAD = (
+    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "match us", "insert us", "scan us", "last us"),
+    *("finish us", "peak MB", "ATE m"),
+)
+
+NOTES = """\
+round: around one block again and again; spiral: outwards, nothing is seen twice. CPU microseconds a scan to match, to
+insert, in all before the end, in all over the last quarter of the drive, and to finish (closing loops, rendering)."""
+
+_SCAN_RATE = 5.0  # [Hz]: a scan every 10 cm or so
+_BLOCK = 50
+
+
+@dataclass(frozen=True)
+class ScalingRun:
+    """Figures of one drive.
+
+    Parameters
+    ----------
+    route, preset
+        What was driven, and how it was mapped.
+    length_m, scans
+        How far, and how often the laser turned.
+    seen_m2, box_m2
+        Area of the cells known in the end, and of the upright box around them.
+    matching_us, inserting_us, scan_us, last_quarter_us, finishing_us
+        CPU time a scan: see NOTES.
+    peak_memory_mb
+        Most memory that the process held, the simulation included.
+    ate_m
+        Error against the true trajectory.
+    """
+
+    route: str
+    preset: str
+    length_m: float
+    scans: int
+    seen_m2: float
+    box_m2: float
+    matching_us: float
+    inserting_us: float
+    scan_us: float
+    last_quarter_us: float
+    finishing_us: float
+    peak_memory_mb: float
+    ate_m: float
+
+
+def benchmark_scaling(args: argparse.Namespace) -> None:
+    """Run what the arguments ask for and print the table."""
+    machine, runs, failures = describe_machine(), [], []
+    for preset_name, route, length in itertools.product(args.preset, ROUTES, args.lengths):
+        label = f"{route} {preset_name} {length:g} m"
+        sys.stderr.write(f"benchmark: {label}\n")
+        try:
+            runs.append(in_fresh_process(run_scaling, preset_name, route, length, args.beams))
+        except MeasurementError as error:
+            failures.append(f"{label}: {error}")
+    print(text_table(HEAD, [_row(run) for run in runs]))
+    print(NOTES)
+    for failure in failures:
+        print(failure)
+    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    if args.json:
+        record = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs], "failures": failures}
+        write_text(args.json, json.dumps(record, indent=2) + "\n")
+
+
+def run_scaling(preset_name: str, route: Route, length: float, beams: int) -> ScalingRun:
+    """Drive and map in this process and measure it.
+
+    Raises
+    ------
+    TbmSlamError
+        When the map becomes too large.
+    """
+    config = preset(preset_name)
+    angle_min, angle_increment = SimulatedLaser.field_of(beams)
+    laser = SimulatedLaser(beams=beams, angle_min=angle_min, angle_increment=angle_increment, rate=_SCAN_RATE)
+    drive = EndlessDrive(route, length, laser, OdometryNoise.preset("good"))
+    warm_up = TimedSlam(config)
+    for reading in itertools.islice(drive.readings(), WARM_UP_SCANS):
+        warm_up.process(reading)
+    warm_up.finish()
+    slam, clock, stops = TimedSlam(config), CpuClock(), [(0, 0.0)]
+    readings = drive.readings()
+    while block := list(itertools.islice(readings, _BLOCK)):
+        with clock.during("processing"):
+            for reading in block:
+                slam.process(reading)
+        stops.append((stops[-1][0] + len(block), clock.cpu["processing"]))
+    (from_scan, from_cpu), (scans, cpu) = stops[len(stops) * 3 // 4 - 1], stops[-1]
+    share = clock.cpu_share("processing")
+    with clock.during("finishing"):
+        tbm_map = slam.finish()
+    trajectory, geometry = tbm_map.drives[0].trajectory, tbm_map.grid.geometry
+    micro = 1e6 / len(trajectory)
+    return ScalingRun(
+        route=route,
+        preset=preset_name,
+        length_m=length,
+        scans=len(trajectory),
+        seen_m2=float(tbm_map.grid.is_known().sum()) * geometry.resolution**2,
+        box_m2=geometry.rows * geometry.cols * geometry.resolution**2,
+        matching_us=slam.clock.seconds["matching"] * share * micro,
+        inserting_us=slam.clock.seconds["inserting"] * share * micro,
+        scan_us=clock.cpu["processing"] * micro,
+        last_quarter_us=(cpu - from_cpu) / (scans - from_scan) * 1e6,
+        finishing_us=clock.cpu["finishing"] * micro,
+        peak_memory_mb=peak_memory_mb(),
+        ate_m=float(np.sqrt(np.mean(absolute_errors(drive.truth(), trajectory).errors_m ** 2))),
+    )
+
+
+def _row(run: ScalingRun) -> list[str]:
+    costs = (run.matching_us, run.inserting_us, run.scan_us, run.last_quarter_us, run.finishing_us)
+    return [
+        run.route,
+        run.preset,
+        number(run.length_m, 0),
+        str(run.scans),
+        number(run.seen_m2, 0),
+        number(run.box_m2, 0),
+        *(number(cost, 0) for cost in costs),
+        number(run.peak_memory_mb, 0),
+        number(run.ate_m, 3),
+    ]
