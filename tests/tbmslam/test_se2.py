@@ -1,0 +1,52 @@
+"""Rigid motions on values that can be checked by hand; the group laws are in tests/properties."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tbmslam.se2 import SE2, wrap_angle, wrap_angles
+
+QUARTER = math.pi / 2
+
+
+def test_a_product_moves_in_the_frame_of_its_first_factor():
+    assert SE2(1.0, 2.0, QUARTER) @ SE2(3.0, 0.0, QUARTER) == pytest.approx((1.0, 5.0, -math.pi))
+
+
+def test_apply_carries_points_of_any_shape():
+    pose = SE2(1.0, 2.0, QUARTER)
+    np.testing.assert_allclose(pose.apply([1.0, 0.0]), [1.0, 3.0])
+    np.testing.assert_allclose(pose.apply(np.zeros((2, 3, 2))), np.tile([1.0, 2.0], (2, 3, 1)))
+
+
+def test_the_exponential_drives_an_arc():
+    """A quarter turn to the left on a circle of radius 2."""
+    assert SE2.exp(math.pi, 0.0, QUARTER) == pytest.approx((2.0, 2.0, QUARTER))
+    assert SE2(2.0, 2.0, QUARTER).log() == pytest.approx((math.pi, 0.0, QUARTER))
+
+
+def test_halfway_along_an_arc_lies_on_the_arc():
+    middle = SE2.identity().interpolate(SE2(2.0, 2.0, QUARTER), 0.5)
+    assert middle == pytest.approx((math.sqrt(2.0), 2.0 - math.sqrt(2.0), math.pi / 4))
+
+
+def test_reading_from_arrays_and_matrices():
+    assert SE2.from_array(np.array([1, 2, 3])) == (1.0, 2.0, 3.0)
+    assert SE2.from_matrix(np.array([[0.0, -1.0, 5.0], [1.0, 0.0, 6.0], [0.0, 0.0, 1.0]])) == (5.0, 6.0, QUARTER)
+    assert all(type(value) is float for value in SE2.from_array(np.array([1, 2, 3])))
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0], [1.0, 2.0, 3.0, 4.0]])
+def test_a_pose_has_three_numbers(values):
+    with pytest.raises(ValueError, match="values to unpack"):
+        SE2.from_array(values)
+
+
+@pytest.mark.parametrize(
+    ("angle", "wrapped"),
+    [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3 * math.pi / 2, -QUARTER), (7.0, 7.0 - 2 * math.pi)],
+)
+def test_angles_wrap_to_minus_pi_included_and_pi_not(angle, wrapped):
+    assert wrap_angle(angle) == pytest.approx(wrapped)
+    np.testing.assert_allclose(wrap_angles([[angle]]), [[wrapped]])

@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+
+def test_moving_a_map_moves_its_drives_and_takes_the_grid_given():
+    pose = SE2(1.0, 2.0, 0.5)
+    scan = LaserScan(7.0, 0.0, 0.1, 0.1, 10.0, np.array([2.0]))
+    drive = Drive(
+        "robot_0", Trajectory(np.array([7.0]), np.array([pose])), Keyframes.from_scans([scan], [pose], [pose])
+    )
+    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 2))
+    elsewhere = TbmGrid.unknown(GridGeometry(0.1, 5.0, 5.0, 3, 3))
+    T_new_old = SE2(-3.0, 1.0, 2.0)
+    moved = TbmMap(grid, (drive,), {"seed": 1}).moved(T_new_old, elsewhere)
+    assert moved.grid is elsewhere
+    assert moved.provenance == {"seed": 1}
+    assert moved.drives[0].name == "robot_0"
+    assert moved.drives[0].trajectory.pose(0) == pytest.approx(T_new_old @ pose)
+    assert moved.drives[0].keyframes.pose(0) == pytest.approx(T_new_old @ pose)
+
+
+def test_a_map_may_be_nothing_but_a_grid():
+    alone = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 2)))
+    assert alone.drives == ()
+    assert alone.provenance == {}
