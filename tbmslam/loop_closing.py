@@ -2,8 +2,8 @@
 
 Stretches of the drive are joined into submaps. Wherever the drive may have come back, which a model of its drift says,
 a bundle of neighbouring keyframes is searched for in the old submap, laid onto its surfaces and verified: enough of it
-must lie on surfaces, little in space known to be free, no other place may fit as well, and both directions of the
-plane must be determined. Accepted closures enter a robust pose graph.
+must lie on surfaces, little in space known to be free, and no other place may fit as well. A direction that the fit
+leaves open, as along a corridor, stays open. Accepted closures enter a robust pose graph.
 """
 
 import logging
@@ -47,7 +47,9 @@ class LoopClosingConfig(BaseModel):
     min_matched: float = Field(0.35, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
     max_ambiguity: float = Field(0.9, ge=0, le=1, description="score of another place over the best one's")
-    min_determined: float = Field(0.02, ge=0, description="curvature of the weakest direction over the strongest")
+    min_determined: float = Field(
+        0.02, ge=0, description="curvature of a direction over the other's below which it is open"
+    )
     position_deviation: float = Field(0.02, gt=0, description="accuracy of a closure at best [m]")
     heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
@@ -194,18 +196,34 @@ class _Drive:
         if len(bundle) < config.search_points // 2:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
+        rival = None
         if shift > 0.0:
             found = submap.search(bundle[:: max(len(bundle) // config.search_points, 1)], guess, shift, turn)
-            if found.ambiguity > config.max_ambiguity:
-                return None
+            rival = found.rival if found.ambiguity > config.max_ambiguity else None
             guess = found.pose
         fit = submap.fit(bundle[:: max(len(bundle) // config.match_points, 1)], guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
-        eigenvalues = np.linalg.eigvalsh(fit.hessian[:2, :2])
-        if eigenvalues[0] < config.min_determined * eigenvalues[1]:
+        hessian = self._determined(fit.hessian, rival)
+        if hessian is None:
             return None
-        return MotionEdge(submap.anchor, keyframe, fit.pose, self._information(fit.hessian, fit.pose))
+        return MotionEdge(submap.anchor, keyframe, fit.pose, self._information(hessian, fit.pose))
+
+    def _determined(self, hessian: FloatArray, rival: FloatArray | None) -> FloatArray | None:
+        """Return the curvature without the direction that a fit leaves open; None where a rival lies across.
+
+        Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
+        """
+        strengths, directions = np.linalg.eigh(hessian[:2, :2])
+        open_direction = directions[:, 0]
+        if rival is not None and abs(rival @ open_direction) < 0.9 * np.hypot(*rival):
+            return None
+        if rival is None and strengths[0] >= self.config.min_determined * strengths[1]:
+            return hessian
+        kept = np.eye(3)
+        kept[:2, :2] -= np.outer(open_direction, open_direction)
+        closed: FloatArray = kept @ hessian @ kept
+        return closed
 
     def _information(self, hessian: FloatArray, pose: SE2) -> FloatArray:
         """Return a closure's information in the keyframe's frame: its curvature, and what submaps bend at best."""

@@ -40,10 +40,13 @@ class Find:
         The place.
     ambiguity
         Score of the best place elsewhere over the score here: 1 means that nothing tells them apart.
+    rival
+        Where that other place lies from here (2,) [m].
     """
 
     pose: SE2
     ambiguity: float
+    rival: FloatArray
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ class Submap:
         config = self._config
         reach = math.ceil(shift / config.resolution)
         count = math.ceil(turn / config.turn_step)
-        turns = np.arange(-count, count + 1) * config.turn_step
+        turns = np.arange(-count, count + 1, dtype=np.float64) * config.turn_step
         sums = correlate(self._field, self._lattice, points, guess, turns, reach)
         k, row, col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
         best = float(sums[k, row, col])
@@ -122,8 +125,10 @@ class Submap:
         )
         here = math.ceil(config.same_place / config.resolution)
         sums[:, max(row - here, 0) : row + here + 1, max(col - here, 0) : col + here + 1] = -np.inf
+        _, other_row, other_col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
         elsewhere = max(float(sums.max()), 0.0)
-        return Find(pose, elsewhere / best if best > 0.0 else 1.0)
+        rival = np.array([other_col - col, other_row - row], dtype=np.float64) * config.resolution
+        return Find(pose, elsewhere / best if best > 0.0 else 1.0, rival)
 
     def fit(self, points: FloatArray, guess: SE2) -> Fit:
         """Lay points (N, 2) onto the surfaces near a guess, and tell how well they fit there."""

@@ -113,9 +113,25 @@ class SurfelMap:
         )
         return Registration(SE2(*pose), hessian, matched, cost)
 
-    def search(self, points: FloatArray, guess: SE2, shifts: FloatArray, turns: FloatArray, tolerance: float) -> SE2:
-        """Return the pose among all `shifts` (M, 2) [m] and `turns` (K,) [rad] about a guess that matches most."""
-        return SE2(*search(self._surfels, self._lattice, points, guess, shifts, turns, tolerance))
+    def search(
+        self,
+        points: FloatArray,
+        guess: SE2,
+        shifts: FloatArray,
+        turns: FloatArray,
+        tolerance: float,
+        costs: tuple[float, float],
+    ) -> SE2:
+        """Return the pose among all `shifts` (M, 2) [m] and `turns` (K,) [rad] about a guess that matches best.
+
+        Parameters
+        ----------
+        tolerance
+            Distance at which a point counts half [standard deviations].
+        costs
+            Share of all points that a metre and a radian away from the guess must win.
+        """
+        return SE2(*search(self._surfels, self._lattice, points, guess, shifts, turns, tolerance, costs))
 
     def _grow_to_contain(self, points: FloatArray) -> None:
         (resolution, first_row, first_col), (rows, cols) = self._lattice, self._moments.shape[:2]

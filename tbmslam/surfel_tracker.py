@@ -34,6 +34,9 @@ class SurfelTrackerConfig(BaseModel):
         0.55, ge=0, le=1, description="share of hits on known surfaces below which to search around"
     )
     search_gain: float = Field(0.15, ge=0, le=1, description="how much more a search must match to be believed")
+    search_costs: tuple[float, float] = Field(
+        (0.2, 0.05), description="share of hits that a metre and a radian away from the guess must win"
+    )
     search_points: int = Field(120, ge=10, description="hits that are tried in a search")
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
@@ -66,7 +69,9 @@ class SurfelTracker:
         result = self._register(points, T_map_sensor, np.diag(deviations**-2.0))
         if result.matched < config.doubtful:
             few = points[:: max(len(points) // config.search_points, 1)]
-            found = self._map.search(few, T_map_sensor, self._search_shifts, self._search_turns, config.tolerances[0])
+            found = self._map.search(
+                few, T_map_sensor, self._search_shifts, self._search_turns, config.tolerances[0], config.search_costs
+            )
             other = self._register(points, found, np.diag(deviations**-2.0))
             if other.matched > result.matched + config.search_gain:
                 result = other

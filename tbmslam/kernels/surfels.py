@@ -226,14 +226,16 @@ def search(
     shifts: FloatArray,
     turns: FloatArray,
     tolerance: float,
+    costs: tuple[float, float],
 ) -> Pose:
-    """Try every turn (K,) [rad] about the guess and every shift (M, 2) [m]; return the pose that matches most points.
+    """Try every turn (K,) [rad] about the guess and every shift (M, 2) [m]; return the pose that matches best.
 
-    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d.
+    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d; `costs` are the share of all points that a metre and
+    a radian away from the guess must win, so that the nearest of equals is taken.
     """
     resolution, first_row, first_col = lattice
     tolerance_squared = tolerance * tolerance
-    best_score = -1.0
+    best_score = -math.inf
     best = (guess[0], guess[1], guess[2])
     rotated = np.empty_like(points)
     for k in range(len(turns)):
@@ -244,7 +246,8 @@ def search(
             rotated[i, 1] = sine * points[i, 0] + cosine * points[i, 1]
         for m in range(len(shifts)):
             x, y = guess[0] + shifts[m, 0], guess[1] + shifts[m, 1]
-            score = 0.0
+            away = costs[0] * math.hypot(shifts[m, 0], shifts[m, 1]) + costs[1] * abs(turns[k])
+            score = -away * len(points)
             for i in range(len(points)):
                 px, py = x + rotated[i, 0], y + rotated[i, 1]
                 col = math.floor(px / resolution) - first_col

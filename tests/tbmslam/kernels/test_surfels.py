@@ -107,5 +107,15 @@ def test_search_finds_a_far_place():
     steps = np.arange(-0.5, 0.51, 0.1)
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     turns = np.arange(-1.0, 1.01, 0.03)
-    found = search(surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0)
+    found = search(surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
     assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
+
+
+def test_search_takes_the_nearest_of_equals():
+    generator = np.random.default_rng(7)
+    wall = np.column_stack((generator.uniform(-5.0, 5.0, 3000), generator.normal(0.0, 0.01, 3000)))
+    shifts = np.array([[x, 0.0] for x in np.arange(-1.0, 1.01, 0.1)])
+    scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
+    surfels = surfels_of(wall)
+    near = search(surfels, LATTICE, scan, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
+    assert near[0] == pytest.approx(0.05)
