@@ -17,7 +17,9 @@ _SAME_FREE, _SAME_OCCUPIED = (255, 255, 255), (0, 0, 0)
 _FALSE_WALL, _MISSED_WALL = (40, 40, 230), (230, 120, 20)
 _ONLY_MAP, _ONLY_TRUTH, _UNKNOWN = (205, 225, 205), (225, 205, 205), (160, 160, 160)
 
-_LONGEST_SIDE, _MARGIN, _LEGEND_HEIGHT = 1600, 20, 46
+_GREYS = np.array([225, 250, 130, 225], dtype=np.uint8)  # of a backdrop, by label
+
+_LONGEST_SIDE, _MARGIN, _LEGEND_WIDTH, _LEGEND_HEIGHT = 1600, 20, 300, 46
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ def draw_trajectory_errors(
         low, high = np.minimum(low, (min_x, min_y)), np.maximum(high, (max_x, max_y))
     scale = (_LONGEST_SIDE - 2 * _MARGIN) / max(float((high - low).max()), 1.0)  # [pixels/m]
     width, height = (int(side) + 2 * _MARGIN for side in np.ceil((high - low) * scale))
+    width = max(width, _LEGEND_WIDTH + 2 * _MARGIN)
     picture = np.full((height, width, 3), 255, dtype=np.uint8)
     corner = np.array([low[0], high[1]]) - np.array([_MARGIN, -_MARGIN]) / scale  # of the picture, top left [m]
     if backdrop is not None:
@@ -121,12 +124,12 @@ def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, sca
     inside_cols = np.flatnonzero((cell_cols >= 0) & (cell_cols < geometry.cols))
     inside_rows = np.flatnonzero((cell_rows >= 0) & (cell_rows < geometry.rows))
     seen = labels[np.ix_(cell_rows[inside_rows], cell_cols[inside_cols])]
-    picture[np.ix_(inside_rows, inside_cols)] = np.where(seen == FREE, 250, 225).astype(np.uint8)[..., None]
+    picture[np.ix_(inside_rows, inside_cols)] = _GREYS[seen][..., None]
     # A wall may be thinner than a pixel: every occupied cell marks the pixel it lies in.
     wall_rows, wall_cols = np.nonzero(labels == OCCUPIED)
     wall_x = geometry.origin_x + (wall_cols + 0.5) * geometry.resolution
     wall_y = geometry.origin_y + (wall_rows + 0.5) * geometry.resolution
-    picture[((corner[1] - wall_y) * scale).astype(int), ((wall_x - corner[0]) * scale).astype(int)] = 130
+    picture[((corner[1] - wall_y) * scale).astype(int), ((wall_x - corner[0]) * scale).astype(int)] = _GREYS[OCCUPIED]
 
 
 def _colour_scale(width: int, largest: float, unit: str) -> Picture:
@@ -134,9 +137,8 @@ def _colour_scale(width: int, largest: float, unit: str) -> Picture:
     import cv2  # noqa: PLC0415  measuring needs no pictures
 
     strip = np.full((_LEGEND_HEIGHT, width, 3), 255, dtype=np.uint8)
-    length = min(300, width - 2 * _MARGIN)
-    ramp = np.linspace(0, 255, length).astype(np.uint8)[None].repeat(12, axis=0)
-    strip[4:16, _MARGIN : _MARGIN + length] = cv2.applyColorMap(ramp, cv2.COLORMAP_TURBO)
-    for text, left in (("0", _MARGIN), (f"{largest:.3g} {unit}", _MARGIN + length - 60)):
+    ramp = np.linspace(0, 255, _LEGEND_WIDTH).astype(np.uint8)[None].repeat(12, axis=0)
+    strip[4:16, _MARGIN : _MARGIN + _LEGEND_WIDTH] = cv2.applyColorMap(ramp, cv2.COLORMAP_TURBO)
+    for text, left in (("0", _MARGIN), (f"{largest:.3g} {unit}", _MARGIN + _LEGEND_WIDTH - 60)):
         cv2.putText(strip, text, (left, 36), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), lineType=cv2.LINE_AA)
     return strip
