@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from datasets.synthetic.endless_drive import EndlessDrive
+from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.odometry_noise import OdometryNoise
+from tbmslam.config import preset
+from tbmslam.slam import Slam
+from tbmslam.timed_slam import STAGES, StageClock, TimedSlam
+
+
+@pytest.fixture(scope="module")
+def readings():
+    laser = SimulatedLaser(beams=181, angle_min=-np.pi / 2, angle_increment=np.pi / 180, rate=5.0)
+    return list(EndlessDrive("round", 6.0, laser, OdometryNoise.preset("good")).readings())
+
+
+@pytest.mark.parametrize("name", ["default", "viny", "viny-hc"])
+def test_it_maps_as_the_plain_one_does_and_every_part_is_timed(name, readings):
+    plain, timed = Slam(preset(name)), TimedSlam(preset(name))
+    for reading in readings:
+        assert plain.process(reading) == timed.process(reading)
+    expected, found = plain.finish(), timed.finish()
+    np.testing.assert_array_equal(found.grid.masses, expected.grid.masses)
+    np.testing.assert_array_equal(found.drives[0].trajectory.poses, expected.drives[0].trajectory.poses)
+    parts = {"matching", "inserting", "closing"} | ({"rendering"} if name == "default" else set())
+    assert {stage for stage in STAGES if timed.clock.seconds[stage] > 0.0} == parts
+
+
+def test_a_call_that_fails_is_timed_too():
+    clock = StageClock()
+    with pytest.raises(ZeroDivisionError):
+        clock.timed("matching", divmod, 1, 0)
+    assert clock.seconds["matching"] > 0.0
+    assert clock.timed("closing", divmod, 7, 2) == (3, 1)
