@@ -86,7 +86,8 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
                 for number, name in enumerate(arrays.read("drives", np.str_, (None,)))
             )
             return TbmMap(grid, drives, _read_provenance(arrays))
-    except (NpzError, ValueError) as error:  # ValueError: the types refuse arrays that do not belong together
+    # ValueError: the types refuse arrays that do not belong together; RecursionError: provenance of brackets.
+    except (NpzError, ValueError, RecursionError) as error:
         raise MapFileError(f"{path}: is no map of this program or is damaged: {error}: make the map anew") from error
 
 

@@ -56,8 +56,7 @@ def read_image(path: Path) -> MapImage:
         content = path.read_bytes()
     except OSError as error:
         raise MapFileError(f"{path}: the map's image cannot be read: {error.strerror}") from error
-    header = _PGM_HEADER.match(content)
-    return _decode_pgm(path, content, header) if header else _decode(path, content)
+    return _decode_pgm(path, content) if content[:2] in {b"P2", b"P5"} else _decode(path, content)
 
 
 def encode_pgm(pixels: npt.NDArray[np.uint8]) -> bytes:
@@ -66,8 +65,11 @@ def encode_pgm(pixels: npt.NDArray[np.uint8]) -> bytes:
     return f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes()
 
 
-def _decode_pgm(path: Path, content: bytes, header: re.Match[bytes]) -> MapImage:
+def _decode_pgm(path: Path, content: bytes) -> MapImage:
     """Decode it here: OpenCV does not tell the maximum, which need not be 255."""
+    header = _PGM_HEADER.match(content)
+    if header is None:
+        raise MapFileError(f"{path}: has no PGM header with width, height and maximum: it is damaged")
     kind, cols, rows, maximum = (int(group) for group in header.groups())
     check_size(path, rows, cols)
     if not 1 <= maximum <= 65535:
@@ -93,10 +95,15 @@ def _decode(path: Path, content: bytes) -> MapImage:
     if content.startswith(_PNG_SIGNATURE) and len(content) >= 24:
         # A few bytes of a PNG can state gigabytes of pixels.
         check_size(path, rows=int.from_bytes(content[20:24], "big"), cols=int.from_bytes(content[16:20], "big"))
+    level = cv2.utils.logging.setLogLevel(
+        cv2.utils.logging.LOG_LEVEL_SILENT
+    )  # a damaged file is told in one line, not in OpenCV's as well
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # empty, or more pixels than OpenCV allows
         pixels = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if pixels is None:
         raise MapFileError(f"{path}: is no picture that can be read: it is damaged, or save it as PGM or PNG")
     if pixels.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
