@@ -1,0 +1,32 @@
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.programs import build, merge_maps, simulate
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def office(tmp_path_factory):
+    """Three robots in an office with the default laser (1040 beams, 20 Hz), their maps and the merged map."""
+    root = tmp_path_factory.mktemp("office")
+    bags = simulate(root / "bags", "--world", "office", "--seed", 1, "--robots", 3)
+    maps = build(root / "maps", *(bags / f"robot_{k}.bag" for k in range(3)), "--separate", "--no-truth")
+    merge_maps(root / "merged", *(maps / f"robot_{k}" for k in range(3)))
+    return root
+
+
+@pytest.fixture(scope="session")
+def flat(tmp_path_factory):
+    """Two robots in a flat with a small laser: bags only, quick to map."""
+    bags = tmp_path_factory.mktemp("flat")
+    small = ("--beams", 361, "--rate", 8, "--length", 45, "--overlap", 0.6)
+    return simulate(bags, "--world", "apartment", "--seed", 3, "--robots", 2, *small)
+
+
+@pytest.fixture
+def shared_data():
+    if not SHARED_DATA.is_dir():
+        pytest.skip("the folder of shared recordings is absent")
+    return SHARED_DATA
