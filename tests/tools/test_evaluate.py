@@ -1,0 +1,169 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.map_folder import load_map, save_map
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.trajectory import Trajectory
+from tbmslam.tum import write_tum
+from tools.evaluate import main
+
+ROOT = Path(__file__).resolve().parents[2]
+T_WORLD_MAP = SE2(6.0, 5.0, 0.4)
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Write a world, a map of a part of it in a frame of its own, and a drive in both frames."""
+    folder = tmp_path_factory.mktemp("evaluate")
+    world = make_world("apartment", 3)
+    world.save(folder / "world.npz")
+    geometry = GridGeometry(0.05, 0.0, 0.0, 100, 140)
+    labels = world.occupancy(geometry, T_WORLD_MAP)
+    masses = np.zeros((100, 140, 4), dtype=np.float32)
+    masses[..., UNKNOWN] = np.where(labels == UNKNOWN, 1.0, 0.25)
+    masses[labels == FREE, FREE] = 0.75
+    masses[labels == OCCUPIED, OCCUPIED] = 0.75
+    save_map(folder / "map", TbmMap(TbmGrid(geometry, masses)))
+    t = np.arange(100) * 0.1
+    own = Trajectory(1e9 + t, np.column_stack((1.0 + 0.3 * t, 1.0 + 0.2 * np.sin(t), 0.2 * np.cos(t))))
+    write_tum(folder / "est.tum", own)
+    write_tum(folder / "gt.tum", own.transformed(T_WORLD_MAP))
+    wrong = own.poses.copy()
+    wrong[60:, 1] += 0.1
+    write_tum(folder / "wrong.tum", Trajectory(own.stamps, wrong))
+    relations = (f"{1e9 + k} {1e9 + k + 2.0} {0.6} 0 0 0 0 0" for k in range(8))
+    (folder / "true.relations").write_text("\n".join(relations) + f"\n{1e9} {2e9} 0 0 0 0 0 0\n")
+    return folder
+
+
+def test_a_trajectory_against_the_truth(files, tmp_path, capsys):
+    picture = tmp_path / "out.png"
+    arguments = ["trajectory", files / "wrong.tum", "--truth", files / "gt.tum", "--step-m", 0.5]
+    assert run(*arguments, "--json", "--picture", picture, "--map", files / "world.npz") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures["poses"], figures["unmatched"]) == (100, 0)
+    assert 0.02 < figures["ate_m"]["rmse"] < 0.05
+    assert figures["rpe"]["steps"] == 6
+    assert figures["rpe"]["translation_m"]["maximum"] == pytest.approx(0.1, abs=0.01)
+    assert figures["rpe"]["rotation_deg"]["maximum"] == pytest.approx(0.0, abs=1e-5)
+    drawn = cv2.imread(str(picture))
+    colourful = np.ptp(drawn.astype(int), axis=2) > 80
+    assert 1000 < colourful.sum() < 0.2 * colourful.size
+    assert (drawn == 130).all(axis=2).sum() > 1000
+
+
+def test_a_map_beneath_lies_in_the_estimates_frame(files, tmp_path):
+    arguments = ["trajectory", files / "est.tum", "--truth", files / "gt.tum"]
+    assert run(*arguments, "--step-s", 2, "--picture", tmp_path / "out.png", "--map", files / "map") == 0
+    assert (cv2.imread(str(tmp_path / "out.png")) == 130).all(axis=2).sum() > 200
+
+
+def test_a_trajectory_against_relations(files, tmp_path, capsys):
+    arguments = ["trajectory", files / "est.tum", "--relations", files / "true.relations"]
+    assert run(*arguments, "--picture", tmp_path / "out.png") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "checked: 8" in lines
+    assert "unmatched: 1" in lines
+    translation = next(line for line in lines if line.startswith("translation_m: "))
+    assert [word.split()[0] for word in translation.removeprefix("translation_m: ").split(", ")] == [
+        *("rmse", "mean", "standard_deviation", "median", "maximum"),
+    ]
+    assert cv2.imread(str(tmp_path / "out.png")) is not None
+
+
+def test_a_map_against_its_world(files, tmp_path, capsys):
+    x, y, theta = T_WORLD_MAP
+    exact = ["map", files / "map", "--truth", files / "world.npz", "--json"]
+    assert run(*exact, "--transform", x, y, np.degrees(theta), "--picture", tmp_path / "m.png") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["agree"] > 0.999
+    assert figures["known_both"] == figures["known_map"] > 1000
+    assert cv2.imread(str(tmp_path / "m.png")).shape[0] == rows_of(files)
+    assert run(*exact, "--transform", x + 0.2, y - 0.1, np.degrees(theta) + 1.5) == 0
+    off = json.loads(capsys.readouterr().out)
+    assert off["agree_occupied"] < 0.7
+    assert off["wall_distance_m"] > 0.05
+    assert run(*exact, "--transform", x + 0.2, y - 0.1, np.degrees(theta) + 1.5, "--refine") == 0
+    refined = json.loads(capsys.readouterr().out)
+    assert refined["refined"] is True
+    found = refined["T_truth_map"]
+    assert (found["x_m"], found["y_m"]) == pytest.approx((x, y), abs=0.02)
+    assert found["theta_deg"] == pytest.approx(np.degrees(theta), abs=0.2)
+    assert refined["wall_distance_m"] < 0.02
+    assert run(*exact, "--trajectories", files / "est.tum", files / "gt.tum") == 0
+    assert json.loads(capsys.readouterr().out)["agree"] > 0.999
+
+
+def rows_of(files):
+    return load_map(files / "map").grid.geometry.rows
+
+
+def test_a_map_against_a_map(files, capsys):
+    assert run("map", files / "map", "--truth", files / "map" / "map.npz", "--json", "--refine") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["agree"] == figures["agree_free"] == figures["found_occupied"] == 1.0
+    assert figures["wall_distance_m"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("trajectory", "no.tum", "--truth", "gt.tum"), "no.tum: cannot be read"),
+        (("trajectory", "est.tum", "--truth", "gt.tum", "--step-m", "99"), "less than a step of 99 m"),
+        (("map", "map", "--truth", "nothing.npz"), "nothing.npz"),
+        (("map", "map", "--truth", "world.npz", "--transform", "900", "0", "0"), "know no cell in common"),
+    ],
+)
+def test_what_is_wrong_with_the_input_is_one_line_and_exit_1(files, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(files)
+    assert run(*arguments) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("evaluate: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_relations_of_another_recording(files, tmp_path, capsys):
+    (tmp_path / "other.relations").write_text("5 6 0 0 0 0 0 0\n")
+    assert run("trajectory", files / "est.tum", "--relations", tmp_path / "other.relations") == 1
+    assert "none of the 1 relations" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("trajectory", "a"), "one of the arguments --truth --relations is required"),
+        (("trajectory", "a", "--truth", "b", "--step-m", "0"), "--step-m must be positive"),
+        (("trajectory", "a", "--relations", "b", "--step-s", "1"), "relations have steps of their own"),
+        (("trajectory", "a", "--truth", "b", "--max-stamp-difference", "-1"), "must not be negative"),
+        (("trajectory", "a", "--truth", "b", "--map", "m"), "--map is drawn beneath the trajectory: add --picture"),
+        (("map", "a", "--truth", "b", "--min-evidence", "1"), r"--min-evidence must lie within [0, 1)"),
+    ],
+)
+def test_wrong_usage_is_exit_2(capsys, arguments, message):
+    with pytest.raises(SystemExit) as left:
+        run(*arguments)
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from tools.evaluate import parser; parser().print_help(); print('numpy' in sys.modules)"
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout  # noqa: S603 - a fixed command
+    assert "--relations intel.relations" in out
+    assert out.endswith("False\n")
