@@ -10,6 +10,9 @@ from tbmslam.grid import GridGeometry
 MAX_CELLS = 400_000_000
 """Cells beyond which a file is not believed: 1 km by 1 km in cells of 5 cm, and 6.4 GB of masses."""
 
+MAX_COORDINATE = 1e8
+"""Coordinates [m] beyond which a file is not believed: they exceed any on Earth and their fractions lose digits."""
+
 
 class MapFileError(TbmSlamError):
     """A file that should hold a map does not: one line with the file, the fact and the remedy."""
@@ -21,7 +24,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
     Raises
     ------
     MapFileError
-        If the resolution is not positive, a number is not finite, or there are no cells or too many.
+        If the resolution is not positive, a number is not finite or too large, or there are no cells or too many.
     """
     if not (np.isfinite(geometry.resolution) and geometry.resolution > 0.0):
         raise MapFileError(f"{path}: the resolution must be positive, it says {geometry.resolution}: correct it")
@@ -30,6 +33,12 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
             f"{path}: the origin must be finite, it says {geometry.origin_x}, {geometry.origin_y}: correct it"
         )
     check_size(path, geometry.rows, geometry.cols)
+    farthest = max(abs(edge) for edge in geometry.bounds())
+    if not farthest <= MAX_COORDINATE:
+        raise MapFileError(
+            f"{path}: the map would reach to {farthest:.3g} m, more than the {MAX_COORDINATE:.0e} m that are believed: "
+            "correct the resolution and the origin"
+        )
 
 
 def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:

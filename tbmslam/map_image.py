@@ -1,6 +1,7 @@
 """Pictures of maps as map_server reads them: brightness and, where there is one, an alpha channel."""
 
 import re
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
     if content.startswith(_PNG_SIGNATURE) and len(content) >= 24:
         # A few bytes of a PNG can state gigabytes of pixels.
         check_size(path, rows=int.from_bytes(content[20:24], "big"), cols=int.from_bytes(content[16:20], "big"))
+        _check_png_chunks(path, content)
     level = cv2.utils.logging.setLogLevel(
         cv2.utils.logging.LOG_LEVEL_SILENT
     )  # a damaged file is told in one line, not in OpenCV's as well
@@ -111,3 +113,15 @@ def _decode(path: Path, content: bytes) -> MapImage:
     rows, cols = pixels.shape[:2]
     check_size(path, rows, cols)
     return MapImage(pixels.reshape(rows, cols, -1), 255 if pixels.dtype == np.uint8 else 65535)
+
+
+def _check_png_chunks(path: Path, content: bytes) -> None:
+    """Check a PNG's checksums here: libpng, below OpenCV, would tell of damage on stderr, and of some decode what it can."""
+    start, kind = len(_PNG_SIGNATURE), b""
+    while kind != b"IEND":
+        length, kind = int.from_bytes(content[start : start + 4], "big"), content[start + 4 : start + 8]
+        end = start + 8 + length
+        checksum = content[end : end + 4]
+        if len(checksum) < 4 or zlib.crc32(content[start + 4 : end]) != int.from_bytes(checksum, "big"):
+            raise MapFileError(f"{path}: is damaged or cut off: fetch the picture again")
+        start = end + 4

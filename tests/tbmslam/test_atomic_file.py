@@ -1,0 +1,55 @@
+import pytest
+
+from tbmslam.atomic_file import FileNotWrittenError, replacing, write_bytes, write_text
+
+
+def names_in(folder):
+    return [path.name for path in folder.iterdir()]
+
+
+def write_and_fail(path):
+    with replacing(path) as temporary:
+        temporary.write_bytes(b"half")
+        raise KeyError
+
+
+def test_parents_are_made_and_nothing_else_is_left(tmp_path):
+    write_text(tmp_path / "a" / "b" / "text.txt", "für\n")
+    assert (tmp_path / "a" / "b" / "text.txt").read_bytes() == "für\n".encode()
+    assert names_in(tmp_path / "a" / "b") == ["text.txt"]
+
+
+def test_a_new_file_takes_the_place_of_the_old_one_only_at_the_end(tmp_path):
+    path = tmp_path / "map.npz"
+    write_bytes(path, b"old")
+    with replacing(path) as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".npz"
+        temporary.write_bytes(b"new")
+        assert path.read_bytes() == b"old"
+    assert path.read_bytes() == b"new"
+    assert names_in(tmp_path) == ["map.npz"]
+
+
+def test_a_failure_keeps_the_old_file(tmp_path):
+    path = tmp_path / "map.npz"
+    write_bytes(path, b"old")
+    with pytest.raises(KeyError):
+        write_and_fail(path)
+    assert path.read_bytes() == b"old"
+    assert names_in(tmp_path) == ["map.npz"]
+
+
+def test_a_file_has_the_usual_permissions(tmp_path):
+    (tmp_path / "usual").write_bytes(b"")
+    write_bytes(tmp_path / "ours", b"")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FileNotWrittenError, match=r"inside: cannot be written \(.+\): choose another place"):
+        write_bytes(tmp_path / "file" / "inside", b"")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(FileNotWrittenError, match="folder: cannot be written"):
+        write_bytes(tmp_path / "folder", b"")
