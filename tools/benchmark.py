@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 EXAMPLES = """examples:
-  %(prog)s slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset default,viny,viny-hc
+  python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset default,viny,viny-hc
       two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
-  %(prog)s slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
+  python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
       bags of simulated drives (kind:seed:odometry and options of make_world), medians of three runs
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage

@@ -11,9 +11,9 @@ from pathlib import Path
 from tools.recording_options import add_recording_options, options_from
 
 EXAMPLES = """examples:
-  %(prog)s recording.bag --robots 3 --overlap 0.3 -o out/building
-      split one drive into three robots that share 30 % of their way
-  %(prog)s monday.bag tuesday.bag --separate --profile stata -o out/stata
+  python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
+      split one drive into three robots that share 30 %% of their way
+  python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
       one robot a bag, read like the MIT Stata Center recordings
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
     slam.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help="one parameter, e.g. map.resolution=0.1"
     )
-    slam.add_argument("--seed", type=int, default=0, help="of the private frames and of matchers that draw (0)")
+    slam.add_argument("--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)")
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference",
@@ -82,7 +82,7 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
         grammar.error("--separate makes each recording one robot: drop --robots and --interval")
-    if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or args.seed < 0:
+    if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
         grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
     from tbmslam.errors import TbmSlamError
     from tools.mapping_run import build_maps

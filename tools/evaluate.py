@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 EXAMPLES = """examples:
-  %(prog)s trajectory out/office/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
+  python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
       ATE and RPE over steps of 1 m, and the drive coloured by its error
-  %(prog)s trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
+  python tools/%(prog)s.py trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
       the errors of Kuemmerle et al. (2009), for other programs to read
-  %(prog)s map out/office/robot_0 --truth world/world.npz \\
+  python tools/%(prog)s.py map out/office/robot_0 --truth world/world.npz \\
       --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
       the share of cells that are as in the world, where the trajectories say that the map lies
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from datasets.synthetic.world import World
 
 EXAMPLES = """examples:
-  %(prog)s --world office --seed 1 --robots 3 --odometry good -o out/office
+  python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
       three robots in an office; together they see all of it, neighbours share 30 %% of their ways
-  %(prog)s --world corridor --robots 1 --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
+  python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
 
 exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage

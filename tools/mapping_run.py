@@ -57,7 +57,7 @@ class Robot:
 def build_maps(args: argparse.Namespace, options: RecordingOptions) -> None:
     """Map every robot and save its folder, then the truth beside them."""
     config = _config(args)
-    robots = _robots(args, options)
+    robots = _robots(args, options, config.seed)
     _refuse_stale_robots(args.out, [robot.name for robot in robots])
     made: dict[str, TbmMap] = {}
     for robot in robots:
@@ -77,7 +77,8 @@ def _config(args: argparse.Namespace) -> SlamConfig:
         values = with_setting(values, setting)
     if args.no_return is not None:
         values["map"]["insertion"]["no_return"] = "free" if args.no_return == "free" else "ignore"
-    values["seed"] = args.seed
+    if args.seed is not None:
+        values["seed"] = args.seed
     return config_from_dict(values)
 
 
@@ -89,7 +90,7 @@ def _merged(values: Mapping[str, object], changes: Mapping[str, object]) -> dict
     return merged
 
 
-def _robots(args: argparse.Namespace, options: RecordingOptions) -> list[Robot]:
+def _robots(args: argparse.Namespace, options: RecordingOptions, seed: int) -> list[Robot]:
     groups = [[path] for path in args.recordings] if args.separate else [args.recordings]
     robots: list[Robot] = []
     for number, paths in enumerate(groups):
@@ -97,7 +98,7 @@ def _robots(args: argparse.Namespace, options: RecordingOptions) -> list[Robot]:
         reference = args.reference[number] if args.reference else None
         for segment in _segments(args, recording):
             index = len(robots)
-            T_own_start = private_frame(args.seed, index) if args.frames == "private" else None
+            T_own_start = private_frame(seed, index) if args.frames == "private" else None
             robots.append(Robot(f"robot_{index}", recording, segment, T_own_start, reference))
     return robots
 

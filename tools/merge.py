@@ -22,18 +22,18 @@ COVERAGES = ("union", "overlap")
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 
 EXAMPLES = """examples:
-  # two robots' maps as build_maps wrote them, into merged/map.npz, merged/map.yaml, pictures and merged/report.json
-  python tools/merge.py out/robot_0 out/robot_1 -o merged
+  python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
+      two robots' maps as build_maps wrote them become merged/map.npz, map.yaml, pictures and a report
+  python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
+      any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
 
-  # any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
-  python tools/merge.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
-
-exit status: 0 merged, 1 an error, 2 wrong usage, 3 no two maps could be merged (report.json says why)
+exit codes: 0 merged, 1 something is wrong (one line says what), 2 wrong usage, 3 no two maps could be merged (the
+report says why)
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; return its exit status."""
+    """Run the program; return its exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
     if len(options.maps) < 2:

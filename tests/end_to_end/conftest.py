@@ -25,6 +25,12 @@ def flat(tmp_path_factory):
     return simulate(bags, "--world", "apartment", "--seed", 3, "--robots", 2, *small)
 
 
+@pytest.fixture(scope="session")
+def flat_maps(flat, tmp_path_factory):
+    """The flat's two robots mapped, with a truth of the SLAM's own."""
+    return build(tmp_path_factory.mktemp("flat") / "maps", flat / "robot_0.bag", flat / "robot_1.bag", "--separate")
+
+
 @pytest.fixture
 def shared_data():
     if not SHARED_DATA.is_dir():

@@ -171,7 +171,7 @@ def test_help_answers_at_once():
         command, cwd=REPOSITORY, capture_output=True, text=True, check=True
     )
     assert time.perf_counter() - start < 2.0  # 0.05 s on an idle machine
-    assert "exit status: 0 merged" in answer.stdout
+    assert "exit codes: 0 merged" in answer.stdout
     loaded = "import sys; import tools.merge; print({'cv2', 'numba', 'scipy', 'pydantic'} & set(sys.modules))"
     answer = subprocess.run(  # noqa: S603  our own program
         [sys.executable, "-c", loaded], cwd=REPOSITORY, capture_output=True, text=True, check=True

@@ -1,0 +1,98 @@
+"""The programs as a shell runs them: exit codes, one line on stderr, the same bytes from another process and folder."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.programs import contents
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark")
+
+pytestmark = pytest.mark.xdist_group("flat")
+
+
+def shell(program, *arguments, cwd=ROOT, **environment):
+    command = [sys.executable, str(ROOT / "tools" / f"{program}.py"), *map(str, arguments)]
+    return subprocess.run(  # noqa: S603 - our own programs
+        command, cwd=cwd, capture_output=True, text=True, check=False, env={**os.environ, **environment}
+    )
+
+
+def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps, tmp_path):
+    bags = [str(flat / f"robot_{k}.bag") for k in range(2)]
+    done = shell("build_maps", *bags, "--separate", "-o", "maps", cwd=tmp_path, PYTHONHASHSEED="7")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert contents(tmp_path / "maps") == contents(flat_maps)
+    done = shell("merge", "maps/robot_0", "maps/robot_1", "-o", "merged", cwd=tmp_path, PYTHONHASHSEED="7")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "merged robot_0, robot_1 into merged"
+
+
+def test_a_missing_bag_and_a_missing_map_are_exit_1(tmp_path):
+    for program, arguments in {"build_maps": ["none.bag"], "merge": ["none_0", "none_1"]}.items():
+        done = shell(program, *arguments, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 1
+        assert done.stderr.startswith(f"{program}: none")
+        assert done.stderr.count("\n") == 1
+        assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_wrong_usage_is_exit_2(program):
+    done = shell(program, "--no-such-option")
+    assert done.returncode == 2
+    assert f"usage: {program}" in done.stderr
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
+    took = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = shell(program, "--help")
+        took.append(time.perf_counter() - start)
+    assert done.returncode == 0
+    assert done.stdout.count(f"\n  python tools/{program}.py ") >= 2
+    assert "exit codes: 0 " in done.stdout
+    assert min(took) < 0.3 * (5 if os.environ.get("PYTEST_XDIST_WORKER") else 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "fact"),
+    [
+        ("rosbag-v1.2.bag", "a bag of version 'ROSRECORD V1.2', only V2.0 can be read"),
+        ("truncated-intel.bag", "the bag is cut off or its index is damaged"),
+        ("wrong-index-length.bag", "the index of the bag contradicts itself"),
+    ],
+)
+def test_a_broken_bag_is_one_line_and_exit_1(shared_data, tmp_path, name, fact):
+    bag = shared_data / "broken" / name
+    done = shell("build_maps", bag, "-o", tmp_path / "maps")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"build_maps: {bag}: {fact}: ")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "maps").exists()
+
+
+def test_every_broken_file_is_known_here(shared_data):
+    assert len(list((shared_data / "broken").iterdir())) == 3
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.999])
+def test_a_bag_cut_anywhere_is_one_line_and_exit_1(flat, tmp_path, share):
+    whole = flat / "robot_0.bag"
+    cut = tmp_path / "cut.bag"
+    shutil.copy(whole, cut)
+    os.truncate(cut, int(whole.stat().st_size * share))
+    done = shell("build_maps", cut, "-o", tmp_path / "maps")
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"build_maps: {cut}: ")
+    assert done.stderr.count("\n") == 1

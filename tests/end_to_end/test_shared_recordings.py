@@ -1,0 +1,66 @@
+"""Every shared recording through both programs; nobody here made them, so figures are rough and traps are real."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tbmslam.map_folder import load_map
+from tbmslam.relations import read_relations, relation_errors
+from tbmslam.tum import read_tum
+from tests.end_to_end.programs import build, merge_maps
+from tools import merge
+
+pytestmark = pytest.mark.slow
+
+ONE_DEGREE = ("--angle-step-deg", 1.0)
+FOLDERS = {
+    "aces": ("aces/aces.bag", ONE_DEGREE),
+    "intel": ("intel/intel.bag", ONE_DEGREE),
+    "mit-csail": ("mit-csail/mit-csail.bag", ()),
+    "mit-csail, log": ("mit-csail/mit-csail.clf.xz", ()),
+    "cmu-wean 1": ("cmu-wean/robotdata1.log", ()),
+    "cmu-wean 2": ("cmu-wean/robotdata2.log", ()),
+    "olin-neato 1": ("olin-neato/ac109_1_demo.bag", ("--scan-topic", "stable_scan")),
+    "olin-neato 3": ("olin-neato/ac109_3_demo.bag", ("--scan-topic", "scan")),
+    "racecar-ros1": ("racecar-ros1/localization_bag1.bag", ()),
+    "racecar-ros2": ("racecar-ros2/sct1_v20_a0_m02_1", ()),
+}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_each_maps_and_every_file_can_be_read_again(shared_data, tmp_path, name):
+    recording, options = FOLDERS[name]
+    maps = build(tmp_path, shared_data / recording, *options)
+    run = json.loads((maps / "robot_0" / "run.json").read_text())
+    assert run["result"]["scans"] == len(read_tum(maps / "robot_0" / "trajectory.tum"))
+    tbm_map = load_map(maps / "robot_0")
+    assert tbm_map.grid.is_known().sum() * tbm_map.grid.geometry.resolution**2 > 10.0
+    assert np.isfinite(tbm_map.grid.masses).all()
+
+
+@pytest.mark.parametrize(("name", "worst_m"), [("aces", 0.2), ("intel", 0.2), ("mit-csail", 0.2)])
+def test_drives_agree_with_the_true_relations(shared_data, tmp_path, name, worst_m):
+    recording, options = FOLDERS[name]
+    maps = build(tmp_path, shared_data / recording, *options)
+    relations = read_relations(shared_data / name / f"{name}.relations")
+    errors = relation_errors(relations, read_tum(maps / "robot_0" / "trajectory.tum"))
+    assert len(errors.translations_m) > 0.9 * len(relations)
+    assert np.abs(errors.translations_m).mean() < worst_m
+    assert np.abs(errors.rotations_deg).mean() < 2.0
+
+
+def test_two_robots_from_one_real_drive(shared_data, tmp_path):
+    maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 2)
+    merged = merge_maps(tmp_path / "merged", maps / "robot_0", maps / "robot_1")
+    assert merged["merged"] is True
+
+
+def test_two_real_drives_through_one_building(shared_data, tmp_path):
+    """Merged or refused, but with a reason and a report."""
+    logs = [shared_data / "cmu-wean" / f"robotdata{number}.log" for number in (1, 2)]
+    maps = build(tmp_path / "maps", *logs, "--separate", "--no-truth")
+    status = merge.main([str(maps / "robot_0"), str(maps / "robot_1"), "-o", str(tmp_path / "merged")])
+    report = json.loads((tmp_path / "merged" / "report.json").read_text())
+    assert status == (0 if report["merged"] else 3)
+    assert report["pairs"][0]["reason"]

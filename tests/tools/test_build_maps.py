@@ -1,0 +1,254 @@
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets import DatasetError
+from tbmslam.config import ConfigError
+from tbmslam.map_folder import load_map
+from tbmslam.segmentation import SegmentationError
+from tbmslam.tum import TumError, read_tum
+from tools import build_maps, make_world
+from tools.mapping_run import OutputError
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = ("--no-truth",)
+
+
+def run(*arguments):
+    return build_maps.main([str(argument) for argument in arguments])
+
+
+def run_record(folder):
+    return json.loads((folder / "run.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Two robots that drive for 16 s in a flat, and where they truly were."""
+    folder = tmp_path_factory.mktemp("bags")
+    small = ["--beams", "181", "--rate", "5", "--duration", "16"]
+    arguments = ["--world", "apartment", "--robots", "2", *small, "-o", str(folder)]
+    assert make_world.main(arguments) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bag(bags):
+    return bags / "robot_0.bag"
+
+
+def test_one_bag_is_one_robot(bag, tmp_path, capsys):
+    assert run(bag, "-o", tmp_path) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["robot_0"]
+    assert sorted(path.name for path in (tmp_path / "robot_0").iterdir()) == [
+        *("conflict.png", "free.png", "map.npz", "map.pgm", "map.yaml", "occupied.png", "pignistic.png"),
+        *("run.json", "trajectory.tum", "unknown.png"),
+    ]
+    out = capsys.readouterr().out
+    assert "robot_0: 80 scans, " in out
+    assert f" -> {tmp_path / 'robot_0'}" in out
+    assert "80 of 80 scans used" in out
+
+
+def test_the_run_record_says_what_was_done(bag, tmp_path):
+    assert run(bag, "-o", tmp_path, "--set", "map.resolution=0.1", "--seed", 4) == 0
+    record = run_record(tmp_path / "robot_0")
+    assert record["program"] == "build_maps"
+    assert record["robot"] == "robot_0"
+    assert record["recording"]["scan_topic"] == "/base_scan"
+    assert record["recording"]["odom_frame"] == "odom_combined"
+    assert (record["config"]["seed"], record["config"]["map"]["resolution"]) == (4, 0.1)
+    assert record["result"]["scans"] == len(read_tum(tmp_path / "robot_0" / "trajectory.tum")) == 80
+    assert record["result"]["duration_s"] == pytest.approx(79 / 5, abs=1e-3)
+    made = load_map(tmp_path / "robot_0")
+    assert made.grid.geometry.resolution == 0.1
+    known = made.grid.is_known().sum() * 0.01
+    assert record["result"]["known_area_m2"] == pytest.approx(known)
+    # The map itself knows what made it, whatever becomes of run.json.
+    assert made.provenance["config"] == record["config"]
+    assert made.provenance["versions"] == record["versions"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "robots"),
+    [
+        (("--robots", 3), 3),
+        (("--robots", 2, "--split", "time", "--overlap", 0), 2),
+        (("--interval", 0, 5, "--interval", 4, 12), 2),
+        (("--split", "gaps"), 1),
+        (("--split", "gaps", "--gap", 0.15), 80),
+    ],
+)
+def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
+    monkeypatch.setattr("tools.mapping_run.save_map", lambda *_: None)
+    assert run(bag, "-o", tmp_path, *QUICK, *arguments) == 0
+    segments = [run_record(tmp_path / f"robot_{k}")["segment"] for k in range(robots)]
+    assert len(list(tmp_path.iterdir())) == robots
+    assert segments[0]["start"] == 0
+    assert all(before["start"] < after["start"] for before, after in itertools.pairwise(segments))
+    shares = segments[0]["stop"] > segments[1]["start"] if robots > 1 else False
+    assert shares is (arguments[0] == "--interval" or arguments == ("--robots", 3))
+
+
+def test_each_robot_has_a_frame_of_its_own_from_the_seed(bags, tmp_path):
+    both = (bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *QUICK)
+    for seed in (1, 2):
+        assert run(*both, "-o", tmp_path / str(seed), "--seed", seed) == 0
+    assert run(*both, "-o", tmp_path / "odometry", "--frames", "odometry") == 0
+    starts = {
+        (run_name, robot): read_tum(tmp_path / run_name / robot / "trajectory.tum").pose(0)
+        for run_name in ("1", "2", "odometry")
+        for robot in ("robot_0", "robot_1")
+    }
+    assert len({pose.theta for (name, _), pose in starts.items() if name != "odometry"}) == 4
+    for robot in ("robot_0", "robot_1"):
+        assert starts["odometry", robot] == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+
+
+def test_the_seed_of_a_configuration_counts_unless_the_option_says_another(bag, tmp_path):
+    (tmp_path / "seed.toml").write_text("seed = 7\n")
+    chosen = ("--config", tmp_path / "seed.toml")
+    for name, more in (("file", ()), ("both", ("--seed", 8))):
+        assert run(bag, "-o", tmp_path / name, *chosen, *more) == 0
+    seeds = [run_record(tmp_path / name / "robot_0")["config"]["seed"] for name in ("file", "both")]
+    assert seeds == [7, 8]
+    starts = [read_tum(tmp_path / name / "robot_0" / "trajectory.tum").pose(0) for name in ("file", "both")]
+    assert starts[0].theta != starts[1].theta
+
+
+def test_a_configuration_changes_only_what_it_names(bag, tmp_path):
+    toml = tmp_path / "mine.toml"
+    toml.write_text("[map]\nresolution = 0.2\n[map.insertion]\nno_return = 'ignore'\n[keyframes]\ndistance = 0.5\n")
+    assert run(bag, "-o", tmp_path, "--config", toml, "--set", "keyframes.distance=1.5") == 0
+    config = run_record(tmp_path / "robot_0")["config"]
+    assert (config["map"]["resolution"], config["map"]["keep_conflict"]) == (0.2, True)
+    assert config["map"]["insertion"]["no_return"] == "ignore"
+    assert config["keyframes"] == {"distance": 1.5, "angle": 0.25}
+
+
+@pytest.mark.parametrize(("option", "said"), [("free", "free"), ("drop", "ignore")])
+def test_what_no_return_means_reaches_the_map(bag, tmp_path, option, said):
+    assert run(bag, "-o", tmp_path, "--no-return", option) == 0
+    record = run_record(tmp_path / "robot_0")
+    assert record["config"]["map"]["insertion"]["no_return"] == said
+    assert record["recording"]["no_return"] == option
+
+
+@pytest.mark.parametrize("preset", ["viny", "viny-hc"])
+def test_presets(bag, tmp_path, preset):
+    assert run(bag, "-o", tmp_path, "--preset", preset) == 0
+    assert run_record(tmp_path / "robot_0")["config"]["preset"] == preset
+
+
+def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
+    assert run(bag, "-o", tmp_path, "--robots", 2, "--reference", bags / "robot_0.truth.tum") == 0
+    truth = json.loads((tmp_path / "truth.json").read_text())["robots"]
+    for name, entry in truth.items():
+        own = read_tum(tmp_path / name / "trajectory.tum")
+        reference = read_tum(bags / "robot_0.truth.tum")
+        at = int(np.abs(reference.stamps - own.stamps[0]).argmin())
+        x, y, theta = entry["T_reference_map"]
+        assert entry["reference"] == "robot_0.truth.tum"
+        assert entry["ate_m"] < 0.05
+        cosine, sine = np.cos(theta), np.sin(theta)
+        start = own.pose(0)
+        placed = (x + cosine * start.x - sine * start.y, y + sine * start.x + cosine * start.y)
+        assert placed == pytest.approx(reference.pose(at)[:2], abs=0.1)
+    assert f"truth for evaluation -> {tmp_path / 'truth.json'}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "the following arguments are required: RECORDING"),
+        (("a", "b", "--reference", "a.tum", "b.tum"), "--reference needs one trajectory for each recording"),
+        (("a", "b", "--separate", "--reference", "a.tum"), "--reference needs one trajectory for each recording"),
+        (("a", "--separate", "--robots", "2"), "--separate makes each recording one robot: drop --robots"),
+        (("a", "--separate", "--interval", "0", "1"), "--separate makes each recording one robot"),
+        (("a", "--robots", "0"), "--robots must be at least 1"),
+        (("a", "--overlap", "1"), "--overlap within [0, 1)"),
+        (("a", "--overlap", "nan"), "--overlap within [0, 1)"),
+        (("a", "--seed", "-1"), "--seed not negative"),
+        (("a", "--split", "colour"), "invalid choice: 'colour'"),
+        (("a", "--range-max", "-3"), "range_max must be positive, got -3.0"),
+        (("a", "--gap", "0"), "gap_s must be positive, got 0.0"),
+    ],
+)
+def test_wrong_usage_is_exit_2(capsys, arguments, message):
+    with pytest.raises(SystemExit) as left:
+        run(*arguments)
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def errors(bag, tmp_path):
+    """Return what can be wrong: arguments, the kind of error, what its line says."""
+    broken, wrong, robots = tmp_path / "broken.toml", tmp_path / "wrong.toml", tmp_path / "robots"
+    broken.write_text("[map\n")
+    wrong.write_text("[map]\nresolutoin = 0.1\n")
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes("name = 'K\u00f6ln'".encode("latin-1"))
+    (robots / "robot_5").mkdir(parents=True)
+    (tmp_path / "bad.tum").write_text("1 2 3\n")
+    nowhere = tmp_path / "nowhere.bag"
+    return {
+        "no such bag": ((nowhere,), DatasetError, rf"{nowhere}: no such file or directory"),
+        "no such preset": ((bag, "--preset", "vinny"), ConfigError, "there is no preset 'vinny'.*did you mean 'viny'"),
+        "no such file of parameters": ((bag, "--config", tmp_path / "no.toml"), ConfigError, "cannot be read as TOML"),
+        "not TOML": ((bag, "--config", broken), ConfigError, r"broken\.toml: cannot be read as TOML: "),
+        "not UTF-8": ((bag, "--config", latin), ConfigError, r"latin\.toml: cannot be read as TOML: "),
+        "no such parameter": ((bag, "--config", wrong), ConfigError, r"configuration: map\.resolutoin: .*got 0\.1"),
+        "no such setting": ((bag, "--set", "map.resolutoin=1"), ConfigError, "did you mean 'resolution'"),
+        "a setting that does not fit": ((bag, "--set", "map.resolution=0"), ConfigError, r"map\.resolution: .*got 0"),
+        "another run's robots": ((bag, "-o", robots), OutputError, "robots holds robot_5 of another run: remove it"),
+        "an empty interval": ((bag, "--interval", 50, 60), SegmentationError, "no reading lies between 50 s and 60 s"),
+        "too many robots": ((bag, "--robots", 60), SegmentationError, "80 readings are too few for 60 robots"),
+        "no such topic": ((bag, "--scan-topic", "/scan"), DatasetError, "/base_scan"),
+        "no truth": ((bag, "--reference", tmp_path / "bad.tum"), TumError, r"bad\.tum"),
+    }
+
+
+CASES = [
+    *("no such bag", "no such preset", "no such file of parameters", "not TOML", "not UTF-8", "no such parameter"),
+    *("no such setting", "a setting that does not fit", "another run's robots", "an empty interval"),
+    *("too many robots", "no such topic", "no truth"),
+]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wrong_is_one_line_and_exit_1_and_with_debug_an_error(bag, tmp_path, capsys, case):
+    cases = errors(bag, tmp_path)
+    assert sorted(cases) == sorted(CASES)
+    arguments, kind, message = cases[case]
+    out = () if "-o" in arguments else ("-o", tmp_path / "out")
+    assert run(*arguments, *out) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("build_maps: ")
+    assert said.count("\n") == 1
+    with pytest.raises(kind, match=message):
+        run(*arguments, *out, "--debug")
+
+
+def test_a_place_that_cannot_be_written_is_one_line(bag, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert run(bag, "-o", tmp_path / "file") == 1
+    assert capsys.readouterr().err.startswith(f"build_maps: {tmp_path / 'file'}")
+
+
+def test_a_second_run_replaces_the_robots_of_the_first(bag, tmp_path):
+    assert run(bag, "-o", tmp_path, "--robots", 2, *QUICK) == 0
+    before = (tmp_path / "robot_1" / "map.npz").read_bytes()
+    assert run(bag, "-o", tmp_path, "--robots", 2, "--overlap", 0.8, *QUICK) == 0
+    assert (tmp_path / "robot_1" / "map.npz").read_bytes() != before
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from tools.build_maps import parser; parser().format_help(); print('numpy' in sys.modules)"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)  # noqa: S603 - a fixed command
+    assert done.stdout == "False\n"
