@@ -46,6 +46,7 @@ class LoopClosingConfig(BaseModel):
     match_points: int = Field(500, ge=10, description="hits of a bundle laid onto the surfaces")
     min_matched: float = Field(0.35, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
+    max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
     max_ambiguity: float = Field(0.9, ge=0, le=1, description="score of another place over the best one's")
     min_determined: float = Field(
         0.02, ge=0, description="curvature of a direction over the other's below which it is open"
@@ -199,13 +200,15 @@ class _Drive:
         rival = None
         if shift > 0.0:
             found = submap.search(bundle[:: max(len(bundle) // config.search_points, 1)], guess, shift, turn)
+            if found.at_border:
+                return None
             rival = found.rival if found.ambiguity > config.max_ambiguity else None
             guess = found.pose
         fit = submap.fit(bundle[:: max(len(bundle) // config.match_points, 1)], guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
         hessian = self._determined(fit.hessian, rival)
-        if hessian is None:
+        if hessian is None or math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
         return MotionEdge(submap.anchor, keyframe, fit.pose, self._information(hessian, fit.pose))
 

@@ -26,6 +26,7 @@ class SubmapConfig(BaseModel):
     resolution: float = Field(0.2, gt=0, description="side of a cell of the field that is searched [m]")
     max_range: float = Field(40.0, gt=0, description="hits beyond this are not used [m]")
     free_penalty: float = Field(0.5, ge=0, description="what a hit in free space costs, where one on a wall gains 1")
+    shift_cost: float = Field(0.03, ge=0, description="share of all hits that a metre from the guess must win [1/m]")
     same_place: float = Field(0.8, gt=0, description="places further apart are different ones [m]")
     turn_step: float = Field(0.025, gt=0, description="step of the heading in a search [rad]")
 
@@ -42,11 +43,14 @@ class Find:
         Score of the best place elsewhere over the score here: 1 means that nothing tells them apart.
     rival
         Where that other place lies from here (2,) [m].
+    at_border
+        Whether the place lies on the border of what was searched: a better one may lie beyond.
     """
 
     pose: SE2
     ambiguity: float
     rival: FloatArray
+    at_border: bool
 
 
 @dataclass(frozen=True)
@@ -109,13 +113,16 @@ class Submap:
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
         """Find where points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad] of a guess.
 
-        Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing.
+        Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing. Of places that
+        agree alike the nearest one is taken.
         """
         config = self._config
         reach = math.ceil(shift / config.resolution)
         count = math.ceil(turn / config.turn_step)
         turns = np.arange(-count, count + 1, dtype=np.float64) * config.turn_step
         sums = correlate(self._field, self._lattice, points, guess, turns, reach)
+        offsets = np.arange(-reach, reach + 1) * config.resolution
+        sums -= (config.shift_cost * len(points) * np.hypot(offsets[:, None], offsets)).astype(np.float32)
         k, row, col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
         best = float(sums[k, row, col])
         pose = SE2(
@@ -128,7 +135,8 @@ class Submap:
         _, other_row, other_col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
         elsewhere = max(float(sums.max()), 0.0)
         rival = np.array([other_col - col, other_row - row], dtype=np.float64) * config.resolution
-        return Find(pose, elsewhere / best if best > 0.0 else 1.0, rival)
+        at_border = reach > 2 and max(abs(row - reach), abs(col - reach)) == reach
+        return Find(pose, elsewhere / best if best > 0.0 else 1.0, rival, at_border)
 
     def fit(self, points: FloatArray, guess: SE2) -> Fit:
         """Lay points (N, 2) onto the surfaces near a guess, and tell how well they fit there."""
