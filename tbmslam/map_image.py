@@ -116,7 +116,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
 
 
 def _check_png_chunks(path: Path, content: bytes) -> None:
-    """Check a PNG's checksums here: libpng, below OpenCV, would tell of damage on stderr, and of some decode what it can."""
+    """Check a PNG's checksums: libpng, below OpenCV, tells damage on stderr, and decodes what it can of some."""
     start, kind = len(_PNG_SIGNATURE), b""
     while kind != b"IEND":
         length, kind = int.from_bytes(content[start : start + 4], "big"), content[start + 4 : start + 8]
