@@ -11,6 +11,7 @@ import numpy.typing as npt
 from merging.channels import Channels, Image, flipped
 from merging.config import MergeConfig
 from merging.fusion import Fusion
+from merging.html_report import html_report
 from merging.merger import Merge
 from merging.warping import offset_in, warp
 from tbmslam.atomic_file import write_bytes
@@ -30,10 +31,16 @@ WALL_COLOURS = (
 """Red, green, blue of each map's walls; most of them tell colour-blind readers apart too (Okabe and Ito)."""
 
 _UNKNOWN_GREY = 205
+_AREAS_TOLD = {
+    "known_m2": "known in the merged map",
+    "seen_m2": "seen by any map",
+    "seen_by_several_m2": "seen by several maps",
+    "conflict_m2": "contradicted, weighed by the mass of the conflict",
+}
 
 
 def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
-    """Write `report.json` and, where maps were merged, `overlay.png` and `conflict.png`.
+    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `conflict.png`.
 
     Raises
     ------
@@ -41,9 +48,19 @@ def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config:
         If the folder cannot be written.
     """
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
+    shown: dict[str, tuple[bytes, str]] = {}
+    areas: dict[str, float] = {}
     if merge.fusion is not None:
         files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
         files["conflict.png"] = _png(draw_conflict(merge.fusion))
+        pignistic = _png(np.dstack([Channels.from_grid(merge.fusion.grid).pignistic] * 3))
+        shown = {
+            "Merged map": (pignistic, "Free is white, occupied black, unknown grey."),
+            "Overlay": (files["overlay.png"], "Each map's walls in its colour; walls that coincide are dark."),
+            "Conflict": (files["conflict.png"], "Red where the maps contradict each other."),
+        }
+        areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
+    files["report.html"] = html_report(merge, areas, shown, WALL_COLOURS).encode()
     for name, content in files.items():
         write_bytes(folder / name, content)
 
