@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 JOBS ?= 2
+DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo test slow check install clean
@@ -21,11 +22,30 @@ check: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Three simulated robots in an office, from bags to one map, held against the building that they drove through.
+demo: install
+	$(BIN)/python tools/make_world.py --world office --seed 1 --robots 3 -o demo/bags
+	$(BIN)/python tools/build_maps.py $(addprefix demo/bags/,$(addsuffix .bag,$(DEMO_ROBOTS))) --separate \
+	    --reference $(addprefix demo/bags/,$(addsuffix .truth.tum,$(DEMO_ROBOTS))) -o demo/maps
+	$(BIN)/python tools/merge.py $(addprefix demo/maps/,$(DEMO_ROBOTS)) -o demo/merged
+	$(BIN)/python tools/evaluate.py map demo/merged --truth demo/bags/world.npz \
+	    --trajectories demo/maps/robot_0/trajectory.tum demo/bags/robot_0.truth.tum --picture demo/errors.png
+	@echo 'Now look at demo/merged/report.html; the building is demo/bags/world.png, errors are in demo/errors.png.'
+
+# The README's picture: the merged map, whose walls are whose, and where the robots contradict each other.
+docs/merged-office.png: demo
+	mkdir -p docs
+	$(BIN)/python -c "import cv2; \
+	panels = [cv2.imread(f'demo/merged/{name}.png') for name in ('pignistic', 'overlay', 'conflict')]; \
+	x, y, w, h = cv2.boundingRect((panels[0][..., 0] != 128).astype('uint8')); \
+	row = cv2.hconcat([panel[y : y + h, x : x + w] for panel in panels]); \
+	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"
+
 test: install
-	$(BIN)/python -m pytest -n $(JOBS) -m 'not slow'
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'
 
 slow: install
-	$(BIN)/python -m pytest -n $(JOBS) -m slow
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow
 
 clean:
 	rm -rf .venv demo out
