@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tbmslam.laser_scan import LaserScan
-from tbmslam.pose_graph import MotionEdge, optimise, relative_pose
+from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -44,7 +44,7 @@ class LoopClosingConfig(BaseModel):
     surprise: float = Field(0.15, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
     search_points: int = Field(150, ge=10, description="hits of a bundle used in a search")
     match_points: int = Field(500, ge=10, description="hits of a bundle laid onto the surfaces")
-    min_matched: float = Field(0.35, ge=0, le=1, description="share of a bundle that must lie on surfaces")
+    min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
     max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
     max_ambiguity: float = Field(0.9, ge=0, le=1, description="score of another place over the best one's")
@@ -53,6 +53,7 @@ class LoopClosingConfig(BaseModel):
     )
     position_deviation: float = Field(0.02, gt=0, description="accuracy of a closure at best [m]")
     heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
+    max_contradiction: float = Field(4.0, gt=0, description="deviations from the solution that end a closure")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
 
 
@@ -89,6 +90,7 @@ class LoopCloser:
         drive.search_forward()
         for _ in range(2):
             drive.tighten()
+            drive.drop_contradictions()
         _log.info("%d closures between %d keyframes", len(drive.closures), len(poses))
         return drive.poses, list(drive.closures.values())
 
@@ -139,6 +141,14 @@ class _Drive:
                 if edge is not None:
                     self.closures[keyframe, submap] = edge
         self._optimise()
+
+    def drop_contradictions(self) -> None:
+        """Drop the closures that the rest of the drive contradicts, and do without them."""
+        limit = self.config.max_contradiction
+        agreeing = {key: edge for key, edge in self.closures.items() if edge_error(edge, self.poses) <= limit}
+        if len(agreeing) < len(self.closures):
+            self.closures = agreeing
+            self._optimise()
 
     def _is_surprising(self, edge: MotionEdge) -> bool:
         """Tell whether a closure moves its keyframe so far that the next search should know."""

@@ -79,3 +79,9 @@ def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEd
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     """Return one pose of (N, 3) as seen from another."""
     return SE2.from_array(poses[source]).inverse() @ SE2.from_array(poses[target])
+
+
+def edge_error(edge: MotionEdge, poses: FloatArray) -> float:
+    """Return how many standard deviations an edge is from the poses (Mahalanobis distance)."""
+    error = np.array((edge.T_source_target.inverse() @ relative_pose(poses, edge.source, edge.target)).log())
+    return float(np.sqrt(error @ edge.information @ error))

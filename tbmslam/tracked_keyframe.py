@@ -55,6 +55,6 @@ def _edge(number: int, before: TrackedKeyframe, after: TrackedKeyframe) -> Motio
     rotation = SE2(0.0, 0.0, pose.theta).matrix()
     covariance = rotation.T @ np.linalg.inv(known) @ rotation
     distance, turn = np.hypot(step.x, step.y), abs(step.theta)
-    position, heading = 0.004 + 0.01 * distance, 0.002 + 0.01 * turn
+    position, heading = 0.002 + 0.004 * distance, 0.001 + 0.004 * turn
     covariance = covariance + np.diag([position**2, position**2, heading**2])
     return MotionEdge(number, number + 1, step, np.asarray(np.linalg.inv(covariance), dtype=np.float64))
