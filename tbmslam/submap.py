@@ -107,6 +107,7 @@ class Submap:
             T_anchor_sensor = T_anchor_map @ SE2.from_array(poses[index])
             self._surfaces.insert(T_anchor_sensor.apply(scans[index].hit_points(config.max_range)))
             inserter.insert(scans[index], T_anchor_sensor, grid)
+        self._surfaces.freeze()
         self._lattice: Lattice = grid.lattice
         self._field = _search_field(grid, config.free_penalty)
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import SurfelArray, add_hits, align, search
+from tbmslam.kernels.surfels import SlotIndex, SurfelArray, add_hits, align, search
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -51,29 +51,39 @@ class Registration:
 
 
 class SurfelMap:
-    """Surfels on a lattice that grows with what is inserted."""
+    """Surfels on a lattice that grows with what is inserted; only cells near walls take memory."""
 
     GROWTH_CELLS = 64
 
     def __init__(self, config: SurfelConfig) -> None:
         self._config = config
         self._lattice = Lattice(config.resolution, 0, 0)
-        self._moments: SurfelArray = np.zeros((0, 0, 6), dtype=np.float32)
-        self._surfels: SurfelArray = np.zeros((0, 0, 6), dtype=np.float32)
+        self._index: SlotIndex = np.zeros((0, 0), dtype=np.int32)
+        self._moments: SurfelArray = np.zeros((0, 6), dtype=np.float32)
+        self._surfels: SurfelArray = np.zeros((1, 6), dtype=np.float32)
+        self._used = 1
 
     def insert(self, points: FloatArray) -> None:
         """Add hits (N, 2) [m] in the map's frame."""
         if len(points) == 0:
             return
         self._grow_to_contain(points)
+        self._make_room(9 * len(points))
         config = self._config
-        add_hits(
+        self._used = add_hits(
+            self._index,
             self._moments,
             self._surfels,
+            self._used,
             self._lattice,
             points,
             (config.noise, config.point_size, config.clutter, config.certain_hits),
         )
+
+    def freeze(self) -> None:
+        """Give back the memory that only inserting needs; nothing can be inserted afterwards."""
+        self._moments = self._moments[:0]
+        self._surfels = self._surfels[: self._used].copy()
 
     def register(
         self,
@@ -102,6 +112,7 @@ class SurfelMap:
             Gauss-Newton steps for each tolerance, at the most.
         """
         pose, hessian, matched, cost = align(
+            self._index,
             self._surfels,
             self._lattice,
             points,
@@ -131,12 +142,22 @@ class SurfelMap:
         costs
             Share of all points that a metre and a radian away from the guess must win.
         """
-        return SE2(*search(self._surfels, self._lattice, points, guess, shifts, turns, tolerance, costs))
+        return SE2(*search(self._index, self._surfels, self._lattice, points, guess, shifts, turns, tolerance, costs))
+
+    def _make_room(self, slots: int) -> None:
+        """Have room for that many more slots."""
+        need = self._used + slots
+        if need > len(self._moments):
+            more = max(need, 2 * len(self._moments)) - len(self._moments)
+            self._moments = np.concatenate((self._moments, np.zeros((more, 6), dtype=np.float32)))
+            self._surfels = np.concatenate(
+                (self._surfels, np.zeros((len(self._moments) - len(self._surfels), 6), np.float32))
+            )
 
     def _grow_to_contain(self, points: FloatArray) -> None:
-        (resolution, first_row, first_col), (rows, cols) = self._lattice, self._moments.shape[:2]
+        (resolution, first_row, first_col), (rows, cols) = self._lattice, self._index.shape
         low, high = points.min(axis=0) / resolution, points.max(axis=0) / resolution
-        need = (math.floor(low[1]) - 1, math.floor(high[1]) + 2, math.floor(low[0]) - 1, math.floor(high[0]) + 2)
+        need = (math.floor(low[1]) - 2, math.floor(high[1]) + 3, math.floor(low[0]) - 2, math.floor(high[0]) + 3)
         have = (first_row, first_row + rows, first_col, first_col + cols)
         if rows and have[0] <= need[0] and have[1] >= need[1] and have[2] <= need[2] and have[3] >= need[3]:
             return
@@ -144,9 +165,7 @@ class SurfelMap:
         top, bottom, left, right = need[0] - spare, need[1] + spare, need[2] - spare, need[3] + spare
         if rows:
             top, bottom, left, right = min(top, have[0]), max(bottom, have[1]), min(left, have[2]), max(right, have[3])
-        moments = np.zeros((bottom - top, right - left, 6), dtype=np.float32)
-        surfels = np.zeros_like(moments)
-        inner = (slice(have[0] - top, have[1] - top), slice(have[2] - left, have[3] - left))
+        index = np.zeros((bottom - top, right - left), dtype=np.int32)
         if rows:
-            moments[inner], surfels[inner] = self._moments, self._surfels
-        self._moments, self._surfels, self._lattice = moments, surfels, Lattice(resolution, top, left)
+            index[have[0] - top : have[1] - top, have[2] - left : have[3] - left] = self._index
+        self._index, self._lattice = index, Lattice(resolution, top, left)

@@ -1,8 +1,9 @@
 """Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
 
-Moments (rows, cols, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and y^2, relative to the
-cell's centre in units of cells. Surfels (rows, cols, 6) are mean x and y [m], and the information matrix xx, xy, yy of
-a point's offset from the mean [1/m^2], then a weight in [0, 1] that is zero where there is no surface.
+Most cells of a map hold no wall, so an index (rows, cols) names the slot of each cell's moments and surfel; slot 0 is
+nobody's and stays empty. Moments (slots, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and
+y^2, relative to the cell's centre in units of cells. Surfels (slots, 6) are mean x and y [m], and the information
+matrix xx, xy, yy of a point's offset from the mean [1/m^2], then a weight in [0, 1], zero where there is no surface.
 """
 
 import math
@@ -15,33 +16,41 @@ from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 SurfelArray = npt.NDArray[np.float32]
+SlotIndex = npt.NDArray[np.int32]
 Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 
 @kernel
 def add_hits(
+    index: SlotIndex,
     moments: SurfelArray,
     surfels: SurfelArray,
+    used: int,
     lattice: Lattice,
     points: FloatArray,
     limits: tuple[float, float, float, float],
-) -> None:
-    """Add hits (N, 2) [m], all inside with a cell to spare, and renew the surfels around them.
+) -> int:
+    """Add hits (N, 2) [m], all inside with a cell to spare, renew the surfels around them, return the slots in use.
 
-    `limits` are the noise of a hit [m], the size up to which an element counts as a point [m], the thickness beyond
-    which it is clutter [m], and the number of hits that make an element certain.
+    There must be room for nine more slots a hit. `limits` are the noise of a hit [m], the size up to which an element
+    counts as a point [m], the thickness beyond which it is clutter [m], and the number of hits that make an element
+    certain.
     """
     resolution, first_row, first_col = lattice
-    rows, cols = moments.shape[0], moments.shape[1]
-    touched = np.empty((len(points), 2), dtype=np.int64)
+    cells = np.empty((len(points), 2), dtype=np.int64)
     for i in range(len(points)):
         gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
         lattice_col, lattice_row = math.floor(gx), math.floor(gy)
         row, col = lattice_row - first_row, lattice_col - first_col
-        touched[i, 0], touched[i, 1] = row, col
+        cells[i, 0], cells[i, 1] = row, col
+        for r in range(row - 1, row + 2):
+            for c in range(col - 1, col + 2):
+                if index[r, c] == 0:
+                    index[r, c] = used
+                    used += 1
         dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
-        cell = moments[row, col]
+        cell = moments[index[row, col]]
         cell[0] += 1.0
         cell[1] += dx
         cell[2] += dy
@@ -50,17 +59,19 @@ def add_hits(
         cell[5] += dy * dy
     previous_row, previous_col = -1, -1
     for i in range(len(points)):
-        row, col = touched[i, 0], touched[i, 1]
+        row, col = cells[i, 0], cells[i, 1]
         if row == previous_row and col == previous_col:
             continue
         previous_row, previous_col = row, col
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(col - 1, 0), min(col + 2, cols)):
-                _renew(moments, surfels, r, c, lattice, limits)
+        for r in range(max(row - 1, 1), min(row + 2, index.shape[0] - 1)):
+            for c in range(max(col - 1, 1), min(col + 2, index.shape[1] - 1)):
+                _renew(index, moments, surfels, r, c, lattice, limits)
+    return used
 
 
 @kernel
 def _renew(
+    index: SlotIndex,
     moments: SurfelArray,
     surfels: SurfelArray,
     row: int,
@@ -72,20 +83,21 @@ def _renew(
     resolution, first_row, first_col = lattice
     noise, point_size, clutter, certain_count = limits
     count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for r in range(max(row - 1, 0), min(row + 2, moments.shape[0])):
-        for c in range(max(col - 1, 0), min(col + 2, moments.shape[1])):
-            n = float(moments[r, c, 0])
+    for r in range(row - 1, row + 2):
+        for c in range(col - 1, col + 2):
+            cell = moments[index[r, c]]
+            n = float(cell[0])
             if n == 0.0:
                 continue
             ox, oy = float(c - col), float(r - row)
-            mx, my = float(moments[r, c, 1]), float(moments[r, c, 2])
+            mx, my = float(cell[1]), float(cell[2])
             count += n
             sx += mx + n * ox
             sy += my + n * oy
-            sxx += moments[r, c, 3] + 2.0 * ox * mx + n * ox * ox
-            sxy += moments[r, c, 4] + ox * my + oy * mx + n * ox * oy
-            syy += moments[r, c, 5] + 2.0 * oy * my + n * oy * oy
-    surfel = surfels[row, col]
+            sxx += cell[3] + 2.0 * ox * mx + n * ox * ox
+            sxy += cell[4] + ox * my + oy * mx + n * ox * oy
+            syy += cell[5] + 2.0 * oy * my + n * oy * oy
+    surfel = surfels[index[row, col]]
     if count < 3.0:
         surfel[5] = 0.0
         return
@@ -113,6 +125,7 @@ def _renew(
 
 @kernel
 def linearise(
+    index: SlotIndex,
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
@@ -143,9 +156,9 @@ def linearise(
         col = math.floor(px * inverse) - first_col
         row = math.floor(py * inverse) - first_row
         total += weights[i]
-        if row < 0 or col < 0 or row >= surfels.shape[0] or col >= surfels.shape[1]:
+        if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1]:
             continue
-        surfel = surfels[row, col]
+        surfel = surfels[index[row, col]]
         if surfel[5] <= 0.0:
             continue
         dx, dy = px - surfel[0], py - surfel[1]
@@ -174,6 +187,7 @@ def linearise(
 
 @kernel
 def align(
+    index: SlotIndex,
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
@@ -195,6 +209,7 @@ def align(
     for level in range(len(tolerances)):
         for _ in range(iterations):
             cost, matched, total = linearise(
+                index,
                 surfels,
                 lattice,
                 points,
@@ -219,6 +234,7 @@ def align(
 
 @kernel
 def search(
+    index: SlotIndex,
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
@@ -252,9 +268,9 @@ def search(
                 px, py = x + rotated[i, 0], y + rotated[i, 1]
                 col = math.floor(px / resolution) - first_col
                 row = math.floor(py / resolution) - first_row
-                if row < 0 or col < 0 or row >= surfels.shape[0] or col >= surfels.shape[1]:
+                if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1]:
                     continue
-                surfel = surfels[row, col]
+                surfel = surfels[index[row, col]]
                 if surfel[5] > 0.0:
                     dx, dy = px - surfel[0], py - surfel[1]
                     distance = dx * (surfel[2] * dx + 2.0 * surfel[3] * dy) + surfel[4] * dy * dy

@@ -23,27 +23,36 @@ def room_walls(generator, count=3000):
 
 
 def surfels_of(points):
-    moments = np.zeros((120, 120, 6), dtype=np.float32)
+    """Return index and surfels of points inserted in several parts."""
+    index = np.zeros((120, 120), dtype=np.int32)
+    moments = np.zeros((120 * 120 + 1, 6), dtype=np.float32)
     surfels = np.zeros_like(moments)
+    used = 1
     for part in np.array_split(points, 7):
-        add_hits(moments, surfels, LATTICE, part, LIMITS)
-    return surfels
+        used = add_hits(index, moments, surfels, used, LATTICE, part, LIMITS)
+    assert used == index.max() + 1
+    assert not moments[0].any()
+    return index, surfels
+
+
+NOTHING = np.zeros((120, 120), dtype=np.int32), np.zeros((1, 6), dtype=np.float32)
 
 
 def test_surfels_are_the_plain_fit():
     points = room_walls(np.random.default_rng(0), 400)
-    surfels = surfels_of(points)
+    index, surfels = surfels_of(points)
     for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
         cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
         expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
         if expected is None:
-            assert surfels[row, col, 5] == 0.0
+            assert surfels[index[row, col], 5] == 0.0
             continue
         mean, information, weight = expected
-        np.testing.assert_allclose(surfels[row, col, :2], mean, atol=1e-5)
-        fitted = [[surfels[row, col, 2], surfels[row, col, 3]], [surfels[row, col, 3], surfels[row, col, 4]]]
+        x, y, xx, xy, yy, fitted_weight = surfels[index[row, col]]
+        np.testing.assert_allclose((x, y), mean, atol=1e-5)
+        fitted = [[xx, xy], [xy, yy]]
         np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
-        assert surfels[row, col, 5] == pytest.approx(weight, rel=1e-3)
+        assert fitted_weight == pytest.approx(weight, rel=1e-3)
 
 
 def test_gradient_and_curvature_are_those_of_the_cost():
@@ -54,10 +63,10 @@ def test_gradient_and_curvature_are_those_of_the_cost():
     hessian, gradient = np.zeros((3, 3)), np.zeros(3)
 
     def cost(pose):
-        return linearise(surfels, LATTICE, points, weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
+        return linearise(*surfels, LATTICE, points, weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
 
     pose = (0.004, -0.003, 0.001)
-    linearise(surfels, LATTICE, points, weights, pose, 50.0, hessian, gradient)
+    linearise(*surfels, LATTICE, points, weights, pose, 50.0, hessian, gradient)
     step = 1e-6
     for axis in range(3):
         ahead, behind = list(pose), list(pose)
@@ -70,7 +79,7 @@ def test_gradient_and_curvature_are_those_of_the_cost():
 
 def aligned(points, guess, prior=0.0, surfels=None):
     weights = np.full(len(points), 1.0)
-    return align(surfels, LATTICE, points, weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10)
+    return align(*surfels, LATTICE, points, weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10)
 
 
 def test_a_scan_finds_its_place_to_millimetres():
@@ -95,8 +104,7 @@ def test_along_a_corridor_the_guess_stays():
 
 
 def test_nothing_known_leaves_the_guess():
-    surfels = np.zeros((120, 120, 6), dtype=np.float32)
-    pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), prior=1.0, surfels=surfels)
+    pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), prior=1.0, surfels=NOTHING)
     assert pose == pytest.approx((1.0, 2.0, 0.5))
     assert (matched, cost) == (0.0, 0.0)
 
@@ -107,7 +115,7 @@ def test_search_finds_a_far_place():
     steps = np.arange(-0.5, 0.51, 0.1)
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     turns = np.arange(-1.0, 1.01, 0.03)
-    found = search(surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
+    found = search(*surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
     assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
 
 
@@ -117,5 +125,5 @@ def test_search_takes_the_nearest_of_equals():
     shifts = np.array([[x, 0.0] for x in np.arange(-1.0, 1.01, 0.1)])
     scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
     surfels = surfels_of(wall)
-    near = search(surfels, LATTICE, scan, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
+    near = search(*surfels, LATTICE, scan, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
     assert near[0] == pytest.approx(0.05)
