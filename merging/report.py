@@ -40,7 +40,7 @@ _AREAS_TOLD = {
 
 
 def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
-    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `conflict.png`.
+    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `conflict.png`; older ones go.
 
     Raises
     ------
@@ -63,6 +63,8 @@ def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config:
     files["report.html"] = html_report(merge, areas, shown, WALL_COLOURS).encode()
     for name, content in files.items():
         write_bytes(folder / name, content)
+    for name in {"overlay.png", "conflict.png"} - files.keys():
+        (folder / name).unlink(missing_ok=True)  # of an older merge
 
 
 def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:

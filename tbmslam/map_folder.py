@@ -9,7 +9,7 @@ from tbmslam.beesoft_map import read_beesoft_map
 from tbmslam.grid import TbmGrid
 from tbmslam.map_check import MapFileError
 from tbmslam.map_file import read_map_file, write_map_file
-from tbmslam.map_pictures import write_pictures
+from tbmslam.map_pictures import PICTURE_NAMES, write_pictures
 from tbmslam.ros_map import read_ros_map, write_ros_map
 from tbmslam.tbm_dump import read_tbm_dump
 from tbmslam.tbm_map import Drive, TbmMap
@@ -46,6 +46,14 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     write_pictures(folder, tbm_map.grid)
     for old in folder.glob("trajectory*.tum"):
         if old.name not in trajectories:
+            old.unlink(missing_ok=True)
+
+
+def remove_map(folder: str | os.PathLike[str]) -> None:
+    """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
+    names = ("map.npz", "map.yaml", "map.pgm", "trajectory*.tum", *(f"{name}.png" for name in PICTURE_NAMES))
+    for name in names:
+        for old in Path(folder).glob(name):
             old.unlink(missing_ok=True)
 
 

@@ -15,6 +15,9 @@ Picture = npt.NDArray[np.uint8]
 _MASSES = {"occupied": OCCUPIED, "free": FREE, "unknown": UNKNOWN, "conflict": CONFLICT}
 _ROWS_AT_ONCE = 64
 
+PICTURE_NAMES = ("pignistic", *_MASSES)
+"""Names of the pictures, without their ending."""
+
 
 def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write pignistic.png, occupied.png, free.png, unknown.png and conflict.png into a folder; see `draw_grid`.
@@ -39,7 +42,7 @@ def draw_grid(grid: TbmGrid) -> dict[str, Picture]:
     Grey pictures (rows, cols) named pignistic, occupied, free, unknown and conflict; the first row is the largest y.
     """
     rows, cols = grid.geometry.rows, grid.geometry.cols
-    pictures = {name: np.empty((rows, cols), dtype=np.uint8) for name in ("pignistic", *_MASSES)}
+    pictures = {name: np.empty((rows, cols), dtype=np.uint8) for name in PICTURE_NAMES}
     upright = grid.masses[::-1]
     # A few rows at a time stay in the processor's cache, which is several times faster on large maps.
     for start in range(0, rows, _ROWS_AT_ONCE):

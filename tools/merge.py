@@ -38,6 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if len(options.maps) < 2:
         parser.error(f"two maps or more are needed, got {len(options.maps)}")
+    if any(_lies_in(path, options.out) for path in options.maps):
+        parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
     from pydantic import ValidationError
 
@@ -67,6 +69,12 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
         name if names[:index].count(name) == 0 else f"{name}#{names[:index].count(name) + 1}"
         for index, name in enumerate(names)
     ]
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    """Tell whether a map would be overwritten by one saved into a folder."""
+    own = path if path.is_dir() else path.parent
+    return own.resolve() == folder.resolve() and (path.is_dir() or path.stem == "map")
 
 
 def _naming_parts(path: Path) -> tuple[str, ...]:
@@ -136,12 +144,14 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig") -> int:
     from merging.merger import merge
     from merging.report import write_report
-    from tbmslam.map_folder import load_map, save_map
+    from tbmslam.map_folder import load_map, remove_map, save_map
 
     maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
     result = merge(maps, config)
     if result.merged is not None:
         save_map(out, result.merged)
+    elif (out / "report.json").is_file():
+        remove_map(out)  # of an older merge, which the new report would belie
     write_report(out, result, maps, config)
     _tell(result, out)
     return DONE if result.merged is not None else NOTHING_MERGED

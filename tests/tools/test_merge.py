@@ -1,5 +1,6 @@
 import json
 import math
+import shutil
 import subprocess
 import sys
 import time
@@ -88,6 +89,30 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
     assert reason in report["pairs"][0]["reason"]
     assert not (tmp_path / "map.npz").exists()
     assert "nothing merged" in capsys.readouterr().out
+
+
+def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 0
+    (tmp_path / "notes.txt").touch()
+    assert merge.main([str(folders / "here"), str(folders / "foreign"), "-o", str(tmp_path)]) == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "report.html", "report.json"]
+
+
+@pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
+def test_a_merge_never_overwrites_its_maps(folders, capsys, given):
+    before = (folders / "here" / "map.npz").read_bytes()
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / given), str(folders / "there"), "-o", str(folders / "here")])
+    assert stopped.value.code == 2
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert (folders / "here" / "map.npz").read_bytes() == before
+
+
+def test_a_merge_may_lie_beside_or_above_its_maps(folders, tmp_path):
+    for name in ("here", "there"):
+        shutil.copytree(folders / name, tmp_path / name)
+    assert merge.main([str(tmp_path / "here"), str(tmp_path / "there"), "-o", str(tmp_path)]) == 0
+    assert map_folder.load_map(tmp_path).grid.is_known().any()
 
 
 def test_the_options_reach_the_merge(folders, tmp_path):
