@@ -135,8 +135,9 @@ class _Drive:
     def tighten(self) -> None:
         """Lay every keyframe near an old submap onto it once more, now that the poses are nearly right."""
         for keyframe in self._stops(0.5 * self.config.step):
-            distances = self._distances_to_submaps(keyframe)
-            for submap in np.flatnonzero(self._is_old(keyframe) & (distances <= 0.5)).tolist():
+            distances = np.where(self._is_old(keyframe), self._distances_to_submaps(keyframe), np.inf)
+            nearest = np.argsort(distances, kind="stable")[: self.config.submaps_per_step]
+            for submap in nearest[distances[nearest] <= 0.5].tolist():
                 edge = self._closure(keyframe, submap, 0.0, 0.0)
                 if edge is not None:
                     self.closures[keyframe, submap] = edge

@@ -70,7 +70,7 @@ def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEd
         values.insert(index, gtsam.Pose2(*pose))
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(30)
-    parameters.setRelativeErrorTol(1e-6)
+    parameters.setRelativeErrorTol(1e-4)
     solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     moved: FloatArray = gtsam.utilities.extractPose2(solved)
     return moved
