@@ -38,9 +38,15 @@ class GridTracker:
             else HillClimbingMatcher(config.matcher)
         )
 
-    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:  # noqa: ARG002
+    def match(
+        self,
+        scan: LaserScan,
+        guess: SE2,
+        deviations: FloatArray,  # noqa: ARG002
+        other_guess: SE2,  # noqa: ARG002
+    ) -> ScanMatch:
         """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
-        return self._matcher.match(scan, self._cells, T_map_sensor)
+        return self._matcher.match(scan, self._cells, guess)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Write the scan into the grid."""

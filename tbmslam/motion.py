@@ -38,10 +38,13 @@ class Prediction:
         The pose.
     deviations
         Standard deviations (3,) of x, y [m] and theta [rad] that the last step adds.
+    T_map_coasting
+        Where it would be if it just went on as before, should the odometry be wrong.
     """
 
     T_map_robot: SE2
     deviations: FloatArray
+    T_map_coasting: SE2
 
 
 class MotionModel:
@@ -61,10 +64,12 @@ class MotionModel:
         The first reading lies at its odometry pose, so the map's frame is the odometry's frame of that moment.
         """
         if self._stamp is None:
-            return Prediction(reading.T_odom_robot or SE2.identity(), np.zeros(3))
+            start = reading.T_odom_robot or SE2.identity()
+            return Prediction(start, np.zeros(3), start)
+        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
         if reading.T_odom_robot is not None and self._T_odom_robot is not None:
-            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot)
-        return self._by_constant_velocity(reading.scan.stamp - self._stamp)
+            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot, duration)
+        return self._by_constant_velocity(duration)
 
     def correct(self, reading: Reading, T_map_robot: SE2) -> None:
         """Take the pose that was found for a reading as the start of the next step."""
@@ -76,7 +81,7 @@ class MotionModel:
         self._T_odom_robot = reading.T_odom_robot
         self._T_map_robot = T_map_robot
 
-    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2) -> Prediction:
+    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2, duration: float) -> Prediction:
         config = self._config
         step = T_odom_before.inverse() @ T_odom_now
         if config.composition == "component":
@@ -86,17 +91,18 @@ class MotionModel:
         distance, turn = float(np.hypot(step.x, step.y)), abs(step.theta)
         position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
         heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
-        return Prediction(pose, np.array([position, position, heading]))
+        return Prediction(pose, np.array([position, position, heading]), self._coasting(duration))
 
     def _by_constant_velocity(self, duration: float) -> Prediction:
         config = self._config
-        duration = min(max(duration, 0.0), 1.0)
-        if 0.0 < self._duration <= 1.0:
-            vx, vy, omega = self._velocity.log()
-            ratio = duration / self._duration
-            pose = self._T_map_robot @ SE2.exp(ratio * vx, ratio * vy, ratio * omega)
-        else:
-            pose = self._T_map_robot
+        pose = self._coasting(duration)
         position = config.position_floor + config.position_per_second * duration
         heading = config.heading_floor + config.heading_per_second * duration
-        return Prediction(pose, np.array([position, position, heading]))
+        return Prediction(pose, np.array([position, position, heading]), pose)
+
+    def _coasting(self, duration: float) -> SE2:
+        if not 0.0 < self._duration <= 1.0:
+            return self._T_map_robot
+        vx, vy, omega = self._velocity.log()
+        ratio = duration / self._duration
+        return self._T_map_robot @ SE2.exp(ratio * vx, ratio * vy, ratio * omega)

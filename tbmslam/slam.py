@@ -51,7 +51,12 @@ class Slam:
         """Place one reading, learn from it, and return the robot's pose T_map_robot."""
         scan, T_robot_sensor = reading.scan, reading.T_robot_sensor
         prediction = self._motion.predict(reading)
-        match = self._tracker.match(scan, prediction.T_map_robot @ T_robot_sensor, prediction.deviations)
+        match = self._tracker.match(
+            scan,
+            prediction.T_map_robot @ T_robot_sensor,
+            prediction.deviations,
+            prediction.T_map_coasting @ T_robot_sensor,
+        )
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
         self._variances += prediction.deviations**2

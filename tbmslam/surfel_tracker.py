@@ -59,25 +59,29 @@ class SurfelTracker:
         self._search_shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
 
-    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
         points = scan.hit_points(config.max_range)
         points = points[:: max(len(points) // config.max_points, 1)]
         if not len(points) or not deviations.any():
-            return ScanMatch(T_map_sensor, 0.0, moved=False)
-        result = self._register(points, T_map_sensor, np.diag(deviations**-2.0))
+            return ScanMatch(guess, 0.0, moved=False)
+        prior = np.diag(deviations**-2.0)
+        result = self._register(points, guess, prior)
         if result.matched < config.doubtful:
-            few = points[:: max(len(points) // config.search_points, 1)]
-            found = self._map.search(
-                few, T_map_sensor, self._search_shifts, self._search_turns, config.tolerances[0], config.search_costs
-            )
-            other = self._register(points, found, np.diag(deviations**-2.0))
-            if other.matched > result.matched + config.search_gain:
-                result = other
+            for start in (guess, other_guess):
+                other = self._register(points, self._search(points, start), prior)
+                if other.matched > result.matched + config.search_gain:
+                    result = other
         if result.matched < config.min_matched:
-            return ScanMatch(T_map_sensor, result.matched, moved=False)
+            return ScanMatch(guess, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
+
+    def _search(self, points: FloatArray, guess: SE2) -> SE2:
+        config = self._config
+        few = points[:: max(len(points) // config.search_points, 1)]
+        window = (self._search_shifts, self._search_turns)
+        return self._map.search(few, guess, *window, config.tolerances[0], config.search_costs)
 
     def _register(self, points: FloatArray, guess: SE2, prior: FloatArray) -> Registration:
         config = self._config

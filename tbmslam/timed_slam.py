@@ -71,8 +71,8 @@ class _TimedTracker:
         self.grid = tracker.grid
         self.is_novel = tracker.is_novel
 
-    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
-        return self._clock.timed("matching", self._tracker.match, scan, T_map_sensor, deviations)
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
+        return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         self._clock.timed("inserting", self._tracker.learn, scan, match)

@@ -20,8 +20,20 @@ class Tracker(Protocol):
 
     grid: EvidenceGrid | None
 
-    def match(self, scan: LaserScan, T_map_sensor: SE2, deviations: FloatArray) -> ScanMatch:
-        """Return where the laser was, given a guess and the guess's standard deviations (3,)."""
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
+        """Return where the laser was.
+
+        Parameters
+        ----------
+        scan
+            The scan.
+        guess
+            Where it probably was, T_map_sensor.
+        deviations
+            The guess's standard deviations (3,) of x, y [m] and theta [rad].
+        other_guess
+            Where else it may have been, if it was not there.
+        """
         ...
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:

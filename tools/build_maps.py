@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="+",
         metavar="TUM",
-        help="true trajectories, one a recording; without them the whole recording is mapped as the reference",
+        help="true trajectories in one frame, one a recording; without them the whole drive is mapped as the reference",
     )
     truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
     add_recording_options(grammar)

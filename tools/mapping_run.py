@@ -62,7 +62,8 @@ def build_maps(args: argparse.Namespace, options: RecordingOptions) -> None:
     made: dict[str, TbmMap] = {}
     for robot in robots:
         made[robot.name] = _map_robot(robot, config, args.out / robot.name)
-    if not args.no_truth and (len(robots) > 1 or args.reference):
+    # Without reference trajectories nobody knows how two recordings lie to each other.
+    if not args.no_truth and (args.reference or (len(robots) > 1 and not args.separate)):
         _write_truth(args.out / "truth.json", robots, made)
 
 

@@ -110,6 +110,12 @@ def test_each_robot_has_a_frame_of_its_own_from_the_seed(bags, tmp_path):
         assert starts["odometry", robot] == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
 
 
+def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_path):
+    options = [option for option in QUICK if option != "--no-truth"]
+    assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *options, "-o", tmp_path) == 0
+    assert not (tmp_path / "truth.json").exists()
+
+
 def test_the_seed_of_a_configuration_counts_unless_the_option_says_another(bag, tmp_path):
     (tmp_path / "seed.toml").write_text("seed = 7\n")
     chosen = ("--config", tmp_path / "seed.toml")

@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+
+from tbmslam.drive_correction import spread_corrections
+from tbmslam.se2 import SE2
+
+
+@pytest.fixture
+def poses():
+    return np.column_stack((np.arange(11.0), np.zeros(11), np.full(11, 0.3)))
+
+
+def test_anchors_go_where_they_are_put_and_the_rest_follows(poses):
+    anchors = np.array([2, 6])
+    targets = poses[anchors] + [[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]]
+    moved = spread_corrections(poses, anchors, targets)
+    np.testing.assert_allclose(moved[anchors], targets, atol=1e-12)
+    np.testing.assert_allclose(moved[:3, 1], 1.0)
+    np.testing.assert_allclose(moved[3:6, 1], [1.5, 2.0, 2.5])
+    np.testing.assert_allclose(moved[6:, 1], 3.0)
+
+
+def test_a_rigid_correction_moves_all_alike(poses):
+    T_new_old = SE2(1.0, -2.0, 0.7)
+    anchors = np.array([0, 5, 10])
+    targets = np.array([T_new_old @ SE2.from_array(pose) for pose in poses[anchors]])
+    expected = np.array([T_new_old @ SE2.from_array(pose) for pose in poses])
+    np.testing.assert_allclose(spread_corrections(poses, anchors, targets), expected, atol=1e-12)
+
+
+def test_without_anchors_nothing_moves(poses):
+    moved = spread_corrections(poses, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    np.testing.assert_array_equal(moved, poses)
+    assert moved is not poses

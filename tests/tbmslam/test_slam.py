@@ -1,0 +1,108 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tbmslam.config import config_from_dict, preset
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.se2 import SE2
+from tbmslam.slam import Slam
+from tbmslam.trajectory_alignment import align_trajectories
+
+
+def mapped(readings, config=None):
+    slam = Slam(config)
+    for reading in readings:
+        slam.process(reading)
+    return slam.finish()
+
+
+def ate(robot, tbm_map):
+    return align_trajectories(robot.truth, tbm_map.drives[0].trajectory).ate_m
+
+
+def test_the_default_preset_follows_poor_odometry(drive_in):
+    robot = drive_in("apartment", 30.0)
+    tbm_map = mapped(robot.readings)
+    assert ate(robot, tbm_map) < 0.03
+    drive = tbm_map.drives[0]
+    assert len(drive.trajectory) == len(robot.readings)
+    assert 10 < len(drive.keyframes) < len(robot.readings)
+    assert abs(tbm_map.grid.masses.sum(axis=-1) - 1.0).max() < 1e-5
+    assert tbm_map.grid.masses[..., 0].max() > 0.0
+
+
+def test_it_needs_no_odometry(drive_in):
+    robot = drive_in("apartment", 30.0)
+    assert ate(robot, mapped([replace(r, T_odom_robot=None) for r in robot.readings])) < 0.1
+
+
+@pytest.mark.parametrize("name", ["viny", "viny-hc"])
+def test_the_original_maps_too(drive_in, name):
+    robot = drive_in("apartment", 30.0, odometry="good")
+    tbm_map = mapped(robot.readings, preset(name))
+    assert ate(robot, tbm_map) < 0.15
+    assert tbm_map.grid.masses[..., 0].max() == 0.0
+    assert tbm_map.grid.geometry.resolution == 0.1
+
+
+def test_same_readings_same_map(drive_in):
+    robot = drive_in("apartment", 15.0)
+    first, second = mapped(robot.readings), mapped(robot.readings)
+    assert first.grid.geometry == second.grid.geometry
+    np.testing.assert_array_equal(first.grid.masses, second.grid.masses)
+    np.testing.assert_array_equal(first.drives[0].trajectory.poses, second.drives[0].trajectory.poses)
+
+
+def test_the_laser_may_sit_anywhere(drive_in):
+    """The same hits, told by a laser mounted elsewhere, give the same drive of the robot."""
+    robot = drive_in("apartment", 15.0)
+    mount = SE2(-0.3, 0.2, 2.0)
+    T_mount_sensor = mount.inverse() @ robot.readings[0].T_robot_sensor
+    turned = [
+        Reading(
+            replace(r.scan, angle_min=r.scan.angle_min + T_mount_sensor.theta),
+            r.T_odom_robot,
+            SE2(r.T_robot_sensor.x, r.T_robot_sensor.y, mount.theta),
+        )
+        for r in robot.readings
+    ]
+    straight, other = mapped(robot.readings), mapped(turned)
+    difference = straight.drives[0].trajectory.poses - other.drives[0].trajectory.poses
+    assert np.abs(difference[:, :2]).max() < 0.01
+
+
+def test_odometry_that_freezes_in_a_turn_is_survived(drive_in):
+    robot = drive_in("apartment", 30.0, odometry="good")
+    headings = np.unwrap([r.T_odom_robot.theta for r in robot.readings])
+    turning = int(np.argmax(np.abs(headings[8:] - headings[:-8])))
+    frozen = [
+        replace(r, T_odom_robot=robot.readings[turning].T_odom_robot) if turning < k < turning + 8 else r
+        for k, r in enumerate(robot.readings)
+    ]
+    assert ate(robot, mapped(frozen)) < 0.05
+
+
+def test_loops_are_closed(drive_in):
+    robot = drive_in("apartment", 60.0, odometry="poor", seed=1)
+    open_config = config_from_dict({"loop_closing": {"enabled": False}, "keyframes": {"distance": 0.5, "angle": 0.5}})
+    closed_config = config_from_dict({"keyframes": {"distance": 0.5, "angle": 0.5}})
+    assert ate(robot, mapped(robot.readings, closed_config)) < max(
+        ate(robot, mapped(robot.readings, open_config)), 0.02
+    )
+
+
+def test_empty_and_blind_scans_pass_through():
+    readings = [
+        Reading(LaserScan(float(k), -1.0, 0.1, 0.1, 10.0, ranges), SE2(0.1 * k, 0.0, 0.0))
+        for k, ranges in enumerate([np.full(5, np.nan), np.zeros(0), np.full(7, np.inf), np.full(5, 2.0)])
+    ]
+    tbm_map = mapped(readings)
+    assert len(tbm_map.drives[0].trajectory) == 4
+    assert tbm_map.grid.is_known().any()
+
+
+def test_no_readings_make_an_empty_map():
+    tbm_map = Slam().finish()
+    assert len(tbm_map.drives[0].trajectory) == 0
+    assert not tbm_map.grid.is_known().any()
