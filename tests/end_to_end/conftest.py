@@ -27,7 +27,7 @@ def flat(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def flat_maps(flat, tmp_path_factory):
-    """The flat's two robots mapped, with a truth of the SLAM's own."""
+    """The flat's two robots mapped."""
     return build(tmp_path_factory.mktemp("flat") / "maps", flat / "robot_0.bag", flat / "robot_1.bag", "--separate")
 
 
