@@ -16,9 +16,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from tbmslam.drive_correction import spread_corrections
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.skeleton import Skeleton
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
 
@@ -92,7 +94,7 @@ class LoopCloser:
             drive.tighten()
             drive.drop_contradictions()
         _log.info("%d closures between %d keyframes", len(drive.closures), len(poses))
-        return drive.poses, list(drive.closures.values())
+        return drive.corrected(), list(drive.closures.values())
 
 
 class _Drive:
@@ -111,13 +113,15 @@ class _Drive:
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
         self._scans = scans
-        self._chain = chain
         self._travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
         stretches = split_into_submaps(poses, config.submap.length)
         self._submaps = [Submap(first, last, poses, scans, config.submap, surfels) for first, last in stretches]
         self._ends = self._travelled[[last for _, last in stretches]]
         self._stretches = np.array([(first, last + 1) for first, last in stretches]).reshape(-1)
         self._bundles: dict[int, FloatArray] = {}
+        anchors = [submap.anchor for submap in self._submaps]
+        nodes = np.unique(np.concatenate(([0], self._stops(config.step), self._stops(0.5 * config.step), anchors)))
+        self._skeleton = Skeleton(chain, nodes, poses)
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
@@ -151,6 +155,11 @@ class _Drive:
             self.closures = agreeing
             self._optimise()
 
+    def corrected(self) -> FloatArray:
+        """Return all poses (N, 3), those between two solved ones following both."""
+        nodes = self._skeleton.nodes
+        return spread_corrections(self._tracked, nodes, self.poses[nodes]) if self.closures else self._tracked
+
     def _is_surprising(self, edge: MotionEdge) -> bool:
         """Tell whether a closure moves its keyframe so far that the next search should know."""
         error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
@@ -163,8 +172,10 @@ class _Drive:
 
     def _optimise(self) -> None:
         if self.closures:
-            closures = list(self.closures.values())
-            self.poses = optimise(self.poses, self._chain, closures, self.config.robust_width)
+            skeleton = self._skeleton
+            closures = skeleton.on_nodes(list(self.closures.values()))
+            solved = optimise(self.poses[skeleton.nodes], skeleton.chain, closures, self.config.robust_width)
+            self.poses = skeleton.spread(solved)
 
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the old submaps that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
