@@ -2,25 +2,22 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from merging.alignment import Alignment
-from merging.config import MergeConfig
+from merging.alignment import Alignment, Alternative
+from merging.candidates import Candidate, find_candidates, refine_all
+from merging.confidence import confidences
+from merging.config import MergeConfig, VerificationConfig
 from merging.consensus import find_consensus
-from merging.correlation import propose
 from merging.features import Features, describe, match
-from merging.refinement import refine
 from merging.structure import Structure
-from merging.verification import examine, objection, support_m
+from merging.verification import Evidence, examine
 from merging.warping import at_resolution
 from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.tbm_map import TbmMap
 
-_FEW_WALLS = 400
-"""Surface cells that are enough to tell promising proposals from hopeless ones."""
-_ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
-"""Alignments farther apart than this are different answers, not one answer twice."""
+_ALTERNATIVES = 4
+"""Other places that an answer lists at the most."""
+_WORTH_NAMING = 0.01
+"""Places less likely than this are not worth listing."""
 
 
 @dataclass(frozen=True)
@@ -99,69 +96,74 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
         fits = f"the {consensus.count} inliers fit best at a scale of {consensus.scale:.3f}"
         limit = f"farther from 1 than {config.consensus.max_scale_deviation:g}"
         return replace(found, reason=f"{fits}, {limit}: is the resolution of a map wrong?")
-    motion = refine(target.structure, source.structure, consensus.T_target_source, config.refinement)
-    return _judged(found, motion, target.structure, source.structure, config)
+    motion = refine_all(target.structure, source.structure, [consensus.T_target_source], config)[0]
+    evidence = examine(target.structure, source.structure, motion, config.verification)
+    return _judged(found, [(motion, evidence)], target.structure, config.verification)
 
 
 def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
-    """Align by the best of all rotations and shifts, if no other place is nearly as good."""
-    ranked = _finalists(target, source, propose(target, source, config.correlation), config)
+    """Align by the most likely of all rotations and shifts."""
     found = Alignment("correlation", accepted=False, reason="no rotation and shift brings the walls together")
-    if not ranked or ranked[0][0] <= 0.0:
-        return found
-    best_m, motion = ranked[0]
-    rival = max(ranked[1][0], 0.0) / best_m if len(ranked) > 1 else 0.0
-    found = replace(found, reason=f"no other place has more than {rival:.0%} of its support")
-    judged = _judged(found, motion, target, source, config)
-    if not judged.accepted or rival <= config.verification.max_rival:
-        return judged
-    reason = f"ambiguous: another place has {rival:.0%} of its support, over {config.verification.max_rival:.0%}"
-    return replace(judged, accepted=False, reason=reason)
+    candidates = find_candidates(target, source, config)
+    return _judged(found, candidates, target, config.verification) if candidates else found
 
 
-def _finalists(
-    target: Structure, source: Structure, proposals: list[SE2], config: MergeConfig
-) -> list[tuple[float, SE2]]:
-    """Refine proposals, first roughly and then the best of them wholly; return their supports [m] and motions.
-
-    The best comes first, and none puts the source where a better one puts it already.
-    """
-    centre = source.points.mean(axis=0) if len(source.points) else np.zeros(2)
-    rough = config.refinement.model_copy(update={"iterations": config.refinement.rough_iterations})
-    ranked = [(0.0, motion) for motion in proposals]
-    for limit, how in ((_FEW_WALLS, rough), (None, config.refinement)):
-        refined = [refine(target, source, motion, how, limit) for _, motion in ranked]
-        supports = [support_m(target, source, motion, config.verification, limit) for motion in refined]
-        ranked = []
-        for support, motion in sorted(zip(supports, refined, strict=True), key=lambda one: -one[0]):
-            if len(ranked) < config.correlation.finalists and all(_elsewhere(motion, m, centre) for _, m in ranked):
-                ranked.append((support, motion))
-    return ranked
-
-
-def _elsewhere(motion: SE2, other: SE2, centre: FloatArray) -> bool:
-    """Tell whether two alignments put the source at different places."""
-    apart = np.linalg.norm(motion.apply(centre) - other.apply(centre))
-    return bool(apart > _ELSEWHERE_M or abs(wrap_angle(motion.theta - other.theta)) > _ELSEWHERE_RAD)
-
-
-def _judged(found: Alignment, motion: SE2, target: Structure, source: Structure, config: MergeConfig) -> Alignment:
-    """Accept what was found where the walls confirm it; where they do not, the reason is theirs."""
-    evidence = examine(target, source, motion, config.verification)
-    against = objection(evidence, config.verification)
-    confirmed = f"{found.reason}; {evidence.agreed_wall_m:.1f} m of wall confirm it ({evidence.agreement:.0%})"
+def _judged(found: Alignment, candidates: list[Candidate], target: Structure, config: VerificationConfig) -> Alignment:
+    """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
+    likely = confidences([evidence for _, evidence in candidates])
+    ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
+    confidence, (motion, evidence) = ranked[0]
+    others = [
+        Alternative(other, p, e.agreed_wall_m)
+        for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
+        if p >= min(_WORTH_NAMING, config.ambiguous_share * confidence)
+    ]
     if found.method == "correlation":  # whose matches are the walls themselves
         step = target.geometry.resolution
         walls = round(evidence.compared_wall_m / step), round(evidence.agreed_wall_m / step)
         found = replace(found, matches=walls[0], inliers=walls[1], rmse_m=evidence.rmse_m)
+    accepted = confidence >= config.min_confidence and evidence.overlap_m2 >= config.min_overlap_m2
+    ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, config)
     return replace(
         found,
-        accepted=against is None,
-        reason=confirmed if against is None else against,
+        accepted=accepted,
+        ambiguous=ambiguous,
+        confidence=confidence,
+        reason=_reason(found, confidence, evidence, others if ambiguous else [], config),
         T_target_source=motion,
         overlap_m2=evidence.overlap_m2,
         agreement=evidence.agreement,
         conflict=evidence.conflict,
         agreed_wall_m=evidence.agreed_wall_m,
         weakest_wall_m=evidence.weakest_wall_m,
+        alternatives=tuple(others),
+        evidence=evidence,
     )
+
+
+def _is_ambiguous(confidence: float, evidence: Evidence, others: list[Alternative], config: VerificationConfig) -> bool:
+    """Tell whether the maps fit well, and elsewhere nearly as well."""
+    fits = (
+        evidence.agreed_wall_m >= config.min_ambiguous_wall_m and evidence.agreement >= config.min_ambiguous_agreement
+    )
+    return fits and any(other.confidence >= config.ambiguous_share * confidence for other in others)
+
+
+def _reason(
+    found: Alignment, confidence: float, evidence: Evidence, rivals: list[Alternative], config: VerificationConfig
+) -> str:
+    """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
+    before = f"{found.reason}; " if found.method == "features" else ""
+    facts = (
+        f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "
+        f"{evidence.weakest_wall_m:.1f} m of them against sliding, "
+        f"{evidence.conflict:.0%} stand on free space of the other"
+    )
+    if evidence.overlap_m2 < config.min_overlap_m2:
+        return f"{before}overlap of {evidence.overlap_m2:.1f} m2 is under {config.min_overlap_m2:g} m2"
+    if rivals:
+        places = f"{len(rivals) + 1} places" if len(rivals) < _ALTERNATIVES else f"{len(rivals) + 1} places or more"
+        return f"{before}ambiguous: {places} fit about as well, the best with confidence {confidence:.2f}: {facts}"
+    if confidence >= config.min_confidence:
+        return f"{before}confidence {confidence:.3f}: {facts}"
+    return f"{before}confidence {confidence:.2f} is under {config.min_confidence:g}: {facts}"

@@ -3,7 +3,27 @@
 import math
 from dataclasses import asdict, dataclass
 
+from merging.verification import Evidence
 from tbmslam.se2 import SE2
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another place where the source might lie.
+
+    Parameters
+    ----------
+    T_target_source
+        Pose of the source's frame in the target's frame.
+    confidence
+        Probability that this is the truth.
+    agreed_wall_m
+        Length of the walls that agree there [m].
+    """
+
+    T_target_source: SE2
+    confidence: float
+    agreed_wall_m: float
 
 
 @dataclass(frozen=True)
@@ -36,6 +56,14 @@ class Alignment:
         Shares of the walls in the overlap that agree, and that stand on the other map's free space.
     agreed_wall_m, weakest_wall_m
         Length of the agreeing walls, and what of it resists the easiest slide [m].
+    confidence
+        Probability that the transform is right: of alignments given 0.9, nine in ten are.
+    ambiguous
+        Whether it was refused because the maps fit well in several places.
+    alternatives
+        Other places worth naming, the likeliest first.
+    evidence
+        All that the maps say for and against it; None where there is no transform.
     """
 
     method: str
@@ -51,6 +79,10 @@ class Alignment:
     conflict: float = 0.0
     agreed_wall_m: float = 0.0
     weakest_wall_m: float = 0.0
+    confidence: float = 0.0
+    ambiguous: bool = False
+    alternatives: tuple[Alternative, ...] = ()
+    evidence: Evidence | None = None
 
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; the transform as [x m, y m, theta rad] or None."""
@@ -58,4 +90,6 @@ class Alignment:
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale of inliers that all lie on one spot is not a number.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None
+        for alternative in values["alternatives"]:
+            alternative["T_target_source"] = list(alternative["T_target_source"])
         return values

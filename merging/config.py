@@ -4,9 +4,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from tbmslam.wall_limits import FACING, Limits
+
 Method = Literal["correlation", "features"]
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
-Rule = Literal["disjunctive", "conjunctive", "dempster"]
+Rule = Literal["disjunctive", "conjunctive", "dempster", "dubois-prade", "yager", "average"]
 Coverage = Literal["union", "overlap"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Metres = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -76,10 +78,15 @@ class StructureConfig(_Config):
         Least mass on occupied; less may be the blur beside a wall.
     min_speck_m
         Shortest connected piece of wall [m]; shorter ones may be people, legs and noise.
+    steady_m, least_weight
+        Pieces of wall shorter than this count the less the shorter they are [m], down to that weight: things that
+        people move are short.
     """
 
     min_wall_mass: Share = 0.1
     min_speck_m: Annotated[float, Field(ge=0.0)] = 0.2
+    steady_m: Annotated[float, Field(ge=0.0)] = 1.5
+    least_weight: Share = 0.3
 
 
 class CorrelationConfig(_Config):
@@ -97,10 +104,14 @@ class CorrelationConfig(_Config):
         What a metre of wall on free space costs, in metres of agreeing wall.
     wall_bonus
         What a metre of wall on any wall brings.
+    turns_share
+        Share of all rotations that are tried: those under which most walls face the same ways.
+    min_overlap_m
+        Shifts under which the maps reach into each other by less are not told apart from others [m].
     peaks_per_rotation, proposals
         Best shifts taken from each rotation, and best motions taken from all.
-    finalists
-        How many of these are refined with all of their walls.
+    semifinalists, finalists
+        How many of these are made exact, and how many of those are told apart with all of their walls.
     """
 
     cells_along: Annotated[int, Field(ge=8)] = 180
@@ -109,9 +120,12 @@ class CorrelationConfig(_Config):
     clearance_cells: Annotated[float, Field(ge=0.0)] = 1.6
     penalty: Annotated[float, Field(ge=0.0)] = 0.5
     wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
-    peaks_per_rotation: Annotated[int, Field(ge=1)] = 12
-    proposals: Annotated[int, Field(ge=1)] = 100
-    finalists: Annotated[int, Field(ge=2)] = 12
+    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.45
+    min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
+    peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
+    proposals: Annotated[int, Field(ge=1)] = 1000
+    semifinalists: Annotated[int, Field(ge=2)] = 60
+    finalists: Annotated[int, Field(ge=2)] = 20
 
 
 class RefinementConfig(_Config):
@@ -119,16 +133,23 @@ class RefinementConfig(_Config):
 
     Parameters
     ----------
+    proposal_reach_m
+        How far a wall looks for its like when a proposal of the correlation is refined at first [m].
     first_reach_m, last_reach_m
-        How far a wall looks for its like in the first and in the last iteration [m].
+        How far it looks in the first and in the last iteration of the final refinement [m].
     iterations, rough_iterations
-        Steps from one to the other, and those for a proposal of which little is hoped.
+        Steps of the final refinement, and of the first one.
+    few_walls, many_walls
+        How many walls of each map are looked at in the first and in the final refinement.
     """
 
+    proposal_reach_m: Metres = 1.2
     first_reach_m: Metres = 0.5
     last_reach_m: Metres = 0.15
-    iterations: Annotated[int, Field(ge=0)] = 15
-    rough_iterations: Annotated[int, Field(ge=0)] = 6
+    iterations: Annotated[int, Field(ge=0)] = 10
+    rough_iterations: Annotated[int, Field(ge=0)] = 10
+    few_walls: Annotated[int, Field(ge=3)] = 300
+    many_walls: Annotated[int, Field(ge=3)] = 2500
 
 
 class VerificationConfig(_Config):
@@ -140,35 +161,63 @@ class VerificationConfig(_Config):
         How near to a wall of the other map, seen from the same side, a wall must lie to agree [m].
     conflict_distance_m
         How far from every wall of the other map a wall on its free space must lie to contradict it [m].
+    front_m
+        How far before a wall the other robot must have seen free space to have seen the wall [m].
+    conflict_weight, unseen_weight
+        What a metre of contradicting wall, and of wall that should have been seen, costs when candidates are chosen, in
+        metres of agreeing wall.
+    min_confidence
+        Least probability of an alignment that is accepted.
     min_overlap_m2
         Least area known to both maps.
-    min_agreed_wall_m
-        Least length of wall that agrees.
-    min_weakest_wall_m
-        Least length of agreeing wall across the direction in which the maps could slide most easily.
-    min_agreement
-        Least share of the walls in the overlap that agree.
-    max_conflict, max_conflict_bent, bent_weakest_wall_m
-        Largest share of the walls in the overlap that contradict. Two drives bend their maps differently, and in a
-        large overlap walls then contradict although the place is beyond doubt: where more wall resists the easiest
-        slide than chance ever brings together, the second limit holds.
-    conflict_weight
-        What a metre of contradicting wall costs when alignments are compared, in metres of agreeing wall.
-    max_rival
-        Largest support of an alignment elsewhere, as a share of the best one's; above it the maps are ambiguous.
+    min_ambiguous_wall_m, min_ambiguous_agreement, ambiguous_share
+        Refused maps are called ambiguous, and not foreign, where the best place has so much agreeing wall, such a share
+        of the compared walls agrees, and another place is at least so likely, as a share of the best one's.
     """
 
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3
-    min_overlap_m2: Annotated[float, Field(ge=0.0)] = 4.0
-    min_agreed_wall_m: Annotated[float, Field(ge=0.0)] = 10.0
-    min_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 5.0
-    min_agreement: Share = 0.55
-    max_conflict: Share = 0.2
-    max_conflict_bent: Share = 0.35
-    bent_weakest_wall_m: Annotated[float, Field(ge=0.0)] = 30.0
-    conflict_weight: Annotated[float, Field(ge=0.0)] = 2.0
-    max_rival: Share = 0.7
+    front_m: Metres = 0.3
+    conflict_weight: Annotated[float, Field(ge=0.0)] = 1.5
+    unseen_weight: Annotated[float, Field(ge=0.0)] = 0.5
+    min_confidence: Share = 0.75
+    min_overlap_m2: Annotated[float, Field(ge=0.0)] = 2.0
+    min_ambiguous_wall_m: Annotated[float, Field(ge=0.0)] = 8.0
+    min_ambiguous_agreement: Share = 0.7
+    ambiguous_share: Share = 0.3
+
+    def limits(self) -> Limits:
+        """Return the distances as the kernels take them."""
+        return Limits(self.agreement_distance_m, self.conflict_distance_m, self.front_m, FACING)
+
+
+class GraphConfig(_Config):
+    """How maps are joined to groups.
+
+    Parameters
+    ----------
+    same_m, same_rad
+        Alignments nearer to each other than this name one place.
+    min_confidence
+        Least probability of a refused alignment, or of an alternative, that may confirm others.
+    confirmation
+        Log odds that a place gains at least when another alignment, however doubtful, leads to it too.
+    min_support
+        Least log odds at which maps are joined.
+    deviation_m, deviation_rad
+        Standard deviation of an alignment with 10 m of agreeing wall.
+    robust_width
+        Deviations at which an alignment begins to lose its say.
+    """
+
+    same_m: Metres = 1.0
+    same_rad: Annotated[float, Field(gt=0.0)] = 0.06
+    min_confidence: Share = 0.02
+    confirmation: Annotated[float, Field(ge=0.0)] = 3.0
+    min_support: float = 2.19
+    deviation_m: Metres = 0.05
+    deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005
+    robust_width: Annotated[float, Field(gt=0.0)] = 3.0
 
 
 class MergeConfig(_Config):
@@ -179,9 +228,12 @@ class MergeConfig(_Config):
     method
         How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's.
     rule
-        How two beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5) or `dempster`.
+        How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
+        `dubois-prade`, `yager` or `average`; see `merging.fusion.fuse`.
     coverage
         `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
+    reliability
+        Probability that a map, by name, is to be believed at all; 1 for those not named.
     resolution
         Cell size at which maps are compared [m]; None takes the coarsest map's.
     merged_resolution
@@ -191,6 +243,7 @@ class MergeConfig(_Config):
     method: Method = "correlation"
     rule: Rule = "disjunctive"
     coverage: Coverage = "union"
+    reliability: dict[str, Share] = {}
     resolution: Metres | None = None
     merged_resolution: Metres | None = None
     features: FeatureConfig = FeatureConfig()
@@ -199,3 +252,4 @@ class MergeConfig(_Config):
     correlation: CorrelationConfig = CorrelationConfig()
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
+    graph: GraphConfig = GraphConfig()

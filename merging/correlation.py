@@ -25,8 +25,12 @@ from tbmslam.se2 import SE2, FloatArray, wrap_angle, wrap_angles
 _Complex = npt.NDArray[np.complexfloating]
 _Image = npt.NDArray[np.complex64]
 
+_Size = tuple[int, int]
+
 _BLOCK = 8
 """Each square of so many cells offers one peak."""
+_DIRECTIONS = 720
+"""Bins of the full circle in which directions of walls are counted."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class _Layout:
     @classmethod
     def of(cls, structure: Structure, cell_m: float, clearance_m: float) -> "_Layout":
         walls = structure.points @ [1.0, 1.0j]
-        centre = complex(walls.mean())
+        centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
         facing = np.asarray(np.where(structure.two_sided, 0.0, structure.normals @ [1.0, 1.0j]), dtype=np.complex128)
         geometry = structure.geometry
         # A wall a little out of place must not count as one in the room's middle.
@@ -59,6 +63,11 @@ class _Layout:
         y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
         filled = counts * (geometry.resolution / cell_m) ** 2
         return cls(centre, walls - centre, facing, geometry.resolution, x + 1j * y - centre, filled)
+
+    def extents(self) -> FloatArray:
+        """Return twice the farthest reach (2,) of any point from the centre, along y and x [m]."""
+        points = np.concatenate((self.walls, self.free))
+        return 2.0 * np.array([np.abs(points.imag).max(), np.abs(points.real).max()])
 
     def radius(self) -> float:
         """Return the distance of the farthest point from the centre [m]."""
@@ -84,16 +93,18 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
         _Layout.of(structure, cell, max(config.clearance_m, config.clearance_cells * cell))
         for structure in (target, source)
     )
-    side = scipy.fft.next_fast_len(math.ceil(2.0 * (fixed.radius() + moving.radius()) / cell) + 4)
-    target_facing, target_kinds = _target_spectra(fixed, side, cell, config)
+    height, width = fixed.extents() + 2.0 * moving.radius() - min(config.min_overlap_m, 2.0 * moving.radius())
+    size = scipy.fft.next_fast_len(math.ceil(height / cell)), scipy.fft.next_fast_len(math.ceil(width / cell))
+    target_facing, target_kinds = _target_spectra(fixed, size, cell, config)
     steps = math.ceil(2.0 * math.pi / min(max(cell / max(moving.spread(), cell), 0.01), 0.05))
     peaks = []
-    for theta in 2.0 * math.pi * np.arange(steps) / steps:
-        facing, kinds = _source_images(moving, float(theta), side, cell)
-        product = np.conj(scipy.fft.fft2(facing)) * target_facing + np.conj(scipy.fft.fft2(kinds)) * target_kinds
+    for theta in _likely_turns(fixed, moving, 2.0 * math.pi * np.arange(steps) / steps, config.turns_share):
+        facing, kinds = _source_images(moving, float(theta), size, cell)
+        product = np.conj(scipy.fft.fft2(facing, overwrite_x=True)) * target_facing
+        product += np.conj(scipy.fft.fft2(kinds, overwrite_x=True)) * target_kinds
         scores = scipy.fft.ifft2(product, overwrite_x=True).real
         values, rows, cols = _peaks(scores, config.peaks_per_rotation)
-        shifts = (_signed(cols, side) + 1j * _signed(rows, side)) * cell
+        shifts = ((cols - size[1] // 2) + 1j * (rows - size[0] // 2)) * cell
         peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
     distinct = _distinct(np.concatenate(peaks), 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
     return [_motion(fixed.centre, moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
@@ -106,12 +117,34 @@ def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) 
     return min(max(float(sum(extents)) / config.cells_along, finest), max(config.max_cell_m, finest))
 
 
-def _target_spectra(layout: _Layout, side: int, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
+def _likely_turns(fixed: _Layout, moving: _Layout, turns: FloatArray, share: float) -> FloatArray:
+    """Return the share of all turns under which the walls of both maps face the same ways most.
+
+    Buildings have few directions, and a turn that brings none of them together brings no walls together.
+    """
+    spectra = [np.fft.rfft(_directions(layout)) for layout in (fixed, moving)]
+    likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
+    bins = np.rint(turns * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
+    best = np.argsort(-likeness[bins], kind="stable")[: math.ceil(share * len(turns))]
+    return turns[np.sort(best)]
+
+
+def _directions(layout: _Layout) -> FloatArray:
+    """Return how many walls face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
+    facing = layout.facing[layout.facing != 0]
+    bins = np.floor(np.angle(facing) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
+    counts = np.bincount(bins, minlength=_DIRECTIONS).astype(np.float64)
+    near = np.minimum(np.arange(_DIRECTIONS), _DIRECTIONS - np.arange(_DIRECTIONS))
+    kernel = np.exp(-0.5 * (near * (360.0 / _DIRECTIONS) / 2.0) ** 2)
+    return np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(kernel), _DIRECTIONS)
+
+
+def _target_spectra(layout: _Layout, size: _Size, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
     """Return the spectra that the source's images are multiplied with; see `_source_images`."""
-    middle = side // 2 * cell * (1 + 1j)
-    walls = _splat(layout.walls + middle, np.full(len(layout.walls), layout.metres + 0j), side, cell)
-    facing = _splat(layout.walls + middle, layout.facing * layout.metres, side, cell)
-    free = np.minimum(_splat(layout.free + middle, layout.filled + 0j, side, cell).real, 1.0)
+    middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of no shift shall come to lie
+    walls = _splat(layout.walls + middle, np.full(len(layout.walls), layout.metres + 0j), size, cell)
+    facing = _splat(layout.walls + middle, layout.facing * layout.metres, size, cell)
+    free = np.minimum(_splat(layout.free + middle, layout.filled + 0j, size, cell).real, 1.0)
     # 1.5: blurred, a straight wall through the cells shall count whole on its line.
     near = np.minimum(1.5 * _blurred(walls) / cell, 1.0)
     toward = 1.5 * _blurred(facing) / cell
@@ -120,24 +153,26 @@ def _target_spectra(layout: _Layout, side: int, cell: float, config: Correlation
     return scipy.fft.fft2(toward), scipy.fft.fft2(kinds.astype(np.complex64))
 
 
-def _source_images(layout: _Layout, theta: float, side: int, cell: float) -> tuple[_Image, _Image]:
+def _source_images(layout: _Layout, theta: float, size: _Size, cell: float) -> tuple[_Image, _Image]:
     """Return images of the turned source: its walls' facing, and its walls (real) with its free space (imaginary).
 
     The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
     """
-    turn, middle = np.exp(1j * theta), side // 2 * cell * (1 + 1j)
-    facing = _splat(layout.walls * turn + middle, layout.facing * turn * layout.metres, side, cell)
-    walls = _splat(layout.walls * turn + middle, np.full(len(layout.walls), layout.metres + 0j), side, cell)
-    free = _splat(layout.free * turn + middle, layout.filled + 0j, side, cell)
+    turn = np.exp(1j * theta)
+    facing = _splat(layout.walls * turn, layout.facing * turn * layout.metres, size, cell)
+    walls = _splat(layout.walls * turn, np.full(len(layout.walls), layout.metres + 0j), size, cell)
+    free = _splat(layout.free * turn, layout.filled + 0j, size, cell)
     return facing, np.asarray(walls + 1j * np.minimum(free.real, 1.0), dtype=np.complex64)
 
 
-def _splat(points: _Complex, weights: _Complex, side: int, cell: float) -> _Image:
-    cells = np.floor(points.imag / cell).astype(np.int64) * side + np.floor(points.real / cell).astype(np.int64)
-    image = np.bincount(cells, weights.real, side * side).astype(np.complex64)
+def _splat(points: _Complex, weights: _Complex, size: _Size, cell: float) -> _Image:
+    """Return an image of weighted points about its cell (0, 0); what is left of it or below comes in from behind."""
+    rows, cols = np.floor(points.imag / cell).astype(np.int64), np.floor(points.real / cell).astype(np.int64)
+    cells = rows % size[0] * size[1] + cols % size[1]
+    image = np.bincount(cells, weights.real, size[0] * size[1]).astype(np.complex64)
     if weights.imag.any():
-        image.imag = np.bincount(cells, weights.imag, side * side)
-    return image.reshape(side, side)
+        image.imag = np.bincount(cells, weights.imag, size[0] * size[1])
+    return image.reshape(size)
 
 
 def _blurred(image: _Image) -> _Image:
@@ -147,19 +182,14 @@ def _blurred(image: _Image) -> _Image:
 
 def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the values, rows and columns of the best cells, at most one of every block."""
-    blocks = len(scores) // _BLOCK
-    inner = scores[: blocks * _BLOCK, : blocks * _BLOCK].reshape(blocks, _BLOCK, blocks, _BLOCK)
-    flat = inner.swapaxes(1, 2).reshape(blocks * blocks, _BLOCK * _BLOCK)
+    down, across = scores.shape[0] // _BLOCK, scores.shape[1] // _BLOCK
+    inner = scores[: down * _BLOCK, : across * _BLOCK].reshape(down, _BLOCK, across, _BLOCK)
+    flat = inner.swapaxes(1, 2).reshape(down * across, _BLOCK * _BLOCK)
     values = flat.max(axis=1)
     best = np.argsort(-values, kind="stable")[:count]
     within = flat[best].argmax(axis=1)
-    rows, cols = best // blocks * _BLOCK + within // _BLOCK, best % blocks * _BLOCK + within % _BLOCK
+    rows, cols = best // across * _BLOCK + within // _BLOCK, best % across * _BLOCK + within % _BLOCK
     return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
-
-
-def _signed(cells: FloatArray, side: int) -> FloatArray:
-    """Undo the wrap of the Fourier transform: the far end stands for negative shifts."""
-    return np.asarray(np.where(cells < side // 2, cells, cells - side))
 
 
 def _distinct(peaks: FloatArray, apart_m: float, apart_rad: float, count: int) -> FloatArray:

@@ -1,26 +1,46 @@
-"""Many maps: which belong together, and where each lies."""
+"""Many maps: which belong together, and where each lies.
 
+Every pair of maps offers places: the one found, and its alternatives. Two maps, and then groups of maps, are joined
+where all that speaks for one place outweighs what speaks against it: the pairs' own alignments, and the ways over a third map
+that lead to the same place. So wrong alignments are outvoted, and ambiguous ones decided, where others know better.
+"""
+
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from merging.alignment import Alignment
-from tbmslam.se2 import SE2
+from merging.config import GraphConfig
+from tbmslam.pose_graph import MotionEdge, optimise
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 Pair = tuple[str, str]
 """The names of a target and a source map."""
 
+_SURE, _DOUBTFUL = 0.999, 0.85
+"""No alignment is believed more than this, and none that was refused."""
+
 
 @dataclass(frozen=True)
 class Group:
-    """Maps that accepted alignments connect.
+    """Maps that belong together.
 
     Parameters
     ----------
     poses
         T_group_map of every map in it; the group's frame is that of its first map.
+    used
+        The pairs whose alignment, found or alternative, agrees with these poses.
+    outvoted
+        The pairs that were accepted and do not.
     """
 
     poses: Mapping[str, SE2]
+    used: tuple[Pair, ...] = ()
+    outvoted: tuple[Pair, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of maps."""
@@ -32,53 +52,191 @@ class Group:
         return next(iter(self.poses))
 
 
-def groups_of(names: Sequence[str], alignments: Mapping[Pair, Alignment]) -> list[Group]:
-    """Connect maps by their best accepted alignments: a maximum spanning tree of the agreed wall in each group.
+@dataclass(frozen=True)
+class _Offer:
+    """A place that a pair of maps offers: log odds that it is right, metres of wall, and whether it was accepted."""
+
+    pair: Pair
+    motion: SE2
+    odds: float
+    wall_m: float
+    accepted: bool
+
+
+def groups_of(
+    names: Sequence[str], alignments: Mapping[Pair, Alignment], config: GraphConfig | None = None
+) -> list[Group]:
+    """Join maps to groups and find their poses.
 
     Parameters
     ----------
     names
         The maps, in the order that decides whose frame a group has.
     alignments
-        Alignments of pairs (target, source); refused ones connect nothing.
+        Alignments of pairs (target, source); refused ones may still confirm others.
+    config
+        When places are one, and what a confirmation is worth.
 
     Returns
     -------
     The groups, the largest first, and among equals the one whose first map was named first; a map that nothing
     connects is a group of its own.
     """
-    tree = _spanning_tree(names, alignments)
-    groups: list[Group] = []
-    for name in names:
-        if not any(name in group.poses for group in groups):
-            poses = _poses_from(name, tree)
-            groups.append(Group({member: poses[member] for member in names if member in poses}))
-    return sorted(groups, key=len, reverse=True)
+    config = config or GraphConfig()
+    offers = [offer for pair, found in alignments.items() for offer in _offers(pair, found, config)]
+    trusted = _without_outvoted(offers, config)
+    groups = [{name: SE2.identity()} for name in names]
+    while True:
+        joints = [
+            joint
+            for first, second in itertools.combinations(range(len(groups)), 2)
+            if (joint := _best_joint(groups, first, second, trusted, config)) is not None
+        ]
+        if not joints:
+            break
+        _, _, first, second, motion = max(joints, key=lambda joint: joint[:2])
+        groups[first] |= {name: motion @ pose for name, pose in groups[second].items()}
+        del groups[second]
+    ordered = [{name: group[name] for name in names if name in group} for group in groups]
+    finished = [_finished(group, offers, config) for group in ordered]
+    return sorted(finished, key=lambda group: (-len(group), list(names).index(group.first)))
 
 
-def _spanning_tree(names: Sequence[str], alignments: Mapping[Pair, Alignment]) -> dict[Pair, SE2]:
-    """Return the motions of the tree's edges by (target, source): Kruskal's algorithm, the best alignment first."""
-    group_of = {name: name for name in names}
-    tree: dict[Pair, SE2] = {}
-    accepted = [(pair, a, a.T_target_source) for pair, a in alignments.items() if a.accepted]
-    for (target, source), _, motion in sorted(accepted, key=lambda edge: -edge[1].agreed_wall_m):
-        if motion is not None and group_of[target] != group_of[source]:
-            tree[target, source] = motion
-            joined, absorbed = group_of[target], group_of[source]
-            group_of = {name: joined if group == absorbed else group for name, group in group_of.items()}
-    return tree
+def _offers(pair: Pair, found: Alignment, config: GraphConfig) -> list[_Offer]:
+    if found.T_target_source is None:
+        return []
+    confidence = max(found.confidence, 0.9) if found.accepted else found.confidence
+    places = [(found.T_target_source, confidence, found.agreed_wall_m, found.accepted)]
+    places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in found.alternatives]
+    return [
+        _Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
+        for motion, confidence, wall_m, accepted in places
+        if accepted or confidence >= config.min_confidence
+    ]
 
 
-def _poses_from(root: str, tree: Mapping[Pair, SE2]) -> dict[str, SE2]:
-    """Return T_root_map of every map that the tree connects with the root."""
-    poses, frontier = {root: SE2.identity()}, [root]
-    while frontier:
-        here = frontier.pop()
-        for (target, source), motion in tree.items():
-            if target == here and source not in poses:
-                poses[source] = poses[here] @ motion
-                frontier.append(source)
-            elif source == here and target not in poses:
-                poses[target] = poses[here] @ motion.inverse()
-                frontier.append(target)
-    return poses
+def _log_odds(confidence: float) -> float:
+    p = min(max(confidence, 1.0 - _SURE), _SURE)
+    return math.log(p / (1.0 - p))
+
+
+def _without_outvoted(offers: list[_Offer], config: GraphConfig) -> list[_Offer]:
+    """Drop accepted alignments that stand against most cycles they are in, the worst first.
+
+    Of three that contradict one another any may be the wrong one; then all stay, and weigh against each other.
+    """
+    kept = list(offers)
+    while True:
+        accepted = [offer for offer in kept if offer.accepted]
+        balances = dict.fromkeys((offer.pair for offer in accepted), 0)
+        for cycle in itertools.combinations(accepted, 3):
+            round_trip = _round_trip(cycle)
+            if round_trip is not None:
+                vote = 1 if _is_same(round_trip, SE2.identity(), config) else -1
+                for offer in cycle:
+                    balances[offer.pair] += vote
+        worst = min(balances.values(), default=0)
+        pairs = [pair for pair, balance in balances.items() if balance == worst]
+        if worst >= 0 or len(pairs) > 1:
+            return kept
+        kept = [offer for offer in kept if not (offer.accepted and offer.pair == pairs[0])]
+
+
+def _round_trip(cycle: tuple[_Offer, ...]) -> SE2 | None:
+    """Return the motion once around three alignments; None where they do not close a triangle."""
+    if len({name for offer in cycle for name in offer.pair}) != 3 or len({offer.pair for offer in cycle}) != 3:
+        return None
+    here, motion, left = cycle[0].pair[1], cycle[0].motion, list(cycle[1:])
+    while left:
+        onward = next(offer for offer in left if here in offer.pair)
+        left.remove(onward)
+        target, source = onward.pair
+        motion = motion @ (onward.motion if here == target else onward.motion.inverse())
+        here = source if here == target else target
+    return motion
+
+
+_Joint = tuple[float, float, int, int, SE2]
+"""Support, metres of wall, the indices of two groups, and where the second lies in the first's frame."""
+
+
+def _best_joint(
+    groups: list[dict[str, SE2]], first: int, second: int, offers: list[_Offer], config: GraphConfig
+) -> _Joint | None:
+    """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
+    direct = [
+        (offer, motion) for offer in offers if (motion := _between(groups[first], groups[second], offer)) is not None
+    ]
+    others = [group for index, group in enumerate(groups) if index not in {first, second}]
+    ways = [way for other in others for way in _ways_over(groups[first], other, groups[second], offers)]
+    joints = [(_support(motion, direct, ways, config), offer.wall_m, first, second, motion) for offer, motion in direct]
+    good = [joint for joint in joints if joint[0] >= config.min_support]
+    return max(good, key=lambda joint: joint[:2]) if good else None
+
+
+def _support(place: SE2, direct: list[tuple[_Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig) -> float:
+    """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere.
+
+    One doubtful alignment stays doubtful, but chance seldom leads to one place twice: each further one adds at least
+    the worth of a confirmation.
+    """
+    leading = sorted((offer.odds for offer, there in direct if _is_same(place, there, config)), reverse=True)
+    leading[1:] += [odds for odds, there in ways if _is_same(place, there, config)]
+    against = [offer.odds for offer, there in direct if offer.accepted and not _is_same(place, there, config)]
+    against += [odds for odds, there in ways if odds > 0.0 and not _is_same(place, there, config)]
+    return leading[0] + sum(max(odds, config.confirmation) for odds in leading[1:]) - sum(against)
+
+
+def _between(first: dict[str, SE2], second: dict[str, SE2], offer: _Offer) -> SE2 | None:
+    """Return where an offer puts the second group in the first's frame; None where it joins others."""
+    target, source = offer.pair
+    if target in first and source in second:
+        return first[target] @ offer.motion @ second[source].inverse()
+    if source in first and target in second:
+        return first[source] @ offer.motion.inverse() @ second[target].inverse()
+    return None
+
+
+def _ways_over(
+    first: dict[str, SE2], middle: dict[str, SE2], second: dict[str, SE2], offers: list[_Offer]
+) -> list[tuple[float, SE2]]:
+    """Return the log odds of every way over a third group, and where it leads."""
+    there = [(offer, motion) for offer in offers if (motion := _between(first, middle, offer)) is not None]
+    onward = [(offer, motion) for offer in offers if (motion := _between(middle, second, offer)) is not None]
+    # A way is right where both of its halves are.
+    return [(min(a.odds, b.odds) - math.log(2.0), p @ q) for (a, p), (b, q) in itertools.product(there, onward)]
+
+
+def _is_same(motion: SE2, other: SE2, config: GraphConfig) -> bool:
+    apart = motion.inverse() @ other
+    return math.hypot(apart.x, apart.y) <= config.same_m and abs(wrap_angle(apart.theta)) <= config.same_rad
+
+
+def _finished(poses: dict[str, SE2], offers: list[_Offer], config: GraphConfig) -> Group:
+    """Let all alignments that agree with the poses make them exact, in the first map's frame."""
+    names = list(poses)
+    inside = [offer for offer in offers if offer.pair[0] in poses and offer.pair[1] in poses]
+    agreeing = [
+        offer
+        for offer in inside
+        if _is_same(poses[offer.pair[0]].inverse() @ poses[offer.pair[1]], offer.motion, config)
+    ]
+    used = dict.fromkeys(offer.pair for offer in agreeing)
+    outvoted = tuple(dict.fromkeys(o.pair for o in inside if o.accepted and o.pair not in used))
+    start = poses[names[0]].inverse()
+    exact = {name: start @ pose for name, pose in poses.items()}
+    if len(agreeing) >= len(names):  # a tree has nothing to balance
+        edges = [
+            MotionEdge(names.index(o.pair[0]), names.index(o.pair[1]), o.motion, _information(o, config))
+            for o in agreeing
+        ]
+        solved = optimise(np.array([exact[name] for name in names]), [], edges, config.robust_width)
+        exact = {name: SE2.from_array(pose) for name, pose in zip(names, solved, strict=True)}
+        exact[names[0]] = SE2.identity()
+    return Group(exact, tuple(used), outvoted)
+
+
+def _information(offer: _Offer, config: GraphConfig) -> FloatArray:
+    """Return how exact an alignment is: the more wall, the more."""
+    more = max(offer.wall_m, 1.0) / 10.0
+    return more * np.diag([config.deviation_m**-2, config.deviation_m**-2, config.deviation_rad**-2])

@@ -1,12 +1,11 @@
 """Many maps whose relative poses nobody knows become one."""
 
-import itertools
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from merging.aligner import align_views, comparison_resolution, view_of
 from merging.alignment import Alignment
+from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.fusion import Fusion, fuse
 from merging.map_graph import Group, Pair, groups_of
@@ -42,7 +41,7 @@ class Merge:
     fusion: Fusion | None
 
 
-def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None) -> Merge:
+def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers: int = 1) -> Merge:
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
@@ -52,6 +51,10 @@ def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None) -> Merg
     ----------
     maps
         Two maps or more, by name; their order decides whose frame the merged map has.
+    config
+        How; the defaults where None.
+    workers
+        Processes that align pairs; the result does not depend on it.
 
     Raises
     ------
@@ -61,8 +64,8 @@ def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None) -> Merg
     config = config or MergeConfig()
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
-    alignments = align_all(maps, config)
-    group = groups_of(list(maps), alignments)[0]
+    alignments = align_all(maps, config, workers)
+    group = groups_of(list(maps), alignments, config.graph)[0]
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
     if len(group) < 2:
         return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
@@ -70,23 +73,13 @@ def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None) -> Merg
     return Merge(_merged(maps, group, fusion, config), group.poses, alignments, left_out, fusion)
 
 
-def align_all(maps: Mapping[str, TbmMap], config: MergeConfig) -> dict[Pair, Alignment]:
-    """Align every pair of maps; the one named first is the target."""
-    resolution = comparison_resolution([one.grid for one in maps.values()], config)
-    views = {name: view_of(one.grid, resolution, config) for name, one in maps.items()}
-    alignments = {}
-    for target, source in itertools.combinations(maps, 2):
-        alignments[target, source] = found = align_views(views[target], views[source], config)
-        logger.info("%s in %s: %s: %s", source, target, "accepted" if found.accepted else "refused", found.reason)
-    return alignments
-
-
 def _fused(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig) -> Fusion:
     lattice = maps[group.first].grid.geometry
     if config.merged_resolution is not None:
         lattice = lattice._replace(resolution=config.merged_resolution)
     layers = [warp(maps[name].grid, T_merged_map, lattice) for name, T_merged_map in group.poses.items()]
-    return fuse(layers, config.rule, config.coverage)
+    trusts = [config.reliability.get(name, 1.0) for name in group.poses]
+    return fuse(layers, config.rule, config.coverage, trusts)
 
 
 def _merged(maps: Mapping[str, TbmMap], group: Group, fusion: Fusion, config: MergeConfig) -> TbmMap:

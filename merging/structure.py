@@ -1,6 +1,7 @@
 """What a map says for certain: its walls, which way they face, and its free space."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -10,11 +11,9 @@ from merging.config import StructureConfig
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import FloatArray
+from tbmslam.walls import Walls
 
 BoolArray = npt.NDArray[np.bool_]
-
-FACING = 0.7
-"""Least cosine between the normals of two pieces of wall that may be one wall seen from the same side."""
 
 _FLAT = 0.1
 """Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
@@ -44,6 +43,8 @@ class Structure:
         From every cell (rows, cols) to the nearest surface cell [m]; inf where there is none.
     nearest
         The index in `points` of that surface cell (rows, cols).
+    weights
+        How much each surface cell (N,) counts: short pieces of wall may be things that people move.
     """
 
     geometry: GridGeometry
@@ -54,6 +55,7 @@ class Structure:
     free: BoolArray
     distances_m: npt.NDArray[np.float32]
     nearest: npt.NDArray[np.int32]
+    weights: FloatArray
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "Structure":
@@ -78,6 +80,25 @@ class Structure:
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
             nearest=nearest,
+            weights=_steadiness(walls, surface, config.steady_m / grid.geometry.resolution, config.least_weight),
+        )
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The same as the kernels take it."""
+        states = np.where(self.free, np.uint8(1), np.where(self.known, np.uint8(2), np.uint8(0)))
+        g = self.geometry
+        return Walls(
+            np.ascontiguousarray(self.points),
+            np.ascontiguousarray(self.normals),
+            self.two_sided,
+            self.weights,
+            self.distances_m,
+            self.nearest,
+            np.ascontiguousarray(states),
+            float(g.resolution),
+            float(g.origin_x),
+            float(g.origin_y),
         )
 
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
@@ -96,19 +117,19 @@ class Structure:
         return np.clip(rows, 0, g.rows - 1), np.clip(cols, 0, g.cols - 1), inside
 
 
-def alignment_of_normals(
-    normals: FloatArray, two_sided: BoolArray, other_normals: FloatArray, other_two_sided: BoolArray
-) -> FloatArray:
-    """Return the cosine (N,) between normals: 1 for the same wall seen from the same side, -1 from the other."""
-    cosines = np.einsum("ij,ij->i", normals, other_normals)
-    return np.asarray(np.where(two_sided | other_two_sided, np.abs(cosines), cosines))
-
-
 def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
     """Drop connected pieces of wall shorter than so many cells."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
     extents = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     return np.asarray(walls & (extents >= min_cells)[labels])
+
+
+def _steadiness(walls: BoolArray, surface: BoolArray, steady_cells: float, least: float) -> FloatArray:
+    """Return the weights (N,) of surface cells: 1 in pieces of wall that are long, `least` in the shortest."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
+    extents = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    weights = np.clip(extents / max(steady_cells, 1.0), least, 1.0)
+    return np.asarray(weights[labels[surface]], dtype=np.float64)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:

@@ -1,27 +1,41 @@
-"""Is this alignment true? What the aligned maps say about each other."""
+"""What the aligned maps say about each other, for and against."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from merging.config import VerificationConfig
-from merging.structure import FACING, Structure, alignment_of_normals
+from merging.structure import Structure
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
+
+_MANY_CELLS = 4000
+"""Known cells that are enough to measure an overlap."""
 
 
 @dataclass(frozen=True)
 class Evidence:
     """What speaks for and against an alignment.
 
+    Lengths of wall are means of two directions, either map's walls held against the other map, and short pieces of
+    wall count less than their length (`StructureConfig.steady_m`).
+
     Parameters
     ----------
     overlap_m2
         Area that both maps know [m^2].
+    overlap_share
+        The same as a share of the smaller map's.
     compared_wall_m
-        Walls of either map that lie where the other map knows something, mean of the two directions [m].
+        Walls that lie where the other map knows something [m].
     agreed_wall_m
         Of those, the walls with a wall of the other map near by that was seen from the same side [m].
+    conflicting_wall_m
+        Of those, the walls that stand on the other map's free space, far from all of its walls [m].
+    unseen_wall_m
+        Walls whose front the other robot saw free, so that it should have seen them, and did not [m].
     weakest_wall_m
         How much of the agreeing wall resists sliding in the direction that it resists least [m].
     rmse_m
@@ -29,118 +43,112 @@ class Evidence:
     agreement, conflict
         Shares of the compared walls that agree with, and that stand on free space of, the other map. The rest is
         neither: near a wall but not near enough, or near one that faces another way.
+    worst_agreement, worst_conflict
+        The same with the unseen walls among the compared, in the direction where it is worse.
+    smaller_wall_m, larger_wall_m
+        All walls of the map that has fewer of them, and of the other [m].
     """
 
     overlap_m2: float
+    overlap_share: float
     compared_wall_m: float
     agreed_wall_m: float
+    conflicting_wall_m: float
+    unseen_wall_m: float
     weakest_wall_m: float
     rmse_m: float | None
     agreement: float
     conflict: float
+    worst_agreement: float
+    worst_conflict: float
+    smaller_wall_m: float
+    larger_wall_m: float
 
 
 def support_m(
-    target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig, limit: int | None = None
-) -> float:
-    """Return how much wall speaks for an alignment, less what speaks against it [m]; `limit` as in `refine`."""
-    forth = _Comparison.of(source, target, T_target_source, config, limit)
-    back = _Comparison.of(target, source, T_target_source.inverse(), config, limit)
-    agreed, conflicting = forth.agreed_m + back.agreed_m, forth.conflicting_m + back.conflicting_m
-    return (agreed - config.conflict_weight * conflicting) / 2.0
+    target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig, limit: int | None = None
+) -> FloatArray:
+    """Return how much wall (M,) speaks for each alignment, less what speaks against it [m].
+
+    `limit` is the number of walls of each map that are held against the other; None takes all.
+    """
+    forth, back = _sums(target, source, motions, config, limit)
+    against = config.conflict_weight * (forth + back)[:, CONFLICTING] + config.unseen_weight * (forth + back)[:, UNSEEN]
+    return np.asarray(((forth + back)[:, AGREED] - against) / 2.0)
 
 
 def examine(target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig) -> Evidence:
     """Compare two maps under an alignment, each one's walls with the other map."""
-    forth = _Comparison.of(source, target, T_target_source, config, None)
-    back = _Comparison.of(target, source, T_target_source.inverse(), config, None)
-    compared, agreed = (forth.compared_m + back.compared_m) / 2.0, (forth.agreed_m + back.agreed_m) / 2.0
-    conflicting = (forth.conflicting_m + back.conflicting_m) / 2.0
+    return examine_all(target, source, [T_target_source], config)[0]
+
+
+def examine_all(target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
+    """Compare two maps under each of some alignments; see `examine`."""
+    forth, back = _sums(target, source, motions, config, None)
+    shares = [_overlap_m2(target, source, motion) for motion in motions]
+    smaller_m2 = min(_known_m2(target), _known_m2(source))
+    lengths = sorted(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
+    return [
+        _evidence(f, b, overlap_m2, overlap_m2 / smaller_m2, (lengths[0], lengths[1]))
+        for f, b, overlap_m2 in zip(forth, back, shares, strict=True)
+    ]
+
+
+def _sums(
+    target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig, limit: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the sums (M, 8) of `compare` in metres: the source's walls held against the target, and the reverse."""
+    backward = [motion.inverse() for motion in motions]
+    sums = []
+    for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
+        some = moving.some(limit)
+        metres = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
+        sums.append(compare(moving.walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
+    return sums[0], sums[1]
+
+
+def _evidence(
+    forth: FloatArray, back: FloatArray, overlap_m2: float, overlap_share: float, lengths: tuple[float, float]
+) -> Evidence:
+    mean = (forth + back) / 2.0
+    compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
+    weakest = np.linalg.eigvalsh([[mean[XX], mean[XY]], [mean[XY], mean[YY]]])[0]
+    # Half a metre more than there is: of a few cells of wall nobody can say a share.
+    both = np.stack((forth, back)) / (np.stack((forth, back))[:, [COMPARED, UNSEEN]].sum(axis=1) + 0.5)[:, None]
     return Evidence(
-        overlap_m2=_overlap_m2(target, source, T_target_source),
+        overlap_m2=overlap_m2,
+        overlap_share=overlap_share,
         compared_wall_m=compared,
         agreed_wall_m=agreed,
-        weakest_wall_m=min(forth.weakest_m, back.weakest_m),
-        rmse_m=math.sqrt((forth.squares_m3 + back.squares_m3) / 2.0 / agreed) if agreed > 0.0 else None,
+        conflicting_wall_m=float(mean[CONFLICTING]),
+        unseen_wall_m=float(mean[UNSEEN]),
+        weakest_wall_m=max(float(weakest), 0.0),
+        rmse_m=math.sqrt(float(mean[SQUARES]) / agreed) if agreed > 0.0 else None,
         agreement=agreed / compared if compared > 0.0 else 0.0,
-        conflict=conflicting / compared if compared > 0.0 else 0.0,
+        conflict=float(mean[CONFLICTING]) / compared if compared > 0.0 else 0.0,
+        worst_agreement=float(both[:, AGREED].min()),
+        worst_conflict=float(both[:, CONFLICTING].max()),
+        smaller_wall_m=lengths[0],
+        larger_wall_m=lengths[1],
     )
 
 
-def objection(evidence: Evidence, config: VerificationConfig) -> str | None:
-    """Return why an alignment cannot be believed, with the numbers; None where nothing speaks against it."""
-    beyond_chance = evidence.weakest_wall_m >= config.bent_weakest_wall_m
-    max_conflict = config.max_conflict_bent if beyond_chance else config.max_conflict
-    checks = (
-        (
-            evidence.overlap_m2 >= config.min_overlap_m2,
-            "overlap of {0.overlap_m2:.1f} m2 is under {1.min_overlap_m2:g} m2",
-        ),
-        (
-            evidence.conflict <= max_conflict,
-            "{0.conflict:.0%} of the walls in the overlap stand on free space of the other, over {2:.0%}",
-        ),
-        (
-            evidence.agreed_wall_m >= config.min_agreed_wall_m,
-            "only {0.agreed_wall_m:.1f} m of wall agree, under {1.min_agreed_wall_m:g} m",
-        ),
-        (
-            evidence.agreement >= config.min_agreement,
-            "only {0.agreement:.0%} of the walls in the overlap agree, under {1.min_agreement:.0%}",
-        ),
-        (
-            evidence.weakest_wall_m >= config.min_weakest_wall_m,
-            "the maps could slide: only {0.weakest_wall_m:.1f} m of wall resist, under {1.min_weakest_wall_m:g} m",
-        ),
-    )
-    return next((text.format(evidence, config, max_conflict) for holds, text in checks if not holds), None)
-
-
-@dataclass(frozen=True)
-class _Comparison:
-    """The walls of one map held against another map; lengths in metres."""
-
-    compared_m: float
-    agreed_m: float
-    conflicting_m: float
-    weakest_m: float
-    squares_m3: float  # squared distances of the agreeing walls, each times the wall's length
-
-    @classmethod
-    def of(
-        cls, walls: Structure, other: Structure, T_other_walls: SE2, config: VerificationConfig, limit: int | None
-    ) -> "_Comparison":
-        some = walls.some(limit)
-        rows, cols, inside = other.cells_of(T_other_walls.apply(walls.points[some]))
-        if not inside.any() or len(other.points) == 0:
-            return cls(0.0, 0.0, 0.0, 0.0, 0.0)
-        distances = np.where(inside, other.distances_m[rows, cols], np.inf)
-        normals = SE2(0.0, 0.0, T_other_walls.theta).apply(walls.normals[some])
-        nearest = other.nearest[rows, cols]
-        facing = alignment_of_normals(normals, walls.two_sided[some], other.normals[nearest], other.two_sided[nearest])
-        agreed = (distances <= config.agreement_distance_m) & (facing >= FACING)
-        compared = agreed | (inside & other.known[rows, cols])
-        conflicting = compared & other.free[rows, cols] & (distances > config.conflict_distance_m)
-        step = walls.geometry.resolution * len(walls.points) / len(some)
-        return cls(
-            float(compared.sum() * step),
-            float(agreed.sum() * step),
-            float(conflicting.sum() * step),
-            _weakest(normals[agreed]) * step,
-            float((distances[agreed] ** 2).sum() * step),
-        )
-
-
-def _weakest(normals: FloatArray) -> float:
-    """Return the smallest eigenvalue of the normals' scatter: the weight against a slide in the worst direction."""
-    return float(np.linalg.eigvalsh(normals.T @ normals)[0])
+def _known_m2(structure: Structure) -> float:
+    return float(np.count_nonzero(structure.known)) * structure.geometry.resolution**2
 
 
 def _overlap_m2(target: Structure, source: Structure, T_target_source: SE2) -> float:
-    rows, cols = np.nonzero(source.known)
-    step = source.geometry.resolution
-    centres = np.column_stack(
-        (source.geometry.origin_x + (cols + 0.5) * step, source.geometry.origin_y + (rows + 0.5) * step)
-    )
+    centres, cell_m2 = _some_known(source)
     rows, cols, inside = target.cells_of(T_target_source.apply(centres))
-    return float(np.count_nonzero(inside & target.known[rows, cols]) * step**2)
+    return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
+
+
+def _some_known(structure: Structure) -> tuple[FloatArray, float]:
+    """Return centres (K, 2) of known cells, evenly chosen, and the area each stands for [m^2]."""
+    cells: npt.NDArray[np.intp] = np.flatnonzero(structure.known)
+    every = max(len(cells) // _MANY_CELLS, 1)
+    rows, cols = np.divmod(cells[::every], structure.geometry.cols)
+    step = structure.geometry.resolution
+    x = structure.geometry.origin_x + (cols + 0.5) * step
+    y = structure.geometry.origin_y + (rows + 0.5) * step
+    return np.column_stack((x, y)), step**2 * len(cells) / max(len(rows), 1)

@@ -17,7 +17,7 @@ DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
 METHODS = ("correlation", "features")
-RULES = ("disjunctive", "conjunctive", "dempster")
+RULES = ("disjunctive", "conjunctive", "dempster", "dubois-prade", "yager", "average")
 COVERAGES = ("union", "overlap")
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 

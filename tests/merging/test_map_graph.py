@@ -1,15 +1,19 @@
 import pytest
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Alternative
 from merging.map_graph import groups_of
 from tbmslam.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 
 
-def found(target, source, wall=10.0, accepted=True, T=None):
+def found(target, source, confidence=0.95, accepted=True, T=None, others=()):
     motion = T or POSES[target].inverse() @ POSES[source]
-    return {(target, source): Alignment("features", accepted, "", motion, agreed_wall_m=wall)}
+    alternatives = tuple(Alternative(other, confidence, 5.0) for other in others)
+    one = Alignment(
+        "correlation", accepted, "", motion, agreed_wall_m=10.0, confidence=confidence, alternatives=alternatives
+    )
+    return {(target, source): one}
 
 
 def assert_poses(group, expected):
@@ -41,7 +45,39 @@ def test_the_group_named_first_comes_first_among_equals():
     assert [list(group.poses) for group in groups] == [["a", "b"], ["c", "d"]]
 
 
-def test_the_best_alignments_make_the_tree():
-    wrong = found("a", "c", wall=2.0, T=SE2(77.0, 0.0, 0.0))
-    groups = groups_of(list("abc"), wrong | found("a", "b") | found("b", "c"))
+def test_a_wrong_alignment_is_outvoted():
+    wrong = found("a", "b", confidence=0.99, T=SE2(77.0, 0.0, 0.0))
+    right = found("a", "c") | found("b", "c") | found("a", "d") | found("b", "d")
+    groups = groups_of(list("abcd"), wrong | right)
+    assert_poses(groups[0], POSES)
+    assert groups[0].outvoted == (("a", "b"),)
+    assert set(groups[0].used) == set(right)
+
+
+def test_two_contradicting_alignments_join_nothing_that_they_contradict():
+    wrong = found("a", "c", T=SE2(77.0, 0.0, 0.0))
+    groups = groups_of(list("abc"), wrong | found("a", "b", confidence=0.99) | found("b", "c"))
+    assert [list(group.poses) for group in groups] == [["a", "b"], ["c"]]
+
+
+def test_doubtful_alignments_that_agree_are_believed_together():
+    doubtful = found("a", "c", 0.5, accepted=False) | found("b", "c", 0.5, accepted=False)
+    assert len(groups_of(list("abc"), found("a", "b") | doubtful)[0]) == 3
+    alone = found("a", "c", 0.5, accepted=False)
+    assert len(groups_of(list("abc"), found("a", "b") | alone)[0]) == 2
+
+
+def test_an_ambiguous_alignment_is_decided_by_the_others():
+    turned = SE2(3.0, 3.0, 3.0)
+    true = POSES["a"].inverse() @ POSES["c"]
+    ambiguous = found("a", "c", 0.45, accepted=False, T=turned, others=[true])
+    groups = groups_of(list("abc"), found("a", "b") | found("b", "c") | ambiguous)
     assert_poses(groups[0], {name: POSES[name] for name in "abc"})
+
+
+def test_small_errors_are_shared_around_a_cycle():
+    off = POSES["a"].inverse() @ POSES["c"] @ SE2(0.06, 0.0, 0.0)
+    group = groups_of(list("abc"), found("a", "b") | found("b", "c") | found("a", "c", T=off))[0]
+    error = POSES["c"].inverse() @ group.poses["c"]
+    assert 0.03 < error.x < 0.05  # two edges of three say nothing of it
+    assert group.outvoted == ()

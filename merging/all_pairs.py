@@ -1,0 +1,82 @@
+"""Every pair of some maps aligned, in several processes where that is wanted."""
+
+import itertools
+import logging
+import multiprocessing
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+
+from merging.aligner import View, align_views, comparison_resolution, view_of
+from merging.alignment import Alignment
+from merging.config import MergeConfig
+from tbmslam.grid import TbmGrid
+from tbmslam.tbm_map import TbmMap
+
+logger = logging.getLogger(__name__)
+
+Pair = tuple[str, str]
+
+
+def align_all(maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1) -> dict[Pair, Alignment]:
+    """Align every pair of maps; the one named first is the target.
+
+    Parameters
+    ----------
+    maps
+        Maps by name.
+    config
+        How they are aligned.
+    workers
+        Processes to share the work; every number gives the same alignments.
+
+    Raises
+    ------
+    ValueError
+        If there is no worker.
+    """
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    grids = {name: one.grid for name, one in maps.items()}
+    resolution = comparison_resolution(list(grids.values()), config)
+    pairs = list(itertools.combinations(maps, 2))
+    workers = min(workers, len(pairs))
+    if workers <= 1:
+        crew = _Crew(grids, resolution, config)
+        found = [crew.align(pair) for pair in pairs]
+    else:
+        context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
+        with ProcessPoolExecutor(workers, context, _hire, (grids, resolution, config)) as pool:
+            found = list(pool.map(_align, pairs))
+    for (target, source), one in zip(pairs, found, strict=True):
+        logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
+    return dict(zip(pairs, found, strict=True))
+
+
+class _Crew:
+    """What one process needs to align pairs; a map is looked at once, when its first pair comes."""
+
+    def __init__(self, grids: Mapping[str, TbmGrid], resolution: float, config: MergeConfig) -> None:
+        self._grids, self._resolution, self._config = grids, resolution, config
+        self._views: dict[str, View | None] = {}
+
+    def align(self, pair: Pair) -> Alignment:
+        """Align one pair (target, source)."""
+        target, source = (self._view(name) for name in pair)
+        return align_views(target, source, self._config)
+
+    def _view(self, name: str) -> View | None:
+        if name not in self._views:
+            self._views[name] = view_of(self._grids[name], self._resolution, self._config)
+        return self._views[name]
+
+
+_here: list[_Crew] = []
+"""The crew of this process, where it is a worker."""
+
+
+def _hire(grids: Mapping[str, TbmGrid], resolution: float, config: MergeConfig) -> None:
+    _here[:] = [_Crew(grids, resolution, config)]
+
+
+def _align(pair: Pair) -> Alignment:
+    return _here[0].align(pair)

@@ -1,0 +1,65 @@
+"""Where the source may lie: every place that the walls speak for, made exact, and what each has to say for itself."""
+
+import numpy as np
+
+from merging.config import MergeConfig
+from merging.correlation import propose
+from merging.structure import Structure
+from merging.verification import Evidence, examine_all, support_m
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.wall_limits import FACING
+from tbmslam.walls import slide
+
+_ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
+"""Alignments farther apart than this are different answers, not one answer twice."""
+
+Candidate = tuple[SE2, Evidence]
+"""A motion T_target_source and what the maps say about it."""
+
+
+def find_candidates(target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
+    """Return the places that the walls speak for most, the best first, none near a better one.
+
+    The correlation proposes many motions on coarse cells; a few hundred walls slide and judge all of them, and
+    all walls the best.
+    """
+    proposals = propose(target, source, config.correlation)
+    if not proposals:
+        return []
+    how = config.refinement
+    some = target.some(how.few_walls), source.some(how.few_walls)
+    rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
+    slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
+    supports = support_m(target, source, slid, config.verification, how.few_walls)
+    best = distinct(slid, supports, source, config.correlation.semifinalists)
+    finalists = refine_all(target, source, best, config)
+    supports = support_m(target, source, finalists, config.verification, how.many_walls)
+    finalists = distinct(finalists, supports, source, config.correlation.finalists)
+    return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
+
+
+def refine_all(target: Structure, source: Structure, motions: list[SE2], config: MergeConfig) -> list[SE2]:
+    """Make alignments exact."""
+    how = config.refinement
+    reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
+    some = target.some(how.many_walls), source.some(how.many_walls)
+    return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
+
+
+def distinct(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
+    """Return the best motions, none of which puts the source where a better one puts it already."""
+    centre = source.points.mean(axis=0)
+    kept: list[SE2] = []
+    for index in np.argsort(-scores, kind="stable"):
+        motion = motions[index]
+        if all(_elsewhere(motion, other, centre) for other in kept):
+            kept.append(motion)
+            if len(kept) == count:
+                break
+    return kept
+
+
+def _elsewhere(motion: SE2, other: SE2, centre: FloatArray) -> bool:
+    """Tell whether two alignments put the source at different places."""
+    apart = np.linalg.norm(motion.apply(centre) - other.apply(centre))
+    return bool(apart > _ELSEWHERE_M or abs(wrap_angle(motion.theta - other.theta)) > _ELSEWHERE_RAD)

@@ -1,0 +1,70 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from merging.candidates import distinct, find_candidates, refine_all
+from merging.config import MergeConfig, StructureConfig
+from merging.structure import Structure
+from merging.warping import warp
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+
+CONFIG = MergeConfig()
+
+
+def structure(grid):
+    return Structure.from_grid(grid, StructureConfig())
+
+
+def refine(target, source, motion, config):
+    return refine_all(target, source, [motion], config)[0]
+
+
+def error(found, true):
+    vx, vy, omega = (true.inverse() @ found).log()
+    return math.hypot(vx, vy), abs(math.degrees(omega))
+
+
+@pytest.mark.parametrize("offset", [SE2(0.3, -0.2, 0.0), SE2(0.0, 0.0, 0.03), SE2(-0.15, 0.2, -0.02)])
+def test_a_rough_guess_becomes_exact(rooms, offset):
+    grid, true = rooms(1), SE2(2.0, 5.0, math.radians(40.0))
+    target = structure(warp(grid, true, grid.geometry))
+    metres, degrees = error(refine(target, structure(grid), true @ offset, CONFIG), true)
+    assert metres < 0.02
+    assert degrees < 0.05
+
+
+def test_what_is_right_stays(rooms):
+    grid = structure(rooms(1))
+    metres, degrees = error(refine(grid, grid, SE2.identity(), CONFIG), SE2.identity())
+    assert metres < 1e-6
+    assert degrees < 1e-6
+
+
+def test_nothing_near_leaves_the_guess_alone(rooms):
+    grid, blank = structure(rooms(1)), structure(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 9, 9)))
+    guess = SE2(1.0, 2.0, 3.0)
+    assert refine(grid, blank, guess, CONFIG) == pytest.approx(guess)
+    assert refine(grid, grid, SE2(400.0, 0.0, 0.0), CONFIG) == pytest.approx((400.0, 0.0, 0.0))
+
+
+def test_the_true_place_comes_first_and_every_other_is_elsewhere(rooms):
+    grid, true = rooms(1), SE2(2.0, 5.0, math.radians(40.0))
+    source = structure(grid)
+    candidates = find_candidates(structure(warp(grid, true, grid.geometry)), source, CONFIG)
+    metres, degrees = error(candidates[0][0], true)
+    assert metres < 0.02
+    assert degrees < 0.05
+    assert 1 < len(candidates) <= CONFIG.correlation.finalists
+    centre = source.points.mean(axis=0)
+    for (first, _), (second, _) in itertools.combinations(candidates, 2):
+        turn = abs((first.inverse() @ second).theta)
+        assert math.dist(first.apply(centre), second.apply(centre)) > 1.0 or turn > 0.15
+
+
+def test_the_best_of_places_close_together_is_kept(rooms):
+    motions = [SE2(0.0, 0.0, 0.0), SE2(0.5, 0.0, 0.0), SE2(9.0, 0.0, 0.0)]
+    kept = distinct(motions, np.array([1.0, 2.0, 0.5]), structure(rooms(1)), 5)
+    assert kept == [motions[1], motions[2]]
