@@ -2,6 +2,8 @@
 
 `slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
+`align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
+is worth.
 """
 
 import argparse
@@ -13,6 +15,8 @@ EXAMPLES = """examples:
       two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
   python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
       bags of simulated drives (kind:seed:odometry and options of make_world), medians of three runs
+  python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
+      every .npz pair of a folder (see datasets/synthetic/map_pairs.py), with a line for each that went wrong
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
 """
@@ -23,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling")
+    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align")
     slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds")
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
@@ -44,6 +48,12 @@ def parser() -> argparse.ArgumentParser:
     scaling.add_argument("--beams", type=int, default=180, help="beams of a scan (180)")
     for command in (slam, scaling):
         command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run (default)")
+    align = commands.add_parser("align", help="how often pairs of maps are aligned rightly")
+    align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
+    align.add_argument("--method", choices=("correlation", "features"), default="correlation", help="(correlation)")
+    align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
+    align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
+    for command in (slam, scaling, align):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -80,6 +90,8 @@ def _check(args: argparse.Namespace) -> None:
     from tbmslam.config import PRESETS
     from tools.recording_spec import parse_recording_spec
 
+    if args.command == "align":
+        return
     args.preset = args.preset.split(",")
     for name in args.preset:
         if name not in PRESETS:
@@ -104,6 +116,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.slam_benchmark import benchmark_slam
 
         benchmark_slam(args)
+    elif args.command == "align":
+        from tools.pair_benchmark import benchmark_pairs
+
+        benchmark_pairs(args)
     else:
         from tools.scaling_benchmark import benchmark_scaling
 

@@ -1,0 +1,153 @@
+"""How often pairs of maps are aligned rightly, how often wrongly, and what the confidence is worth."""
+
+import argparse
+import itertools
+import json
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tools.machine import describe_machine
+from tools.text_table import number, text_table
+
+OVERLAPS = (100, 75, 50, 35, 25, 15)
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0)
+"""Edges of the confidences that the calibration table puts together."""
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """What became of one pair.
+
+    Parameters
+    ----------
+    name
+        The pair.
+    overlap
+        In percent; None where the maps show different places.
+    accepted, right, ambiguous
+        What the aligner said, and whether its best place is the true one, accepted or not.
+    confidence
+        Its probability of being right, in the aligner's opinion.
+    translation_error_m, rotation_error_deg
+        Of its best place, where there is a truth.
+    cpu_s
+        Processor time for both maps and their alignment [s].
+    """
+
+    name: str
+    overlap: int | None
+    accepted: bool
+    right: bool
+    ambiguous: bool
+    confidence: float
+    translation_error_m: float | None
+    rotation_error_deg: float | None
+    cpu_s: float
+    reason: str
+
+
+def benchmark_pairs(args: argparse.Namespace) -> None:
+    """Align all pairs of a folder and print the tables."""
+    from merging.config import MergeConfig
+    from tbmslam.atomic_file import write_bytes, write_text
+    from tbmslam.errors import TbmSlamError
+
+    paths = sorted(args.pairs.glob("*.npz"))
+    if not paths:
+        raise TbmSlamError(f"{args.pairs} holds no .npz pair of maps: give the folder that does")
+    config = MergeConfig(method=args.method)
+    measure(paths[0], config)  # compiles
+    results = [measure(path, config) for path in paths]
+    print(summary(results, args.method))
+    print()
+    print(calibration_table(results))
+    if args.details:
+        print()
+        print(details(results))
+    machine = describe_machine()
+    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    if args.json:
+        record = {"machine": machine, "method": args.method, "pairs": [asdict(result) for result in results]}
+        write_text(args.json, json.dumps(record, indent=2) + "\n")
+    if args.plot:
+        from tools.calibration_plot import draw_calibration
+
+        write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in results], BINS))
+
+
+def measure(path: Path, config: object) -> PairResult:
+    """Align one pair."""
+    from merging.aligner import align
+    from tools.pair_files import load_pair
+
+    pair = load_pair(path)
+    start = time.process_time()
+    found = align(pair.target, pair.source, config)  # type: ignore[arg-type]
+    cpu_s = time.process_time() - start
+    errors: tuple[float | None, float | None] = (None, None)
+    if pair.T_target_source is not None and found.T_target_source is not None:
+        errors = pair.errors(found.T_target_source)
+    return PairResult(
+        name=pair.name,
+        overlap=None if pair.T_target_source is None else round(100.0 * pair.overlap),
+        accepted=found.accepted,
+        right=pair.is_right(found.T_target_source),
+        ambiguous=found.ambiguous,
+        confidence=found.confidence,
+        translation_error_m=errors[0],
+        rotation_error_deg=errors[1],
+        cpu_s=cpu_s,
+        reason=found.reason,
+    )
+
+
+def summary(results: Sequence[PairResult], method: str) -> str:
+    """Return the table of what was accepted and right by overlap, and what went wrong."""
+    head = ["method", "pairs", *(f"{overlap} %" for overlap in OVERLAPS), "wrong but accepted", "negatives accepted"]
+    true = [result for result in results if result.overlap is not None]
+    negatives = [result for result in results if result.overlap is None]
+    cells = [_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS]
+    wrong = sum(r.accepted and not r.right for r in true)
+    false = f"{sum(r.accepted for r in negatives)} of {len(negatives)}"
+    right = [r for r in true if r.accepted and r.right]
+    metres = [r.translation_error_m for r in right if r.translation_error_m is not None]
+    degrees = [r.rotation_error_deg for r in right if r.rotation_error_deg is not None]
+    cpu = [r.cpu_s for r in results]
+    notes = (
+        f"Accepted and right. Median error of these {number(_median(metres), 3)} m, {number(_median(degrees), 2)} deg. "
+        f"CPU seconds a pair: median {number(_median(cpu), 2)}, most {max(cpu):.2f}. "
+        f"Refused as ambiguous: {sum(r.ambiguous for r in results)}."
+    )
+    return text_table(head, [[method, str(len(results)), *cells, str(wrong), false]]) + "\n" + notes
+
+
+def calibration_table(results: Sequence[PairResult]) -> str:
+    """Return how many of the best places are right, by the confidence that they were given."""
+    rows = []
+    for low, high in itertools.pairwise(BINS):
+        inside = [r for r in results if low <= r.confidence < high or (high == 1.0 and r.confidence == 1.0)]
+        if inside:
+            given = float(np.mean([r.confidence for r in inside]))
+            true = sum(r.right for r in inside)
+            rows.append([f"{low:.2f} to {high:.2f}", str(len(inside)), f"{given:.3f}", f"{true / len(inside):.3f}"])
+    return text_table(["confidence", "pairs", "given, mean", "right, share"], rows)
+
+
+def details(results: Sequence[PairResult]) -> str:
+    """Return a line for every pair that was not accepted rightly or refused rightly."""
+    odd = [r for r in results if (r.accepted != r.right) or (r.overlap is not None and not r.accepted)]
+    rows = [[r.name, r.reason, f"{r.confidence:.3f}", "right" if r.right else "wrong"] for r in odd]
+    return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "nothing amiss"
+
+
+def _share(results: Sequence[PairResult]) -> str:
+    return f"{sum(r.accepted and r.right for r in results)}/{len(results)}" if results else "-"
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return statistics.median(values) if values else None

@@ -1,0 +1,100 @@
+"""Pairs of maps whose relative pose is known, as files."""
+
+import math
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.occupancy import masses_from_probability
+from tbmslam.se2 import SE2, wrap_angle
+from tbmslam.tbm_map import TbmMap
+
+_RIGHT_M, _RIGHT_DEG = 0.5, 2.0
+
+
+class PairFileError(TbmSlamError):
+    """A file does not hold a pair of maps."""
+
+
+@dataclass(frozen=True)
+class KnownPair:
+    """Two maps and the truth about them.
+
+    Parameters
+    ----------
+    name
+        The file's name without its ending.
+    target, source
+        The maps.
+    T_target_source
+        The truth; None where the maps show different places.
+    overlap
+        Share of the smaller map's free cells that both know.
+    """
+
+    name: str
+    target: TbmMap
+    source: TbmMap
+    T_target_source: SE2 | None
+    overlap: float
+
+    @property
+    def building(self) -> str:
+        """What is left of the name without what tells the building's pairs apart."""
+        kind, *rest = self.name.split("_")
+        if kind.startswith("neg"):
+            rest = [word for word in rest if not word.isdigit()]
+        return "_".join(rest).rstrip("_0123456789") if kind.startswith("crop") else "_".join(rest)
+
+    def errors(self, found: SE2) -> tuple[float, float]:
+        """Return how far an alignment puts the middle of what the source knows from its true place [m], [deg].
+
+        Raises
+        ------
+        ValueError
+            If there is no true place.
+        """
+        if self.T_target_source is None:
+            raise ValueError(f"{self.name} has no true alignment")
+        geometry = self.source.grid.geometry
+        rows, cols = np.nonzero(self.source.grid.is_known())
+        middle = geometry.centre_of(float(rows.mean()), float(cols.mean()))  # type: ignore[arg-type]
+        apart = np.linalg.norm(found.apply(middle) - self.T_target_source.apply(middle))
+        return float(apart), abs(math.degrees(wrap_angle(found.theta - self.T_target_source.theta)))
+
+    def is_right(self, found: SE2 | None) -> bool:
+        """Tell whether an alignment is the true one, to 0.5 m and 2 degrees."""
+        if found is None or self.T_target_source is None:
+            return False
+        metres, degrees = self.errors(found)
+        return metres <= _RIGHT_M and degrees <= _RIGHT_DEG
+
+
+def load_pair(path: Path) -> KnownPair:
+    """Read a pair: occupancies `occ_a`, `occ_b` (percent, -1 unknown), `resolution`, `T_ab` (3, 3), `label`, `overlap`.
+
+    Raises
+    ------
+    PairFileError
+        If the file holds something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            resolution, label = float(arrays["resolution"]), int(arrays["label"])
+            maps = [TbmMap(_grid(arrays[key], resolution)) for key in ("occ_a", "occ_b")]
+            motion = np.asarray(arrays["T_ab"], dtype=np.float64)
+            overlap = float(arrays["overlap"])
+    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise PairFileError(f"{path} is not a pair of maps: {error}; see datasets/synthetic/map_pairs.py") from error
+    return KnownPair(path.stem, maps[0], maps[1], SE2.from_matrix(motion) if label else None, overlap)
+
+
+def _grid(occupancy: npt.NDArray[np.int8], resolution: float) -> TbmGrid:
+    known = occupancy >= 0
+    masses = masses_from_probability(np.where(known, occupancy, 50) / 100.0, known)
+    return TbmGrid(GridGeometry(resolution, 0.0, 0.0, *occupancy.shape), masses)
