@@ -1,12 +1,43 @@
 """What a robot senses: one turn of ranges, and where the wheels say the robot was."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.se2 import SE2, FloatArray
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Points that a laser hit, and how the surfaces there face.
+
+    Parameters
+    ----------
+    points
+        End points (M, 2) [m].
+    normals
+        Unit normals (M, 2) of the surfaces, towards the laser.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Hits"]) -> "Hits":
+        """Return the hits of several scans in one frame."""
+        return cls(np.vstack([p.points for p in parts]), np.vstack([p.normals for p in parts]))
+
+    def placed(self, T_new_old: SE2) -> "Hits":
+        """Return the same hits in another frame."""
+        return Hits(T_new_old.apply(self.points), SE2(0.0, 0.0, T_new_old.theta).apply(self.normals))
+
+    def thinned(self, count: int) -> "Hits":
+        """Return every n-th hit, so that at least `count` are left where there are as many."""
+        step = max(len(self.points) // count, 1)
+        return Hits(self.points[::step], self.normals[::step])
 
 
 @dataclass(frozen=True)
@@ -53,6 +84,26 @@ class LaserScan:
         hit = self.is_hit() & (self.ranges <= max_range)
         ranges, angles = self.ranges[hit], self.angles()[hit]
         return np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles)))
+
+    def hits(self, max_range: float = math.inf) -> Hits:
+        """Return the hits within a range and the normals of what they hit, in the sensor's frame.
+
+        A normal is square to the line between the neighbours on both sides; where those lie on something else, beyond
+        half a metre, the surface is taken to face the laser.
+        """
+        points = self.hit_points(max_range)
+        if not len(points):
+            return Hits(points, points)
+        # Dense beams are closer together than their noise, so neighbours further away tell the direction better.
+        apart = max(len(self.ranges) // 180, 1)
+        order = np.arange(len(points))
+        line = points[np.minimum(order + apart, len(points) - 1)] - points[np.maximum(order - apart, 0)]
+        length_squared = np.einsum("ij,ij->i", line, line)
+        normals = np.column_stack((-line[:, 1], line[:, 0]))
+        alone = (length_squared > 0.25) | (length_squared < 1e-12)
+        normals[alone] = -points[alone]
+        towards = np.where(np.einsum("ij,ij->i", normals, points) > 0.0, -1.0, 1.0)
+        return Hits(points, normals * (towards / np.maximum(np.hypot(*normals.T), 1e-12))[:, None])
 
 
 @dataclass(frozen=True)

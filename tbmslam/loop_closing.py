@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tbmslam.drive_correction import spread_corrections
-from tbmslam.laser_scan import LaserScan
+from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import Skeleton
@@ -118,7 +118,7 @@ class _Drive:
         self._submaps = [Submap(first, last, poses, scans, config.submap, surfels) for first, last in stretches]
         self._ends = self._travelled[[last for _, last in stretches]]
         self._stretches = np.array([(first, last + 1) for first, last in stretches]).reshape(-1)
-        self._bundles: dict[int, FloatArray] = {}
+        self._bundles: dict[int, Hits] = {}
         anchors = [submap.anchor for submap in self._submaps]
         nodes = np.unique(np.concatenate(([0], self._stops(config.step), self._stops(0.5 * config.step), anchors)))
         self._skeleton = Skeleton(chain, nodes, poses)
@@ -216,17 +216,17 @@ class _Drive:
         """Search a keyframe's bundle in a submap; return the motion that places it, if it can be trusted."""
         config, submap = self.config, self._submaps[number]
         bundle = self._bundle(keyframe)
-        if len(bundle) < config.search_points // 2:
+        if len(bundle.points) < config.search_points // 2:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
         rival = None
         if shift > 0.0:
-            found = submap.search(bundle[:: max(len(bundle) // config.search_points, 1)], guess, shift, turn)
+            found = submap.search(bundle.thinned(config.search_points).points, guess, shift, turn)
             if found.at_border:
                 return None
             rival = found.rival if found.ambiguity > config.max_ambiguity else None
             guess = found.pose
-        fit = submap.fit(bundle[:: max(len(bundle) // config.match_points, 1)], guess)
+        fit = submap.fit(bundle.thinned(config.match_points), guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
         hessian = self._determined(fit.hessian, rival)
@@ -258,17 +258,13 @@ class _Drive:
         rotation = SE2(0.0, 0.0, pose.theta).matrix()
         return np.asarray(rotation.T @ information @ rotation)
 
-    def _bundle(self, keyframe: int) -> FloatArray:
-        """Return the hits (M, 2) of a keyframe and its neighbours in the keyframe's frame."""
+    def _bundle(self, keyframe: int) -> Hits:
+        """Return the hits of a keyframe and its neighbours in the keyframe's frame."""
         if keyframe not in self._bundles:
             near = np.flatnonzero(np.abs(self._travelled - self._travelled[keyframe]) <= self.config.bundle)
             chosen = [keyframe, *near[:: max(len(near) // 8, 1)].tolist()]
-            T_keyframe_map = SE2.from_array(self._tracked[keyframe]).inverse()
             limit = self.config.submap.max_range
-            self._bundles[keyframe] = np.vstack(
-                [
-                    (T_keyframe_map @ SE2.from_array(self._tracked[index])).apply(self._scans[index].hit_points(limit))
-                    for index in chosen
-                ]
+            self._bundles[keyframe] = Hits.joined(
+                [self._scans[k].hits(limit).placed(relative_pose(self._tracked, keyframe, k)) for k in chosen]
             )
         return self._bundles[keyframe]

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.correlation import correlate
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.laser_scan import LaserScan
+from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.mapping import InsertionConfig, ScanInserter
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.sensor_model import SensorModelConfig
@@ -105,7 +105,8 @@ class Submap:
         T_anchor_map = SE2.from_array(poses[self.anchor]).inverse()
         for index in range(first, last + 1):
             T_anchor_sensor = T_anchor_map @ SE2.from_array(poses[index])
-            self._surfaces.insert(T_anchor_sensor.apply(scans[index].hit_points(config.max_range)))
+            hits = scans[index].hits(config.max_range).placed(T_anchor_sensor)
+            self._surfaces.insert(hits.points, hits.normals)
             inserter.insert(scans[index], T_anchor_sensor, grid)
         self._surfaces.freeze()
         self._lattice: Lattice = grid.lattice
@@ -139,11 +140,12 @@ class Submap:
         at_border = reach > 2 and max(abs(row - reach), abs(col - reach)) == reach
         return Find(pose, elsewhere / best if best > 0.0 else 1.0, rival, at_border)
 
-    def fit(self, points: FloatArray, guess: SE2) -> Fit:
-        """Lay points (N, 2) onto the surfaces near a guess, and tell how well they fit there."""
+    def fit(self, hits: Hits, guess: SE2) -> Fit:
+        """Lay hits onto the surfaces near a guess, and tell how well they fit there."""
+        points = hits.points
         weights = np.full(len(points), 40.0 / len(points))
         prior = np.diag([4.0, 4.0, 25.0])
-        laid = self._surfaces.register(points, weights, guess, prior, self._TOLERANCES, 10)
+        laid = self._surfaces.register(points, hits.normals, weights, guess, prior, self._TOLERANCES, 10)
         resolution, first_row, first_col = self._lattice
         col, row = np.floor(laid.pose.apply(points) / resolution).astype(np.int64).T - [[first_col], [first_row]]
         rows, cols = self._field.shape

@@ -58,13 +58,13 @@ class SurfelMap:
     def __init__(self, config: SurfelConfig) -> None:
         self._config = config
         self._lattice = Lattice(config.resolution, 0, 0)
-        self._index: SlotIndex = np.zeros((0, 0), dtype=np.int32)
+        self._index: SlotIndex = np.zeros((2, 0, 0), dtype=np.int32)
         self._moments: SurfelArray = np.zeros((0, 6), dtype=np.float32)
         self._surfels: SurfelArray = np.zeros((1, 6), dtype=np.float32)
         self._used = 1
 
-    def insert(self, points: FloatArray) -> None:
-        """Add hits (N, 2) [m] in the map's frame."""
+    def insert(self, points: FloatArray, normals: FloatArray) -> None:
+        """Add hits (N, 2) [m] and the normals (N, 2) of what they hit, towards the laser, in the map's frame."""
         if len(points) == 0:
             return
         self._grow_to_contain(points)
@@ -77,6 +77,7 @@ class SurfelMap:
             self._used,
             self._lattice,
             points,
+            normals,
             (config.noise, config.point_size, config.clutter, config.certain_hits),
         )
 
@@ -88,6 +89,7 @@ class SurfelMap:
     def register(
         self,
         points: FloatArray,
+        normals: FloatArray,
         weights: FloatArray,
         guess: SE2,
         prior: FloatArray,
@@ -100,6 +102,8 @@ class SurfelMap:
         ----------
         points
             Hits (N, 2) in the scan's frame [m].
+        normals
+            Normals (N, 2) of the surfaces hit, towards the laser, in the scan's frame.
         weights
             Their weights (N,).
         guess
@@ -116,6 +120,7 @@ class SurfelMap:
             self._surfels,
             self._lattice,
             points,
+            normals,
             weights,
             guess,
             prior,
@@ -127,6 +132,7 @@ class SurfelMap:
     def search(
         self,
         points: FloatArray,
+        normals: FloatArray,
         guess: SE2,
         shifts: FloatArray,
         turns: FloatArray,
@@ -142,7 +148,9 @@ class SurfelMap:
         costs
             Share of all points that a metre and a radian away from the guess must win.
         """
-        return SE2(*search(self._index, self._surfels, self._lattice, points, guess, shifts, turns, tolerance, costs))
+        return SE2(
+            *search(self._index, self._surfels, self._lattice, points, normals, guess, shifts, turns, tolerance, costs)
+        )
 
     def _make_room(self, slots: int) -> None:
         """Have room for that many more slots."""
@@ -155,7 +163,7 @@ class SurfelMap:
             )
 
     def _grow_to_contain(self, points: FloatArray) -> None:
-        (resolution, first_row, first_col), (rows, cols) = self._lattice, self._index.shape
+        (resolution, first_row, first_col), (_, rows, cols) = self._lattice, self._index.shape
         low, high = points.min(axis=0) / resolution, points.max(axis=0) / resolution
         need = (math.floor(low[1]) - 2, math.floor(high[1]) + 3, math.floor(low[0]) - 2, math.floor(high[0]) + 3)
         have = (first_row, first_row + rows, first_col, first_col + cols)
@@ -165,7 +173,7 @@ class SurfelMap:
         top, bottom, left, right = need[0] - spare, need[1] + spare, need[2] - spare, need[3] + spare
         if rows:
             top, bottom, left, right = min(top, have[0]), max(bottom, have[1]), min(left, have[2]), max(right, have[3])
-        index = np.zeros((bottom - top, right - left), dtype=np.int32)
+        index = np.zeros((2, bottom - top, right - left), dtype=np.int32)
         if rows:
-            index[have[0] - top : have[1] - top, have[2] - left : have[3] - left] = self._index
+            index[:, have[0] - top : have[1] - top, have[2] - left : have[3] - left] = self._index
         self._index, self._lattice = index, Lattice(resolution, top, left)

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.laser_scan import LaserScan
+from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
@@ -62,31 +62,30 @@ class SurfelTracker:
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
-        points = scan.hit_points(config.max_range)
-        points = points[:: max(len(points) // config.max_points, 1)]
-        if not len(points) or not deviations.any():
+        hits = scan.hits(config.max_range).thinned(config.max_points)
+        if not len(hits.points) or not deviations.any():
             return ScanMatch(guess, 0.0, moved=False)
         prior = np.diag(deviations**-2.0)
-        result = self._register(points, guess, prior)
+        result = self._register(hits, guess, prior)
         if result.matched < config.doubtful:
             for start in (guess, other_guess):
-                other = self._register(points, self._search(points, start), prior)
+                other = self._register(hits, self._search(hits, start), prior)
                 if other.matched > result.matched + config.search_gain:
                     result = other
         if result.matched < config.min_matched:
             return ScanMatch(guess, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
 
-    def _search(self, points: FloatArray, guess: SE2) -> SE2:
+    def _search(self, hits: Hits, guess: SE2) -> SE2:
         config = self._config
-        few = points[:: max(len(points) // config.search_points, 1)]
+        few = hits.thinned(config.search_points)
         window = (self._search_shifts, self._search_turns)
-        return self._map.search(few, guess, *window, config.tolerances[0], config.search_costs)
+        return self._map.search(few.points, few.normals, guess, *window, config.tolerances[0], config.search_costs)
 
-    def _register(self, points: FloatArray, guess: SE2, prior: FloatArray) -> Registration:
+    def _register(self, hits: Hits, guess: SE2, prior: FloatArray) -> Registration:
         config = self._config
-        weights = np.full(len(points), config.independent_points / len(points))
-        return self._map.register(points, weights, guess, prior, self._tolerances, config.iterations)
+        weights = np.full(len(hits.points), config.independent_points / len(hits.points))
+        return self._map.register(hits.points, hits.normals, weights, guess, prior, self._tolerances, config.iterations)
 
     def is_novel(self, match: ScanMatch) -> bool:
         """Tell whether much of the scan lies where no surface is known yet."""
@@ -101,6 +100,6 @@ class SurfelTracker:
         if self._travelled > self._config.window:
             self._map, self._next = self._next, SurfelMap(self._config.surfels)
             self._travelled = 0.0
-        points = pose.apply(scan.hit_points(self._config.max_range))
-        self._map.insert(points)
-        self._next.insert(points)
+        hits = scan.hits(self._config.max_range).placed(pose)
+        self._map.insert(hits.points, hits.normals)
+        self._next.insert(hits.points, hits.normals)

@@ -1,7 +1,8 @@
 """Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
 
-Most cells of a map hold no wall, so an index (rows, cols) names the slot of each cell's moments and surfel; slot 0 is
-nobody's and stays empty. Moments (slots, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and
+The two faces of a thin wall must not be taken for each other, so surfaces are kept in two layers by the way they face.
+Most cells of a map hold no wall, so an index (2, rows, cols) names the slot of each cell's moments and surfel; slot 0
+is nobody's and stays empty. Moments (slots, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and
 y^2, relative to the cell's centre in units of cells. Surfels (slots, 6) are mean x and y [m], and the information
 matrix xx, xy, yy of a point's offset from the mean [1/m^2], then a weight in [0, 1], zero where there is no surface.
 """
@@ -17,8 +18,17 @@ from tbmslam.kernels.lattice import Lattice
 FloatArray = npt.NDArray[np.float64]
 SurfelArray = npt.NDArray[np.float32]
 SlotIndex = npt.NDArray[np.int32]
+FACING = (0.7986, 0.6018)
+"""Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
+
 Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
+
+
+@kernel
+def _layer(normal_x: float, normal_y: float) -> int:
+    """Return the layer of a surface by its normal in the map's frame."""
+    return 1 if normal_x * FACING[0] + normal_y * FACING[1] > 0.0 else 0
 
 
 @kernel
@@ -29,43 +39,45 @@ def add_hits(
     used: int,
     lattice: Lattice,
     points: FloatArray,
+    normals: FloatArray,
     limits: tuple[float, float, float, float],
 ) -> int:
     """Add hits (N, 2) [m], all inside with a cell to spare, renew the surfels around them, return the slots in use.
+
+    `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
 
     There must be room for nine more slots a hit. `limits` are the noise of a hit [m], the size up to which an element
     counts as a point [m], the thickness beyond which it is clutter [m], and the number of hits that make an element
     certain.
     """
     resolution, first_row, first_col = lattice
-    cells = np.empty((len(points), 2), dtype=np.int64)
+    cells = np.empty((len(points), 3), dtype=np.int64)
     for i in range(len(points)):
         gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
         lattice_col, lattice_row = math.floor(gx), math.floor(gy)
         row, col = lattice_row - first_row, lattice_col - first_col
-        cells[i, 0], cells[i, 1] = row, col
+        layer = _layer(normals[i, 0], normals[i, 1])
+        cells[i, 0], cells[i, 1], cells[i, 2] = row, col, layer
         for r in range(row - 1, row + 2):
             for c in range(col - 1, col + 2):
-                if index[r, c] == 0:
-                    index[r, c] = used
+                if index[layer, r, c] == 0:
+                    index[layer, r, c] = used
                     used += 1
         dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
-        cell = moments[index[row, col]]
+        cell = moments[index[layer, row, col]]
         cell[0] += 1.0
         cell[1] += dx
         cell[2] += dy
         cell[3] += dx * dx
         cell[4] += dx * dy
         cell[5] += dy * dy
-    previous_row, previous_col = -1, -1
     for i in range(len(points)):
-        row, col = cells[i, 0], cells[i, 1]
-        if row == previous_row and col == previous_col:
+        row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
+        if i > 0 and row == cells[i - 1, 0] and col == cells[i - 1, 1] and layer == cells[i - 1, 2]:
             continue
-        previous_row, previous_col = row, col
-        for r in range(max(row - 1, 1), min(row + 2, index.shape[0] - 1)):
-            for c in range(max(col - 1, 1), min(col + 2, index.shape[1] - 1)):
-                _renew(index, moments, surfels, r, c, lattice, limits)
+        for r in range(max(row - 1, 1), min(row + 2, index.shape[1] - 1)):
+            for c in range(max(col - 1, 1), min(col + 2, index.shape[2] - 1)):
+                _renew(index[layer], moments, surfels, r, c, lattice, limits)
     return used
 
 
@@ -79,7 +91,7 @@ def _renew(
     lattice: Lattice,
     limits: tuple[float, float, float, float],
 ) -> None:
-    """Fit one surfel to the hits of its cell and the eight around it."""
+    """Fit one surfel to the hits of its cell and the eight around it, in one layer's index (rows, cols)."""
     resolution, first_row, first_col = lattice
     noise, point_size, clutter, certain_count = limits
     count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -129,6 +141,7 @@ def linearise(
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
+    normals: FloatArray,
     weights: FloatArray,
     pose: Pose,
     tolerance: float,
@@ -156,9 +169,10 @@ def linearise(
         col = math.floor(px * inverse) - first_col
         row = math.floor(py * inverse) - first_row
         total += weights[i]
-        if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1]:
+        if row < 0 or col < 0 or row >= index.shape[1] or col >= index.shape[2]:
             continue
-        surfel = surfels[index[row, col]]
+        layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
+        surfel = surfels[index[layer, row, col]]
         if surfel[5] <= 0.0:
             continue
         dx, dy = px - surfel[0], py - surfel[1]
@@ -191,6 +205,7 @@ def align(
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
+    normals: FloatArray,
     weights: FloatArray,
     guess: Pose,
     prior: FloatArray,
@@ -213,6 +228,7 @@ def align(
                 surfels,
                 lattice,
                 points,
+                normals,
                 weights,
                 (x, y, theta),
                 tolerances[level],
@@ -238,6 +254,7 @@ def search(
     surfels: SurfelArray,
     lattice: Lattice,
     points: FloatArray,
+    normals: FloatArray,
     guess: Pose,
     shifts: FloatArray,
     turns: FloatArray,
@@ -254,12 +271,16 @@ def search(
     best_score = -math.inf
     best = (guess[0], guess[1], guess[2])
     rotated = np.empty_like(points)
+    layers = np.empty(len(points), dtype=np.int64)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]
         cosine, sine = math.cos(theta), math.sin(theta)
         for i in range(len(points)):
             rotated[i, 0] = cosine * points[i, 0] - sine * points[i, 1]
             rotated[i, 1] = sine * points[i, 0] + cosine * points[i, 1]
+            layers[i] = _layer(
+                cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1]
+            )
         for m in range(len(shifts)):
             x, y = guess[0] + shifts[m, 0], guess[1] + shifts[m, 1]
             away = costs[0] * math.hypot(shifts[m, 0], shifts[m, 1]) + costs[1] * abs(turns[k])
@@ -268,9 +289,9 @@ def search(
                 px, py = x + rotated[i, 0], y + rotated[i, 1]
                 col = math.floor(px / resolution) - first_col
                 row = math.floor(py / resolution) - first_row
-                if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1]:
+                if row < 0 or col < 0 or row >= index.shape[1] or col >= index.shape[2]:
                     continue
-                surfel = surfels[index[row, col]]
+                surfel = surfels[index[layers[i], row, col]]
                 if surfel[5] > 0.0:
                     dx, dy = px - surfel[0], py - surfel[1]
                     distance = dx * (surfel[2] * dx + 2.0 * surfel[3] * dy) + surfel[4] * dy * dy

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.laser_scan import Hits, LaserScan, Reading
 from tbmslam.se2 import SE2
 
 
@@ -34,3 +34,34 @@ def test_a_scan_without_hits_has_no_points():
 
 def test_a_reading_s_laser_sits_at_the_centre_unless_told():
     assert Reading(scan([1.0]), None).T_robot_sensor == SE2.identity()
+
+
+def scan_of(ranges, angle_min=-1.0, step=0.02):
+    return LaserScan(0.0, angle_min, step, 0.1, 30.0, np.asarray(ranges, dtype=np.float64))
+
+
+def test_normals_stand_on_the_wall_and_face_the_laser():
+    angles = -1.0 + 0.02 * np.arange(101)
+    hits = scan_of(2.0 / np.cos(angles)).hits()
+    np.testing.assert_allclose(hits.normals, np.tile([-1.0, 0.0], (101, 1)), atol=1e-9)
+
+
+def test_a_lonely_hit_faces_the_laser():
+    ranges = np.full(101, np.nan)
+    ranges[[20, 80]] = 5.0
+    hits = scan_of(ranges).hits()
+    np.testing.assert_allclose(hits.normals, -hits.points / 5.0, atol=1e-9)
+
+
+def test_hits_are_limited_placed_joined_and_thinned():
+    scan = scan_of(np.linspace(1.0, 11.0, 101))
+    hits = scan.hits(6.0)
+    assert len(hits.points) == 51
+    moved = hits.placed(SE2(1.0, 2.0, np.pi / 2))
+    np.testing.assert_allclose(moved.points, SE2(1.0, 2.0, np.pi / 2).apply(hits.points))
+    np.testing.assert_allclose(moved.normals[:, 0], -hits.normals[:, 1], atol=1e-12)
+    both = Hits.joined([hits, moved])
+    assert both.points.shape == both.normals.shape == (102, 2)
+    assert len(both.thinned(20).points) == 21
+    assert len(both.thinned(1000).points) == 102
+    assert len(scan_of([np.nan, np.inf]).hits().points) == 0

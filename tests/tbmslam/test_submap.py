@@ -18,32 +18,32 @@ def submap(drive_in):
     made = Submap(0, len(keyframes) - 1, sensor_poses[keyframes], scans, SubmapConfig(), SurfelConfig())
     T_anchor_world = SE2.from_array(sensor_poses[keyframes[made.anchor]]).inverse()
     later = 31
-    return made, robot.readings[later].scan.hit_points(), T_anchor_world @ SE2.from_array(sensor_poses[later])
+    return made, robot.readings[later].scan.hits(), T_anchor_world @ SE2.from_array(sensor_poses[later])
 
 
 def test_a_search_finds_the_place(submap):
-    made, points, true = submap
+    made, hits, true = submap
     guess = SE2(true.x + 1.0, true.y - 0.8, true.theta + 0.2)
-    found = made.search(points, guess, 2.0, 0.3)
+    found = made.search(hits.points, guess, 2.0, 0.3)
     assert np.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.3
     assert abs(found.pose.theta - true.theta) < 0.03
     assert not found.at_border
-    fit = made.fit(points, found.pose)
+    fit = made.fit(hits, found.pose)
     assert np.hypot(fit.pose.x - true.x, fit.pose.y - true.y) < 0.02
     assert fit.matched > 0.8
     assert fit.violated < 0.05
 
 
 def test_a_wrong_place_lies_in_free_space(submap):
-    made, points, true = submap
-    fit = made.fit(points, SE2(true.x + 1.5, true.y, true.theta + 0.8))
+    made, hits, true = submap
+    fit = made.fit(hits, SE2(true.x + 1.5, true.y, true.theta + 0.8))
     assert fit.matched < 0.4
     assert fit.violated > 0.2 * fit.matched
 
 
 def test_the_border_of_a_search_is_told(submap):
-    made, points, true = submap
-    assert made.search(points, SE2(true.x + 0.8, true.y, true.theta), 0.6, 0.0).at_border
+    made, hits, true = submap
+    assert made.search(hits.points, SE2(true.x + 0.8, true.y, true.theta), 0.6, 0.0).at_border
 
 
 def test_stretches_overlap_by_half():

@@ -22,33 +22,41 @@ def room_walls(generator, count=3000):
     return np.vstack((np.column_stack((x, y)) + generator.normal(0.0, 0.01, (count, 2)), post))
 
 
-def surfels_of(points):
+def facing_origin(points):
+    """Normals of surfaces that all face a laser at the origin."""
+    return -points / np.maximum(np.hypot(*points.T), 1e-9)[:, None]
+
+
+def surfels_of(points, normals=None):
     """Return index and surfels of points inserted in several parts."""
-    index = np.zeros((120, 120), dtype=np.int32)
-    moments = np.zeros((120 * 120 + 1, 6), dtype=np.float32)
+    normals = facing_origin(points) if normals is None else normals
+    index = np.zeros((2, 120, 120), dtype=np.int32)
+    moments = np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32)
     surfels = np.zeros_like(moments)
     used = 1
-    for part in np.array_split(points, 7):
-        used = add_hits(index, moments, surfels, used, LATTICE, part, LIMITS)
+    for part in np.array_split(np.arange(len(points)), 7):
+        used = add_hits(index, moments, surfels, used, LATTICE, points[part], normals[part], LIMITS)
     assert used == index.max() + 1
     assert not moments[0].any()
     return index, surfels
 
 
-NOTHING = np.zeros((120, 120), dtype=np.int32), np.zeros((1, 6), dtype=np.float32)
+NOTHING = np.zeros((2, 120, 120), dtype=np.int32), np.zeros((1, 6), dtype=np.float32)
 
 
 def test_surfels_are_the_plain_fit():
     points = room_walls(np.random.default_rng(0), 400)
-    index, surfels = surfels_of(points)
+    front = np.full((len(points), 2), 1.0)
+    index, surfels = surfels_of(points, front)
+    assert not index[0].any()
     for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
         cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
         expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
         if expected is None:
-            assert surfels[index[row, col], 5] == 0.0
+            assert surfels[index[1, row, col], 5] == 0.0
             continue
         mean, information, weight = expected
-        x, y, xx, xy, yy, fitted_weight = surfels[index[row, col]]
+        x, y, xx, xy, yy, fitted_weight = surfels[index[1, row, col]]
         np.testing.assert_allclose((x, y), mean, atol=1e-5)
         fitted = [[xx, xy], [xy, yy]]
         np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
@@ -63,10 +71,12 @@ def test_gradient_and_curvature_are_those_of_the_cost():
     hessian, gradient = np.zeros((3, 3)), np.zeros(3)
 
     def cost(pose):
-        return linearise(*surfels, LATTICE, points, weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
+        return linearise(
+            *surfels, LATTICE, points, facing_origin(points), weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3)
+        )[0]
 
     pose = (0.004, -0.003, 0.001)
-    linearise(*surfels, LATTICE, points, weights, pose, 50.0, hessian, gradient)
+    linearise(*surfels, LATTICE, points, facing_origin(points), weights, pose, 50.0, hessian, gradient)
     step = 1e-6
     for axis in range(3):
         ahead, behind = list(pose), list(pose)
@@ -79,7 +89,9 @@ def test_gradient_and_curvature_are_those_of_the_cost():
 
 def aligned(points, guess, prior=0.0, surfels=None):
     weights = np.full(len(points), 1.0)
-    return align(*surfels, LATTICE, points, weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10)
+    return align(
+        *surfels, LATTICE, points, facing_origin(points), weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10
+    )
 
 
 def test_a_scan_finds_its_place_to_millimetres():
@@ -115,7 +127,8 @@ def test_search_finds_a_far_place():
     steps = np.arange(-0.5, 0.51, 0.1)
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     turns = np.arange(-1.0, 1.01, 0.03)
-    found = search(*surfels, LATTICE, room_walls(generator, 150), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
+    scan = room_walls(generator, 150)
+    found = search(*surfels, LATTICE, scan, facing_origin(scan), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
     assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
 
 
@@ -124,6 +137,24 @@ def test_search_takes_the_nearest_of_equals():
     wall = np.column_stack((generator.uniform(-5.0, 5.0, 3000), generator.normal(0.0, 0.01, 3000)))
     shifts = np.array([[x, 0.0] for x in np.arange(-1.0, 1.01, 0.1)])
     scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
-    surfels = surfels_of(wall)
-    near = search(*surfels, LATTICE, scan, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
+    normals = np.full((len(scan), 2), 1.0)
+    surfels = surfels_of(wall, np.full((len(wall), 2), 1.0))
+    near = search(*surfels, LATTICE, scan, normals, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
     assert near[0] == pytest.approx(0.05)
+
+
+def test_the_far_face_of_a_thin_wall_is_another_surface():
+    generator = np.random.default_rng(8)
+    along = generator.uniform(-4.0, 4.0, 4000)
+    near_face = np.column_stack((along, 1.0 + generator.normal(0.0, 0.005, 4000)))
+    far_face = near_face + np.array([0.0, 0.12])
+    towards, away = np.full((4000, 2), [0.0, -1.0]), np.full((4000, 2), [0.0, 1.0])
+    surfels = surfels_of(np.vstack((near_face, far_face)), np.vstack((towards, away)))
+    for face, normals in ((near_face, towards), (far_face, away)):
+        scan, weights = face[:300], np.ones(300)
+        tolerances = np.array([8.0, 3.0])
+        pose, _, matched, _ = align(
+            *surfels, LATTICE, scan, normals[:300], weights, (0.0, 0.05, 0.0), np.eye(3), tolerances, 10
+        )
+        assert pose[1] == pytest.approx(0.0, abs=0.003)
+        assert matched > 0.9
