@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from tbmslam.submap import SubmapConfig
 from tbmslam.wall_limits import FACING, Limits
 
 Method = Literal["correlation", "features"]
@@ -180,7 +181,7 @@ class VerificationConfig(_Config):
     front_m: Metres = 0.3
     conflict_weight: Annotated[float, Field(ge=0.0)] = 1.5
     unseen_weight: Annotated[float, Field(ge=0.0)] = 0.5
-    min_confidence: Share = 0.75
+    min_confidence: Share = 0.7
     min_overlap_m2: Annotated[float, Field(ge=0.0)] = 2.0
     min_ambiguous_wall_m: Annotated[float, Field(ge=0.0)] = 8.0
     min_ambiguous_agreement: Share = 0.7
@@ -220,6 +221,69 @@ class GraphConfig(_Config):
     robust_width: Annotated[float, Field(gt=0.0)] = 3.0
 
 
+class JointConfig(_Config):
+    """How drives of several robots are straightened together.
+
+    Parameters
+    ----------
+    enabled
+        Whether it is tried where maps carry keyframes.
+    submap
+        How stretches of a drive become submaps.
+    step
+        Travelled length between keyframes that are laid onto other robots' submaps [m].
+    reach_m, submaps_per_step
+        How near a keyframe must be to a submap's way [m], and how many of the nearest are tried.
+    bundle_m
+        Keyframes within this length before and after join a bundle [m].
+    first_shift_m, last_shift_m, turn_rad
+        How far a bundle is searched from where it is expected, in the first round and in the last [m], and how far
+        turned [rad].
+    search_points, match_points
+        Hits of a bundle used in a search, and in the fit.
+    min_matched, max_violated, max_ambiguity, min_determined
+        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, no
+        place as good elsewhere, and is determined along its weakest direction; see `tbmslam.loop_closing`.
+    min_closures
+        With fewer the alignment stays rigid.
+    step_m, step_rad, crossing_m, crossing_rad
+        Standard deviations of a drive's own motion from keyframe to keyframe, and between places where it comes near
+        its own way again [m, rad].
+    stiffness_step_m, stiffness_reach_m
+        How often the latter are taken, and how near is near [m].
+    closure_m, closure_rad
+        Accuracy of a closure at best [m, rad].
+    robust_width
+        Deviations at which a closure begins to lose its say.
+    """
+
+    enabled: bool = True
+    submap: SubmapConfig = SubmapConfig()
+    step: Metres = 1.0
+    reach_m: Metres = 4.0
+    submaps_per_step: Annotated[int, Field(ge=1)] = 2
+    bundle_m: Annotated[float, Field(ge=0.0)] = 1.5
+    first_shift_m: Metres = 0.8
+    last_shift_m: Metres = 0.3
+    turn_rad: Annotated[float, Field(gt=0.0)] = 0.075
+    search_points: Annotated[int, Field(ge=10)] = 150
+    match_points: Annotated[int, Field(ge=10)] = 500
+    min_matched: Share = 0.4
+    max_violated: Share = 0.2
+    max_ambiguity: Share = 0.9
+    min_determined: Annotated[float, Field(ge=0.0)] = 0.02
+    min_closures: Annotated[int, Field(ge=1)] = 5
+    step_m: Metres = 0.01
+    step_rad: Annotated[float, Field(gt=0.0)] = 0.003
+    crossing_m: Metres = 0.05
+    crossing_rad: Annotated[float, Field(gt=0.0)] = 0.01
+    stiffness_step_m: Metres = 2.0
+    stiffness_reach_m: Metres = 3.0
+    closure_m: Metres = 0.02
+    closure_rad: Annotated[float, Field(gt=0.0)] = 0.004
+    robust_width: Annotated[float, Field(gt=0.0)] = 2.0
+
+
 class MergeConfig(_Config):
     """How maps are merged.
 
@@ -253,3 +317,4 @@ class MergeConfig(_Config):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()
+    joint: JointConfig = JointConfig()

@@ -1,8 +1,9 @@
 """Many maps: which belong together, and where each lies.
 
 Every pair of maps offers places: the one found, and its alternatives. Two maps, and then groups of maps, are joined
-where all that speaks for one place outweighs what speaks against it: the pairs' own alignments, and the ways over a third map
-that lead to the same place. So wrong alignments are outvoted, and ambiguous ones decided, where others know better.
+where all that speaks for one place outweighs what speaks against it: the pairs' own alignments, and the ways over a
+third map that lead to the same place. So wrong alignments are outvoted, and ambiguous ones decided, where others know
+better.
 """
 
 import itertools

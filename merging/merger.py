@@ -8,8 +8,10 @@ from merging.alignment import Alignment
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.fusion import Fusion, fuse
+from merging.joint_refinement import JointRefinement, refine_jointly
 from merging.map_graph import Group, Pair, groups_of
 from merging.warping import warp
+from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import Drive, TbmMap
 
@@ -32,6 +34,10 @@ class Merge:
         The maps that did not go into it, and why.
     fusion
         The merged cells with their conflict; None where there is no merged map.
+    joint
+        What straightening the drives together did; None where the alignment stayed rigid.
+    used, outvoted
+        The pairs whose alignments agree with the poses, and those that were accepted and do not.
     """
 
     merged: TbmMap | None
@@ -39,6 +45,9 @@ class Merge:
     alignments: Mapping[Pair, Alignment]
     left_out: Mapping[str, str]
     fusion: Fusion | None
+    joint: JointRefinement | None = None
+    used: tuple[Pair, ...] = ()
+    outvoted: tuple[Pair, ...] = ()
 
 
 def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers: int = 1) -> Merge:
@@ -69,22 +78,36 @@ def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
     if len(group) < 2:
         return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
-    fusion = _fused(maps, group, config)
-    return Merge(_merged(maps, group, fusion, config), group.poses, alignments, left_out, fusion)
+    joint = refine_jointly(maps, group.poses, config.joint) if config.joint.enabled else None
+    poses = group.poses if joint is None else joint.poses
+    laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
+    placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
+    fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
+    merged = _merged(maps, poses, joint, fusion, config)
+    return Merge(merged, poses, alignments, left_out, fusion, joint, group.used, group.outvoted)
 
 
-def _fused(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig) -> Fusion:
-    lattice = maps[group.first].grid.geometry
+def _fused(
+    grids: Mapping[str, TbmGrid], poses: Mapping[str, SE2], lattice: GridGeometry, config: MergeConfig
+) -> Fusion:
     if config.merged_resolution is not None:
         lattice = lattice._replace(resolution=config.merged_resolution)
-    layers = [warp(maps[name].grid, T_merged_map, lattice) for name, T_merged_map in group.poses.items()]
-    trusts = [config.reliability.get(name, 1.0) for name in group.poses]
+    layers = [warp(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
+    trusts = [config.reliability.get(name, 1.0) for name in poses]
     return fuse(layers, config.rule, config.coverage, trusts)
 
 
-def _merged(maps: Mapping[str, TbmMap], group: Group, fusion: Fusion, config: MergeConfig) -> TbmMap:
+def _merged(
+    maps: Mapping[str, TbmMap],
+    poses: Mapping[str, SE2],
+    joint: JointRefinement | None,
+    fusion: Fusion,
+    config: MergeConfig,
+) -> TbmMap:
     """Return the fused grid with everybody's drives and where they came from."""
-    moved = {name: maps[name].moved(pose, fusion.grid) for name, pose in group.poses.items()}
+    moved = {
+        name: maps[name].moved(pose, fusion.grid) if joint is None else joint.maps[name] for name, pose in poses.items()
+    }
     names = [drive.name for one in moved.values() for drive in one.drives]
     drives = tuple(
         Drive(drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}", drive.trajectory, drive.keyframes)
@@ -93,7 +116,7 @@ def _merged(maps: Mapping[str, TbmMap], group: Group, fusion: Fusion, config: Me
     )
     provenance = {
         "merged_from": {
-            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in group.poses.items()
+            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in poses.items()
         },
         "config": config.model_dump(mode="json"),
     }

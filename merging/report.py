@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -10,12 +11,14 @@ import numpy.typing as npt
 
 from merging.channels import Channels, Image, flipped
 from merging.config import MergeConfig
+from merging.conflict_places import conflict_places
 from merging.fusion import Fusion
 from merging.html_report import html_report
 from merging.merger import Merge
 from merging.warping import offset_in, warp
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 WALL_COLOURS = (
@@ -80,10 +83,18 @@ def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
         "frame": next(iter(merge.poses), None),
         "maps": merged_maps | left_out,
         "pairs": [
-            {"target": target, "source": source, **alignment.as_json()}
+            {
+                "target": target,
+                "source": source,
+                **alignment.as_json(),
+                "used": (target, source) in merge.used,
+                "outvoted": (target, source) in merge.outvoted,
+            }
             for (target, source), alignment in merge.alignments.items()
         ],
         "fusion": None if merge.fusion is None else _areas(merge.fusion),
+        "refinement": _refinement(merge),
+        "conflict_places": [] if merge.fusion is None else [asdict(one) for one in conflict_places(merge.fusion)],
         "config": config.model_dump(mode="json"),
     }
 
@@ -94,7 +105,8 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
     picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
     picture[fusion.seen_by > 0] = 255
     for index, (name, T_merged_map) in enumerate(merge.poses.items()):
-        layer = warp(maps[name].grid, T_merged_map, canvas)
+        laid = (maps[name].grid, T_merged_map) if merge.joint is None else (merge.joint.maps[name].grid, SE2.identity())
+        layer = warp(*laid, canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
         walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
@@ -109,6 +121,15 @@ def draw_conflict(fusion: Fusion) -> Image:
     strength = np.asarray(flipped(fusion.conflict), dtype=np.float64)
     red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)
     return np.rint(np.dstack((red, rest, rest))).astype(np.uint8)
+
+
+def _refinement(merge: Merge) -> dict[str, object] | None:
+    """Tell whether the maps were only laid onto each other, or their drives straightened together."""
+    if merge.merged is None:
+        return None
+    if merge.joint is None:
+        return {"kind": "rigid"}
+    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m}
 
 
 def _areas(fusion: Fusion) -> dict[str, float]:

@@ -38,6 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if len(options.maps) < 2:
         parser.error(f"two maps or more are needed, got {len(options.maps)}")
+    if options.workers < 1:
+        parser.error(f"--workers must be at least 1, got {options.workers}")
     if any(_lies_in(path, options.out) for path in options.maps):
         parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         fault = error.errors()[0]
         parser.error(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}, got {fault['input']!r}")
     try:
-        return _merge(options.maps, options.out, config)
+        return _merge(options.maps, options.out, config, options.workers)
     except TbmSlamError as error:
         if options.debug:
             raise
@@ -104,6 +106,10 @@ def _parser() -> argparse.ArgumentParser:
         help="try every rotation and shift (correlation, default) or match keypoints (features, the paper's)",
     )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
+    finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
+    finding.add_argument(
+        "--rigid", action="store_true", help="lay maps onto each other as they are; do not straighten drives together"
+    )
     features = parser.add_argument_group("method features (the paper's)")
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
     features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
@@ -113,6 +119,13 @@ def _parser() -> argparse.ArgumentParser:
     fusing.add_argument("--rule", choices=RULES, help="default: disjunctive")
     fusing.add_argument(
         "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
+    )
+    fusing.add_argument(
+        "--reliability",
+        action="append",
+        default=[],
+        metavar="NAME=R",
+        help="believe a map, by its name in the report, with this probability; may be repeated",
     )
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
@@ -129,6 +142,8 @@ def _config(options: argparse.Namespace) -> "MergeConfig":
         "method": options.method,
         "rule": options.rule,
         "coverage": options.coverage,
+        "reliability": dict(text.rpartition("=")[::2] for text in options.reliability) or None,
+        "joint": {"enabled": False} if options.rigid else None,
         "resolution": options.compare_at,
         "merged_resolution": options.resolution,
         "features": _given(keypoints=options.keypoints, ratio=options.ratio, descriptor=options.descriptor),
@@ -141,13 +156,13 @@ def _given(**values: object) -> dict[str, object]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig") -> int:
+def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int) -> int:
     from merging.merger import merge
     from merging.report import write_report
     from tbmslam.map_folder import load_map, remove_map, save_map
 
     maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
-    result = merge(maps, config)
+    result = merge(maps, config, workers)
     if result.merged is not None:
         save_map(out, result.merged)
     elif (out / "report.json").is_file():

@@ -1,0 +1,85 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.laser import SimulatedLaser
+from merging.config import JointConfig
+from merging.joint_refinement import refine_jointly
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+LENGTH, STEP = 14.0, 0.25
+T_WORLD_B = SE2(3.0, -2.0, 0.7)
+
+
+def ways(world):
+    """Two straight ways along the corridor of a building, a little apart, and there and back again."""
+    start = world.places[np.argsort(world.places[:, 0])][len(world.places) // 2]
+    along = np.arange(0.0, LENGTH, STEP)
+    for offset in (0.0, 0.15):
+        yield np.column_stack((start[0] - LENGTH / 2.0 + along, np.full(len(along), start[1] + offset), 0.0 * along))
+
+
+def bent(way, bend):
+    """The same way as a robot remembers it whose heading drifted."""
+    steps = [SE2.from_array(a).inverse() @ SE2.from_array(b) for a, b in itertools.pairwise(way)]
+    poses = [SE2.from_array(way[0])]
+    for step in steps:
+        poses.append(poses[-1] @ step @ SE2(0.0, 0.0, bend / len(steps)))
+    return np.array(poses)
+
+
+def map_of(world, way, remembered, T_map_world):
+    laser = SimulatedLaser(
+        beams=361, angle_min=-math.pi / 2, angle_increment=math.pi / 360, T_robot_sensor=SE2(0, 0, 0)
+    )
+    stamps = np.arange(len(way), dtype=np.float64)
+    scans = laser.scans(world, stamps, way, np.random.default_rng(1))
+    poses = [T_map_world @ SE2.from_array(pose) for pose in remembered]
+    keyframes = Keyframes.from_scans(scans, poses, [SE2.identity()] * len(way))
+    drive = Drive("robot", Trajectory(stamps, np.array(poses)), keyframes)
+    return TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4)), (drive,))
+
+
+@pytest.fixture(scope="module")
+def bent_pair():
+    world = make_world("corridor", 1)
+    first, second = ways(world)
+    maps = {
+        "a": map_of(world, first, first, SE2.identity()),
+        "b": map_of(world, second, bent(second, 0.06), T_WORLD_B.inverse()),
+    }
+    return maps, {"a": SE2.identity(), "b": T_WORLD_B}, second
+
+
+def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
+    maps, poses, truth = bent_pair
+    before = poses["b"].apply(maps["b"].drives[0].keyframes.poses[:, :2])
+    result = refine_jointly(maps, poses, JointConfig())
+    assert result is not None
+    first, second = (result.maps[name].drives[0].keyframes.poses for name in "ab")
+    # Along a corridor hardly anything is determined; across it the drives must lie as they did, 15 cm apart.
+    assert np.abs(before[:, 1] - truth[:, 1]).max() > 0.3
+    assert np.abs(second[:, 1] - first[:, 1] - 0.15).max() < 0.05
+    assert np.abs(second[:, 1] - truth[:, 1]).max() < 0.2  # the bend is shared by two drives equally stiff
+    np.testing.assert_allclose(result.maps["b"].drives[0].trajectory.poses[:, :2], second[:, :2], atol=1e-6)
+    assert result.closures >= JointConfig().min_closures
+    assert result.moved_m > 0.02
+    assert result.maps["b"].grid.is_known().sum() > 1000
+
+
+def test_maps_without_keyframes_stay_rigid(bent_pair):
+    maps, poses, _ = bent_pair
+    bare = {"a": maps["a"], "b": TbmMap(maps["b"].grid)}
+    assert refine_jointly(bare, poses, JointConfig()) is None
+
+
+def test_drives_that_share_nothing_stay_rigid(bent_pair):
+    maps, _, _ = bent_pair
+    assert refine_jointly(maps, {"a": SE2.identity(), "b": SE2(500.0, 0.0, 0.0)}, JointConfig()) is None
