@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.kernels.hits import facing_normals, hit_points
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -81,9 +82,7 @@ class LaserScan:
 
     def hit_points(self, max_range: float = math.inf) -> FloatArray:
         """Return the end points (M, 2) of the beams that hit something within a range, in the sensor's frame [m]."""
-        hit = self.is_hit() & (self.ranges <= max_range)
-        ranges, angles = self.ranges[hit], self.angles()[hit]
-        return np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles)))
+        return hit_points(self.ranges, self.angle_min, self.angle_increment, max_range)
 
     def hits(self, max_range: float = math.inf) -> Hits:
         """Return the hits within a range and the normals of what they hit, in the sensor's frame.
@@ -92,18 +91,9 @@ class LaserScan:
         half a metre, the surface is taken to face the laser.
         """
         points = self.hit_points(max_range)
-        if not len(points):
-            return Hits(points, points)
         # Dense beams are closer together than their noise, so neighbours further away tell the direction better.
         apart = max(len(self.ranges) // 180, 1)
-        order = np.arange(len(points))
-        line = points[np.minimum(order + apart, len(points) - 1)] - points[np.maximum(order - apart, 0)]
-        length_squared = np.einsum("ij,ij->i", line, line)
-        normals = np.column_stack((-line[:, 1], line[:, 0]))
-        alone = (length_squared > 0.25) | (length_squared < 1e-12)
-        normals[alone] = -points[alone]
-        towards = np.where(np.einsum("ij,ij->i", normals, points) > 0.0, -1.0, 1.0)
-        return Hits(points, normals * (towards / np.maximum(np.hypot(*normals.T), 1e-12))[:, None])
+        return Hits(points, facing_normals(points, apart, 0.5))
 
 
 @dataclass(frozen=True)

@@ -149,3 +149,16 @@ def surfel(points, cell, resolution, noise, point_size, clutter, certain_count):
     information = across * np.outer(axes[:, 0], axes[:, 0]) + along * np.outer(axes[:, 1], axes[:, 1])
     weight = min(len(near) / certain_count, 1.0) / (1 + max(variances[0], 0) / clutter**2)
     return mean, information, weight
+
+
+def facing_normals(points, apart, longest):
+    """Turn the line between neighbours by a quarter and let it face the origin."""
+    normals = []
+    for i, point in enumerate(points):
+        line = points[min(i + apart, len(points) - 1)] - points[max(i - apart, 0)]
+        normal = np.array([-line[1], line[0]])
+        if not 1e-6 <= np.linalg.norm(line) <= longest:
+            normal = -point
+        normal = normal / np.linalg.norm(normal)
+        normals.append(-normal if normal @ point > 0 else normal)
+    return np.array(normals)
