@@ -106,7 +106,7 @@ class Submap:
         for index in range(first, last + 1):
             T_anchor_sensor = T_anchor_map @ SE2.from_array(poses[index])
             hits = scans[index].hits(config.max_range).placed(T_anchor_sensor)
-            self._surfaces.insert(hits.points, hits.normals)
+            self._surfaces.insert(hits.points, hits.normals, renew=False)
             inserter.insert(scans[index], T_anchor_sensor, grid)
         self._surfaces.freeze()
         self._lattice: Lattice = grid.lattice

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import SlotIndex, SurfelArray, add_hits, align, search
+from tbmslam.kernels.surfels import SlotIndex, SurfelArray, add_hits, align, renew_all, search
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -57,19 +57,22 @@ class SurfelMap:
 
     def __init__(self, config: SurfelConfig) -> None:
         self._config = config
+        self._limits = (config.noise, config.point_size, config.clutter, config.certain_hits)
         self._lattice = Lattice(config.resolution, 0, 0)
         self._index: SlotIndex = np.zeros((2, 0, 0), dtype=np.int32)
         self._moments: SurfelArray = np.zeros((0, 6), dtype=np.float32)
         self._surfels: SurfelArray = np.zeros((1, 6), dtype=np.float32)
         self._used = 1
 
-    def insert(self, points: FloatArray, normals: FloatArray) -> None:
-        """Add hits (N, 2) [m] and the normals (N, 2) of what they hit, towards the laser, in the map's frame."""
+    def insert(self, points: FloatArray, normals: FloatArray, *, renew: bool = True) -> None:
+        """Add hits (N, 2) [m] and the normals (N, 2) of what they hit, towards the laser, in the map's frame.
+
+        Without `renew` the surfaces show them only after `freeze`, which is quicker where many scans come first.
+        """
         if len(points) == 0:
             return
         self._grow_to_contain(points)
         self._make_room(9 * len(points))
-        config = self._config
         self._used = add_hits(
             self._index,
             self._moments,
@@ -78,11 +81,13 @@ class SurfelMap:
             self._lattice,
             points,
             normals,
-            (config.noise, config.point_size, config.clutter, config.certain_hits),
+            self._limits,
+            renew,
         )
 
     def freeze(self) -> None:
-        """Give back the memory that only inserting needs; nothing can be inserted afterwards."""
+        """Fit all surfaces and give back the memory that only inserting needs; nothing can be inserted afterwards."""
+        renew_all(self._index, self._moments, self._surfels, self._lattice, self._limits)
         self._moments = self._moments[:0]
         self._surfels = self._surfels[: self._used].copy()
 

@@ -41,6 +41,7 @@ def add_hits(
     points: FloatArray,
     normals: FloatArray,
     limits: tuple[float, float, float, float],
+    renew: bool,
 ) -> int:
     """Add hits (N, 2) [m], all inside with a cell to spare, renew the surfels around them, return the slots in use.
 
@@ -48,7 +49,7 @@ def add_hits(
 
     There must be room for nine more slots a hit. `limits` are the noise of a hit [m], the size up to which an element
     counts as a point [m], the thickness beyond which it is clutter [m], and the number of hits that make an element
-    certain.
+    certain. Without `renew` the surfels are left for `renew_all`.
     """
     resolution, first_row, first_col = lattice
     cells = np.empty((len(points), 3), dtype=np.int64)
@@ -71,6 +72,8 @@ def add_hits(
         cell[3] += dx * dx
         cell[4] += dx * dy
         cell[5] += dy * dy
+    if not renew:
+        return used
     for i in range(len(points)):
         row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
         if i > 0 and row == cells[i - 1, 0] and col == cells[i - 1, 1] and layer == cells[i - 1, 2]:
@@ -79,6 +82,22 @@ def add_hits(
             for c in range(max(col - 1, 1), min(col + 2, index.shape[2] - 1)):
                 _renew(index[layer], moments, surfels, r, c, lattice, limits)
     return used
+
+
+@kernel
+def renew_all(
+    index: SlotIndex,
+    moments: SurfelArray,
+    surfels: SurfelArray,
+    lattice: Lattice,
+    limits: tuple[float, float, float, float],
+) -> None:
+    """Fit every surfel anew."""
+    for layer in range(2):
+        for row in range(1, index.shape[1] - 1):
+            for col in range(1, index.shape[2] - 1):
+                if index[layer, row, col] != 0:
+                    _renew(index[layer], moments, surfels, row, col, lattice, limits)
 
 
 @kernel

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import add_hits, align, linearise, search
+from tbmslam.kernels.surfels import add_hits, align, linearise, renew_all, search
 from tests import reference
 
 RESOLUTION = 0.1
@@ -35,7 +35,7 @@ def surfels_of(points, normals=None):
     surfels = np.zeros_like(moments)
     used = 1
     for part in np.array_split(np.arange(len(points)), 7):
-        used = add_hits(index, moments, surfels, used, LATTICE, points[part], normals[part], LIMITS)
+        used = add_hits(index, moments, surfels, used, LATTICE, points[part], normals[part], LIMITS, True)
     assert used == index.max() + 1
     assert not moments[0].any()
     return index, surfels
@@ -158,3 +158,16 @@ def test_the_far_face_of_a_thin_wall_is_another_surface():
         )
         assert pose[1] == pytest.approx(0.0, abs=0.003)
         assert matched > 0.9
+
+
+def test_fitting_at_the_end_is_fitting_all_along():
+    points = room_walls(np.random.default_rng(9), 500)
+    index, surfels = surfels_of(points)
+    late_index = np.zeros_like(index)
+    moments, late = np.zeros_like(surfels), np.zeros_like(surfels)
+    used = add_hits(late_index, moments, late, 1, LATTICE, points, facing_origin(points), LIMITS, False)
+    assert not late.any()
+    renew_all(late_index, moments, late, LATTICE, LIMITS)
+    assert used == late_index.max() + 1
+    np.testing.assert_array_equal(index != 0, late_index != 0)
+    np.testing.assert_allclose(surfels[index[index != 0]], late[late_index[index != 0]], rtol=1e-4, atol=1e-4)
