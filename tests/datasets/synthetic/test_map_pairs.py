@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from datasets.synthetic.map_pairs import (
+    Building,
+    building_of_world,
+    cut_pairs,
+    disjoint_pair,
+    foreign_pair,
+    mirrored,
+    room_of,
+    turned_twice,
+)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return room_of(building_of_world("office", 3), 60.0, 1)
+
+
+def common_share(pair):
+    """Share of the smaller map's free cells that the other knows as free, by the true motion."""
+    rows, cols = np.nonzero((pair.occ_b >= 0) & (pair.occ_b < 50))
+    moved = pair.T_a_b.apply((np.column_stack((cols, rows)) + 0.5) * pair.resolution)
+    col, row = np.floor(moved / pair.resolution).astype(int).T
+    inside = (row >= 0) & (row < pair.occ_a.shape[0]) & (col >= 0) & (col < pair.occ_a.shape[1])
+    free = np.zeros(len(moved), dtype=bool)
+    here = pair.occ_a[row[inside], col[inside]]
+    free[inside] = (here >= 0) & (here < 50)
+    return free.sum() / min(len(moved), ((pair.occ_a >= 0) & (pair.occ_a < 50)).sum())
+
+
+def test_maps_overlap_as_asked_under_the_true_motion(small):
+    for pair in cut_pairs(small, 1, (1.0, 0.5, 0.25)):
+        assert common_share(pair) == pytest.approx(pair.overlap, abs=0.15)
+        assert np.unique(pair.occ_a).min() == -1
+
+
+def test_a_seed_gives_the_same_pair_and_another_seed_another(small):
+    first, again, other = (next(iter(cut_pairs(small, seed, (0.5,)))) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.occ_a, again.occ_a)
+    assert first.T_a_b == again.T_a_b
+    assert first.T_a_b != other.T_a_b
+
+
+def test_negatives_have_no_motion(small, tmp_path):
+    for pair in (disjoint_pair(small, 1), foreign_pair(small, mirrored(small), 1)):
+        assert pair.T_a_b is None
+        with np.load(pair.save(tmp_path)) as arrays:
+            assert int(arrays["label"]) == 0
+            assert np.isnan(arrays["T_ab"]).all()
+
+
+def test_a_building_turned_twice_looks_the_same_turned(small):
+    twice = turned_twice(small).occupancy
+    np.testing.assert_array_equal(twice, twice[::-1, ::-1])
+
+
+def test_buildings_of_other_resolutions_make_no_pair(small):
+    coarse = Building("coarse", small.occupancy, 0.1)
+    with pytest.raises(ValueError, match=r"buildings must have one resolution, got 0\.05 and 0\.1"):
+        foreign_pair(small, coarse, 1)

@@ -1,0 +1,83 @@
+import json
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
+from tbmslam.se2 import SE2
+from tools import benchmark, calibrate_merging, make_map_pairs
+from tools.pair_benchmark import PairResult, calibration_table, details, summary
+from tools.pair_files import PairFileError, load_pair
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pairs")
+    building = room_of(building_of_world("apartment", 2), 90.0, 1)
+    for pair in [*cut_pairs(building, 1, (1.0, 0.5)), disjoint_pair(building, 1)]:
+        pair.save(folder)
+    return folder
+
+
+def result(overlap, confidence, right, accepted):
+    return PairResult("pair", overlap, accepted, right, False, confidence, 0.02, 0.1, 0.3, "because")
+
+
+def test_the_table_counts_right_wrong_and_negatives():
+    results = [
+        result(100, 0.99, True, True),
+        result(100, 0.5, True, False),
+        result(35, 0.95, False, True),
+        result(None, 0.8, False, True),
+        result(None, 0.1, False, False),
+    ]
+    row = [cell.strip() for cell in summary(results, "correlation").splitlines()[2].split("|")[1:-1]]
+    assert row == ["correlation", "5", "1/2", "-", "-", "0/1", "-", "-", "1", "1 of 2"]
+    assert "0.50 to 0.70 | 1     |       0.500 |        1.000" in calibration_table(results)
+    assert details(results[:1]) == "nothing amiss"
+    assert details(results).count("because") == 3
+
+
+def test_pairs_are_aligned_and_told(folder, tmp_path, capsys):
+    figures, plot = tmp_path / "figures.json", tmp_path / "plot.png"
+    assert benchmark.main(["align", str(folder), "--json", str(figures), "--plot", str(plot), "--details"]) == 0
+    assert "negatives accepted" in capsys.readouterr().out
+    pairs = {pair["name"]: pair for pair in json.loads(figures.read_text())["pairs"]}
+    assert len(pairs) == 3
+    assert all(pair["right"] for name, pair in pairs.items() if name.endswith("100"))
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_without_pairs_is_an_error(tmp_path, capsys):
+    assert benchmark.main(["align", str(tmp_path)]) == 1
+    assert "holds no .npz pair of maps: give the folder that does" in capsys.readouterr().err
+
+
+def test_another_file_is_no_pair(tmp_path):
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(PairFileError, match="is not a pair of maps"):
+        load_pair(tmp_path / "other.npz")
+
+
+def test_right_is_within_half_a_metre_and_two_degrees(folder):
+    pair = load_pair(next(folder.glob("*_050.npz")))
+    true = pair.T_target_source
+    assert pair.is_right(true)
+    assert not pair.is_right(SE2(true.x + 0.6, true.y, true.theta))
+    assert not pair.is_right(SE2(true.x, true.y, true.theta + 0.05))
+    assert not pair.is_right(None)
+
+
+def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
+    other = tmp_path / "other"
+    assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
+    model = tmp_path / "model.json"
+    assert calibrate_merging.main([str(folder), str(other), "-o", str(model)]) == 0
+    assert "held out by building: " in capsys.readouterr().out
+    written = json.loads(model.read_text())
+    assert written["weights"]["rmse_m"] <= 0.0 <= written["weights"]["log of weakest_wall_m"]
+
+
+def test_nothing_to_fit_on_is_an_error(tmp_path, capsys):
+    assert calibrate_merging.main([str(tmp_path)]) == 1
+    assert "no .npz pair of maps there" in capsys.readouterr().err
