@@ -31,8 +31,7 @@ class Skeleton:
         self.nodes = nodes
         self._number = {int(index): number for number, index in enumerate(nodes)}
         self.chain = [
-            _composed(chain[first:last], number)
-            for number, (first, last) in enumerate(itertools.pairwise(nodes))
+            _composed(chain[first:last], number) for number, (first, last) in enumerate(itertools.pairwise(nodes))
         ]
         self._node_of = np.searchsorted(nodes, np.arange(len(poses)), side="right") - 1
         base = poses[nodes][self._node_of]
