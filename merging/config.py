@@ -97,8 +97,9 @@ class CorrelationConfig(_Config):
     ----------
     cells_along
         Cells along both maps together; large maps are searched more coarsely.
-    max_cell_m
-        Coarsest cells allowed [m], which limits the former.
+    max_cell_m, most_cells
+        Coarsest cells allowed [m], which limits the former, but for maps so large that they would have more cells along
+        them than this.
     clearance_m, clearance_cells
         Free space nearer than this to a wall tolerates walls [m, cells]; the larger of the two holds.
     penalty
@@ -117,6 +118,7 @@ class CorrelationConfig(_Config):
 
     cells_along: Annotated[int, Field(ge=8)] = 180
     max_cell_m: Metres = 0.3
+    most_cells: Annotated[int, Field(ge=8)] = 400
     clearance_m: Metres = 0.25
     clearance_cells: Annotated[float, Field(ge=0.0)] = 1.6
     penalty: Annotated[float, Field(ge=0.0)] = 0.5

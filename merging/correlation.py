@@ -112,9 +112,10 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
 
 def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
     """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
-    extents = [np.ptp(structure.points, axis=0).max() for structure in (target, source)]
+    extent = float(sum(np.ptp(structure.points, axis=0).max() for structure in (target, source)))
     finest = 2.0 * max(target.geometry.resolution, source.geometry.resolution)
-    return min(max(float(sum(extents)) / config.cells_along, finest), max(config.max_cell_m, finest))
+    cell = min(max(extent / config.cells_along, finest), max(config.max_cell_m, finest))
+    return max(cell, extent / config.most_cells)
 
 
 def _likely_turns(fixed: _Layout, moving: _Layout, turns: FloatArray, share: float) -> FloatArray:
