@@ -68,13 +68,19 @@ class SurfelTracker:
         prior = np.diag(deviations**-2.0)
         result = self._register(hits, guess, prior)
         if result.matched < config.doubtful:
-            for start in (guess, other_guess):
+            for start in (guess,) if self._is_near(guess, other_guess) else (guess, other_guess):
                 other = self._register(hits, self._search(hits, start), prior)
                 if other.matched > result.matched + config.search_gain:
                     result = other
         if result.matched < config.min_matched:
             return ScanMatch(guess, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
+
+    def _is_near(self, guess: SE2, other_guess: SE2) -> bool:
+        """Tell whether a search around one guess covers the other's well enough."""
+        apart = guess.inverse() @ other_guess
+        config = self._config
+        return math.hypot(apart.x, apart.y) < 0.3 * config.search_shift and abs(apart.theta) < 0.3 * config.search_turn
 
     def _search(self, hits: Hits, guess: SE2) -> SE2:
         config = self._config
