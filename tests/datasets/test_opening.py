@@ -11,7 +11,11 @@ from datasets import DatasetError, open_recording
         ("empty.bag", b"", r"empty\.bag: the file is empty"),
         ("odd.bag", b"hello", r"odd\.bag: does not begin like a \.bag file"),
         ("odd.mcap", b"hello", r"odd\.mcap: does not begin like a \.mcap file"),
-        ("run.bag.gz", gzip.compress(b"#ROSBAG V2.0\n", mtime=0), r"run\.bag\.gz: a compressed bag; decompress it first"),
+        (
+            "run.bag.gz",
+            gzip.compress(b"#ROSBAG V2.0\n", mtime=0),
+            r"run\.bag\.gz: a compressed bag; decompress it first",
+        ),
         ("cut.log.gz", gzip.compress(b"FLASER " * 99, mtime=0)[:20], r"cut\.log\.gz: cannot be read to its end"),
         ("picture.png", b"\x89PNG\0\0", r"picture\.png: neither a ROS bag nor a CARMEN log"),
     ],
