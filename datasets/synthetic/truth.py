@@ -2,12 +2,12 @@
 
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from datasets.synthetic.simulation import SimulatedRobot
 from datasets.synthetic.world import World
+from tbmslam.atomic_file import write_text
 from tbmslam.trajectory import Trajectory
 
 
@@ -27,7 +27,7 @@ def write_truth(
     entries = []
     for robot, bag in zip(robots, bags, strict=True):
         tum = f"{Path(bag).stem}.truth.tum"
-        _write_text(folder / tum, tum_text(robot.truth))
+        write_text(folder / tum, tum_text(robot.truth))
         entries.append(
             {
                 "name": robot.name,
@@ -46,7 +46,7 @@ def write_truth(
         "laser": {**vars(laser), "T_robot_sensor": list(laser.T_robot_sensor)},
         "robots": entries,
     }
-    _write_text(folder / "truth.json", json.dumps(truth, indent=2, sort_keys=True) + "\n")
+    write_text(folder / "truth.json", json.dumps(truth, indent=2, sort_keys=True) + "\n")
 
 
 def tum_text(trajectory: Trajectory) -> str:
@@ -56,15 +56,3 @@ def tum_text(trajectory: Trajectory) -> str:
         for stamp, (x, y, theta) in zip(trajectory.stamps, trajectory.poses, strict=True)
     )
     return "".join(lines)
-
-
-def _write_text(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -1,6 +1,5 @@
 """A building known exactly: walls as segments, and which cells of a map they make free or occupied."""
 
-import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from tbmslam.atomic_file import replacing
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry
@@ -92,15 +92,8 @@ class World:
 
     def save(self, path: Path) -> None:
         """Write the world as .npz, whole or not at all; the same world gives the same bytes."""
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            with temporary.open("wb") as file:
-                np.savez(file, name=np.array(self.name), seed=np.array(self.seed), walls=self.walls, places=self.places)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, name=np.array(self.name), seed=np.array(self.seed), walls=self.walls, places=self.places)
 
 
 def load_world(path: Path) -> World:
