@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN, normalise
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.kernels.channels import draw_channels
 from tbmslam.se2 import FloatArray
 
 Image = npt.NDArray[np.uint8]
+
+_OUTSIDE = (128, 0, 0, 255)
+"""What nobody saw, in the pignistic, the occupied, the free and the unknown image."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +45,11 @@ class Channels:
         Keypoint detectors keep away from the edges of an image; a border gives the walls there a chance.
         """
         geometry = _widened(grid.geometry, border)
-        masses = normalise(grid.masses)
-        return cls(
-            geometry,
-            pignistic=_image(masses[..., FREE] + 0.5 * masses[..., UNKNOWN], border, outside=0.5),
-            occupied=_image(masses[..., OCCUPIED], border, outside=0.0),
-            free=_image(masses[..., FREE], border, outside=0.0),
-            unknown=_image(masses[..., UNKNOWN], border, outside=1.0),
-        )
+        images = np.empty((4, geometry.rows, geometry.cols), dtype=np.uint8)
+        images[:] = np.array(_OUTSIDE, dtype=np.uint8)[:, None, None]
+        draw_channels(grid.masses, border, images)
+        pignistic, occupied, free, unknown = images
+        return cls(geometry, pignistic, occupied, free, unknown)
 
     def to_metres(self, pixels: npt.ArrayLike) -> FloatArray:
         """Carry image coordinates (N, 2), x to the right, y down, pixel centres whole, to the grid's frame [m]."""
@@ -73,8 +73,3 @@ def _widened(geometry: GridGeometry, border: int) -> GridGeometry:
         geometry.rows + 2 * border,
         geometry.cols + 2 * border,
     )
-
-
-def _image(values: FloatArray, border: int, outside: float) -> Image:
-    padded = np.pad(values, border, constant_values=outside)
-    return np.ascontiguousarray(np.rint(255.0 * padded[::-1])).astype(np.uint8)

@@ -5,6 +5,7 @@ the occupied, the free and the unknown mass; the three descriptors are concatena
 Hamming norm, and a match is kept where it is clearly nearer than the second best (Lowe's ratio test).
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -81,7 +82,8 @@ def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
     else:
         images = [channels.occupied, channels.free, channels.unknown]
     # ORB drops and reorders keypoints by their place and octave alone, so in the same way on every image.
-    described = [orb.compute(image, keypoints) for image in images]
+    with ThreadPoolExecutor(len(images)) as threads:  # OpenCV lets go of the interpreter
+        described = list(threads.map(lambda image: orb.compute(image, keypoints), images))
     if not keypoints or any(descriptors is None for _, descriptors in described):
         return Features.none()
     points = channels.to_metres([keypoint.pt for keypoint in described[0][0]])

@@ -7,11 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import Coverage, Rule
-from merging.rules import RULES, FusionRule
+from merging.rules import RULES
 from merging.warping import canvas_over, offset_in
-from tbmslam.belief import CONFLICT, VACUOUS, conjunctive, discount, normalise
-from tbmslam.grid import Masses, TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.grid import TbmGrid
+from tbmslam.kernels.fusion import add_layer, finish
 
 
 @dataclass(frozen=True)
@@ -62,47 +61,23 @@ def fuse(
     Raises
     ------
     ValueError
-        If there are no layers, they do not lie on one lattice, or there are more or fewer reliabilities.
+        If there are no layers, they do not lie on one lattice, or reliabilities are not one for each, within [0, 1].
     """
     trusts = [1.0] * len(layers) if reliabilities is None else list(reliabilities)
     if len(trusts) != len(layers):
         raise ValueError(f"reliabilities must be as many as layers, {len(layers)}, got {len(trusts)}")
+    if not all(0.0 <= trust <= 1.0 for trust in trusts):
+        raise ValueError(f"reliabilities must lie within [0, 1], got {trusts}")
     canvas = canvas_over([layer.geometry for layer in layers])
-    kept = np.zeros((canvas.rows, canvas.cols, RULES[rule].width), dtype=np.float32)
+    how = RULES[rule]
+    kept = np.empty((canvas.rows, canvas.cols, how.width), dtype=np.float32)
     agreed = np.empty((canvas.rows, canvas.cols, 4), dtype=np.float32)  # the conjunction of all, for the conflict
     seen_by = np.zeros((canvas.rows, canvas.cols), dtype=np.uint16)
     for layer, trust in zip(layers, trusts, strict=True):
         row, col = offset_in(canvas, layer.geometry)
         window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
-        _add(layer, trust, kept[window], agreed[window], seen_by[window], RULES[rule])
-    fused = TbmGrid.unknown(canvas)
-    seen = seen_by > 0
-    fused.masses[seen] = RULES[rule].finish(kept[seen].astype(np.float64), seen_by[seen].astype(np.float64))
-    if coverage == "overlap":
-        fused.masses[seen_by < len(layers)] = VACUOUS
-    conflict = np.where(seen_by > 1, agreed[..., CONFLICT], np.float32(0.0))
-    return Fusion(fused, conflict, seen_by)
-
-
-def _add(
-    layer: TbmGrid,
-    trust: float,
-    kept: npt.NDArray[np.float32],
-    agreed: Masses,
-    seen_by: npt.NDArray[np.uint16],
-    rule: FusionRule,
-) -> None:
-    """Fuse one more layer into the window of the canvas that it covers."""
-    sees = layer.is_known()
-    first, again = sees & (seen_by == 0), sees & (seen_by > 0)
-    new, more = _believed(layer.masses[first], trust), _believed(layer.masses[again], trust)
-    kept[first] = rule.start(new)
-    agreed[first] = normalise(new)
-    kept[again] = rule.add(kept[again].astype(np.float64), more)
-    agreed[again] = conjunctive(agreed[again], normalise(more))
-    seen_by[sees] += 1
-
-
-def _believed(masses: Masses, trust: float) -> FloatArray:
-    exact = np.asarray(masses, dtype=np.float64)
-    return exact if trust == 1.0 else discount(exact, trust)
+        add_layer(how.code, layer.masses, trust, kept[window], agreed[window], seen_by[window])
+    conflict = np.empty((canvas.rows, canvas.cols), dtype=np.float32)
+    fused = kept if how.width == 4 else np.empty_like(agreed)
+    finish(how.code, kept, agreed, seen_by, len(layers) if coverage == "overlap" else 1, fused, conflict)
+    return Fusion(TbmGrid(canvas, fused), conflict, seen_by)

@@ -139,3 +139,9 @@ def test_many_maps_with_rounded_masses_still_give_beliefs():
     rounded = grid(*[tuple(np.array((0.0, 0.3, 0.2, 0.50005)))] * 3)
     for rule in ("disjunctive", "conjunctive", "dempster"):
         assert fuse([rounded] * 12, rule).grid.masses.sum(axis=-1) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("reliabilities", "message"), [([0.5], "as many as layers"), ([0.5, 1.5], r"within \[0, 1\]")])
+def test_reliabilities_that_mean_nothing_are_refused(reliabilities, message):
+    with pytest.raises(ValueError, match=message):
+        fuse([grid("free"), grid("free")], reliabilities=reliabilities)

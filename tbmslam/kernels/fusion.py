@@ -1,0 +1,164 @@
+"""One more source's masses added to what is kept of every cell, by each rule of fusion.
+
+Masses are a tuple (conflict, free, occupied, unknown) within this file. What is kept of a cell (its `width`) differs by
+by rule: four masses; for Dubois and Prade also the disjunction (4), and the products of what they put on free and on
+occupied (2).
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+
+DISJUNCTIVE, CONJUNCTIVE, DEMPSTER, DUBOIS_PRADE, YAGER, AVERAGE = range(6)
+
+Belief = tuple[float, float, float, float]
+Cells = npt.NDArray[np.float32]
+Counts = npt.NDArray[np.uint16]
+
+
+@kernel
+def add_layer(rule: int, masses: Cells, trust: float, kept: Cells, agreed: Cells, seen_by: Counts) -> None:
+    """Add a source's ``masses`` (rows, cols, 4), discounted by ``trust``, wherever it saw anything.
+
+    ``kept`` (rows, cols, width), the conjunction ``agreed`` (rows, cols, 4) of all conflict-free sources, and the
+    number ``seen_by`` (rows, cols) of sources so far are changed in place.
+    """
+    for row in range(masses.shape[0]):
+        for col in range(masses.shape[1]):
+            if not masses[row, col, 3] < 1.0:
+                continue
+            belief = _believed(masses[row, col], trust)
+            peaceful = _normalised(belief)
+            if seen_by[row, col] == 0:
+                _start(rule, belief, kept[row, col])
+                _store(agreed[row, col], peaceful)
+            else:
+                _add(rule, belief, kept[row, col])
+                _store(agreed[row, col], _conjunction(_read(agreed[row, col]), peaceful))
+            seen_by[row, col] += 1
+
+
+@kernel
+def finish(
+    rule: int, kept: Cells, agreed: Cells, seen_by: Counts, required: int, fused: Cells, conflict: Cells
+) -> None:
+    """Write what is made of the ``kept`` into ``fused``, and the mass of ``agreed`` on conflict into ``conflict``.
+
+    Cells that fewer than ``required`` sources saw become unknown; there is no conflict where fewer than two saw a cell.
+    ``fused`` (rows, cols, 4) may be the array ``kept`` itself.
+    """
+    for row in range(kept.shape[0]):
+        for col in range(kept.shape[1]):
+            count = seen_by[row, col]
+            conflict[row, col] = agreed[row, col, 0] if count > 1 else 0.0
+            if count < max(required, 1):
+                _store(fused[row, col], (0.0, 0.0, 0.0, 1.0))
+            else:
+                _store(fused[row, col], _finished(rule, kept[row, col], count))
+
+
+@kernel
+def _start(rule: int, belief: Belief, kept: Cells) -> None:
+    _store(kept, belief)
+    if rule == DUBOIS_PRADE:
+        _store(kept[4:], belief)
+        kept[8], kept[9] = belief[1], belief[2]
+
+
+@kernel
+def _add(rule: int, belief: Belief, kept: Cells) -> None:
+    before = _read(kept)
+    if rule == AVERAGE:
+        _store(kept, (before[0] + belief[0], before[1] + belief[1], before[2] + belief[2], before[3] + belief[3]))
+    elif rule == DISJUNCTIVE:
+        # Sums of masses multiply under the associative rules: a rounding of each map would grow with their number.
+        _store(kept, _rescaled(_disjunction(before, belief)))
+    elif rule == DEMPSTER:
+        _store(kept, _normalised(_conjunction(before, belief)))
+    elif rule == CONJUNCTIVE:
+        _store(kept, _rescaled(_conjunction(before, belief)))
+    else:
+        _store(kept, _conjunction(before, belief))
+        if rule == DUBOIS_PRADE:
+            _store(kept[4:], _disjunction(_read(kept[4:]), belief))
+            kept[8] *= belief[1]
+            kept[9] *= belief[2]
+
+
+@kernel
+def _finished(rule: int, kept: Cells, count: int) -> Belief:
+    m = _read(kept)
+    if rule == AVERAGE:
+        return (m[0] / count, m[1] / count, m[2] / count, m[3] / count)
+    if rule == YAGER:
+        return (0.0, m[1], m[2], m[3] + m[0])
+    if rule == DUBOIS_PRADE:
+        # A set gets the products whose intersection it is, and those with an empty intersection whose union it is. Of
+        # the products with union {free}, all but the one where every source says {free} have an empty intersection.
+        either = _read(kept[4:])
+        all_free, all_occupied = float(kept[8]), float(kept[9])
+        mixed = m[1] - all_free + m[2] - all_occupied  # {free} or {occupied} in common, though some say unknown
+        return (
+            max(either[0], 0.0),
+            max(m[1] + either[1] - all_free, 0.0),
+            max(m[2] + either[2] - all_occupied, 0.0),
+            max(either[3] - mixed, 0.0),
+        )
+    return m
+
+
+@kernel
+def _believed(masses: Cells, trust: float) -> Belief:
+    m = _read(masses)
+    if trust == 1.0:
+        return m
+    doubt = (1.0 - trust) * (m[0] + m[1] + m[2] + m[3])
+    return (m[0] * trust, m[1] * trust, m[2] * trust, m[3] * trust + doubt)
+
+
+@kernel
+def _conjunction(a: Belief, b: Belief) -> Belief:
+    peace = a[1] + a[2] + a[3]
+    return (
+        a[0] * (b[0] + b[1] + b[2] + b[3]) + peace * b[0] + a[1] * b[2] + a[2] * b[1],
+        a[1] * (b[1] + b[3]) + a[3] * b[1],
+        a[2] * (b[2] + b[3]) + a[3] * b[2],
+        a[3] * b[3],
+    )
+
+
+@kernel
+def _disjunction(a: Belief, b: Belief) -> Belief:
+    certain = a[0] + a[1] + a[2]
+    return (
+        a[0] * b[0],
+        a[1] * (b[1] + b[0]) + a[0] * b[1],
+        a[2] * (b[2] + b[0]) + a[0] * b[2],
+        a[3] * (b[0] + b[1] + b[2] + b[3]) + certain * b[3] + a[1] * b[2] + a[2] * b[1],
+    )
+
+
+@kernel
+def _normalised(m: Belief) -> Belief:
+    rest = m[1] + m[2] + m[3]
+    if rest > 0.0:
+        scale = 1.0 / rest
+        return (0.0, m[1] * scale, m[2] * scale, m[3] * scale)
+    return (0.0, 0.0, 0.0, 1.0)
+
+
+@kernel
+def _rescaled(m: Belief) -> Belief:
+    scale = 1.0 / (m[0] + m[1] + m[2] + m[3])
+    return (m[0] * scale, m[1] * scale, m[2] * scale, m[3] * scale)
+
+
+@kernel
+def _read(cell: Cells) -> Belief:
+    return (float(cell[0]), float(cell[1]), float(cell[2]), float(cell[3]))
+
+
+@kernel
+def _store(cell: Cells, m: Belief) -> None:
+    cell[0], cell[1], cell[2], cell[3] = m

@@ -1,0 +1,100 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from merging.rules import RULES
+from tbmslam.belief import discount, normalise
+from tbmslam.kernels.fusion import add_layer, finish
+
+FREE, OCCUPIED, UNKNOWN = (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+
+beliefs = st.lists(
+    arrays(np.float64, 4, elements=st.floats(0.01, 1.0)).map(lambda masses: masses / masses.sum()),
+    min_size=2,
+    max_size=4,
+)
+
+
+def fused(rule, *sources, trusts=None, required=1):
+    """One cell by the kernel: its fused masses and its conflict."""
+    how = RULES[rule]
+    kept, agreed = np.empty((1, 1, how.width), dtype=np.float32), np.empty((1, 1, 4), dtype=np.float32)
+    seen_by = np.zeros((1, 1), dtype=np.uint16)
+    for source, trust in zip(sources, trusts or [1.0] * len(sources), strict=True):
+        add_layer(how.code, np.array(source, dtype=np.float32).reshape(1, 1, 4), trust, kept, agreed, seen_by)
+    masses, conflict = np.empty((1, 1, 4), dtype=np.float32), np.empty((1, 1), dtype=np.float32)
+    finish(how.code, kept, agreed, seen_by, required, masses, conflict)
+    return masses[0, 0], conflict[0, 0]
+
+
+def by_definition(rule, sources):
+    """Every choice of one subset from each source, and where its product goes."""
+    if rule == "average":
+        return np.mean(sources, axis=0)
+    total = np.zeros(4)
+    for subsets in itertools.product(range(4), repeat=len(sources)):
+        common, union = 3, 0
+        for subset in subsets:
+            common, union = common & subset, union | subset
+        goes_to = {"disjunctive": union, "dubois-prade": common or union, "yager": common or 3}.get(rule, common)
+        total[goes_to] += np.prod([source[subset] for source, subset in zip(sources, subsets, strict=True)])
+    return normalise(total) if rule == "dempster" else total
+
+
+@pytest.mark.parametrize("rule", RULES)
+@given(sources=beliefs)
+def test_rules_are_those_of_their_definition(rule, sources):
+    masses, conflict = fused(rule, *sources)
+    np.testing.assert_allclose(masses, by_definition(rule, sources), atol=1e-6)
+    assert conflict == pytest.approx(by_definition("conjunctive", [normalise(one) for one in sources])[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@given(sources=beliefs)
+def test_any_order_gives_the_same_belief(rule, sources):
+    forth, back = fused(rule, *sources)[0], fused(rule, *sources[::-1])[0]
+    np.testing.assert_allclose(forth, back, atol=1e-6)
+    assert forth.sum() == pytest.approx(1.0, abs=1e-6)
+    assert forth.min() >= 0.0
+
+
+@given(sources=beliefs, trust=st.floats(0.0, 1.0))
+def test_a_source_is_discounted_as_the_algebra_says(sources, trust):
+    weakened = [sources[0], *(discount(source, trust) for source in sources[1:])]
+    expected = fused("conjunctive", *weakened)[0]
+    trusts = [1.0, *[trust] * (len(sources) - 1)]
+    np.testing.assert_allclose(fused("conjunctive", *sources, trusts=trusts)[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rule", "contradiction"),
+    [
+        ("dubois-prade", UNKNOWN),
+        ("yager", UNKNOWN),
+        ("average", (0.0, 0.5, 0.5, 0.0)),
+        ("disjunctive", UNKNOWN),
+        ("conjunctive", (1.0, 0.0, 0.0, 0.0)),
+        ("dempster", UNKNOWN),
+    ],
+)
+def test_what_becomes_of_a_contradiction(rule, contradiction):
+    masses, conflict = fused(rule, FREE, OCCUPIED)
+    np.testing.assert_allclose(masses, contradiction)
+    assert conflict == 1.0
+
+
+def test_agreement_sharpens_under_dubois_and_prade():
+    half = (0.0, 0.5, 0.0, 0.5)
+    np.testing.assert_allclose(fused("dubois-prade", half, half)[0], (0.0, 0.75, 0.0, 0.25))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_who_saw_nothing_says_nothing(rule):
+    np.testing.assert_array_equal(fused(rule, UNKNOWN, FREE)[0], FREE)
+    np.testing.assert_array_equal(fused(rule, UNKNOWN, UNKNOWN)[0], UNKNOWN)
+    np.testing.assert_array_equal(fused(rule, UNKNOWN, FREE, required=2)[0], UNKNOWN)
+    assert fused(rule, UNKNOWN, FREE)[1] == 0.0
