@@ -15,6 +15,8 @@ EXAMPLES = """examples:
       two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
   python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
       bags of simulated drives (kind:seed:odometry and options of make_world), medians of three runs
+  python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
+      ten drives through ten buildings each, and a line on the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
       every .npz pair of a folder (see datasets/synthetic/map_pairs.py), with a line for each that went wrong
 
@@ -35,8 +37,10 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="KIND:SEED:ODOMETRY[,option=value]...",
-        help="a simulated drive, e.g. office:1:good,beams=361; may be repeated",
+        help="a simulated drive, e.g. office:1:good,beams=361; may be repeated. ODOMETRY: good, poor, none (without "
+        "error) or ignored (the SLAM has none)",
     )
+    slam.add_argument("--seeds", type=int, default=1, metavar="N", help="each world with SEED and the N - 1 next ones")
     slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each, whose median counts (1)")
     scaling = commands.add_parser("scaling", help="cost of a scan against the length of the drive and the size of map")
     scaling.add_argument(
@@ -89,6 +93,7 @@ def _check(args: argparse.Namespace) -> None:
     """
     from tbmslam.config import PRESETS
     from tools.recording_spec import parse_recording_spec
+    from tools.simulated_recording import SimulatedRecording
 
     if args.command == "align":
         return
@@ -104,11 +109,10 @@ def _check(args: argparse.Namespace) -> None:
     args.recordings = [parse_recording_spec(text) for text in args.recordings]
     if not args.recordings and not args.world:
         raise ValueError("slam needs recordings or --world")
-    for world in args.world:
-        if world.partition(",")[0].count(":") != 2:
-            raise ValueError(f"--world must look like office:1:good, got {world!r}")
-    if args.repeat < 1:
-        raise ValueError(f"--repeat must be at least 1, got {args.repeat}")
+    args.world = [SimulatedRecording.parse(text) for text in args.world]
+    for name in ("repeat", "seeds"):
+        if getattr(args, name) < 1:
+            raise ValueError(f"--{name} must be at least 1, got {getattr(args, name)}")
 
 
 def _run(args: argparse.Namespace) -> None:

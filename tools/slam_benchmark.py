@@ -1,23 +1,20 @@
 """What the SLAM costs and how good it is: every recording with every preset, each run in a process of its own."""
 
 import argparse
-import contextlib
 import dataclasses
 import json
 import statistics
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from tbmslam.atomic_file import write_text
-from tbmslam.errors import TbmSlamError
-from tools import make_world
 from tools.machine import describe_machine
 from tools.measured_process import in_fresh_process
-from tools.recording_spec import RecordingSpec, as_words, parse_recording_spec
+from tools.recording_spec import RecordingSpec
 from tools.slam_run import WARM_UP_SCANS, SlamRun, run_slam
 from tools.text_table import number, text_table
 
@@ -40,16 +37,17 @@ TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
 TARGET_BEAMS = 1040
 
 
-class SimulationError(TbmSlamError):
-    """A world could not be simulated."""
+LOST_M = 0.5
+"""A drive with a larger error is lost."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording with the name it has in the table."""
+    """A recording with the name it has in the table, and what it has in common with other seeds of a world."""
 
     name: str
     spec: RecordingSpec
+    family: str | None = None
 
 
 @dataclass(frozen=True)
@@ -60,21 +58,22 @@ class Result:
     preset: str
     median: SlamRun
     runs: tuple[SlamRun, ...]
+    family: str | None = None
 
 
 def benchmark_slam(args: argparse.Namespace) -> None:
     """Run what the arguments ask for and print the table."""
     machine = describe_machine()
-    with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:
-        entries = [Entry(_short_name(spec.path), spec) for spec in args.recordings]
-        entries += [_simulated(world, Path(folder) / str(index)) for index, world in enumerate(args.world)]
-        for preset_name in args.preset:
-            _say(f"warm-up: {entries[0].name} {preset_name}")
-            in_fresh_process(run_slam, entries[0].spec, preset_name)
-        results = [_measured(entry, name, args.repeat) for entry in entries for name in args.preset]
+    results: list[Result] = []
+    for entry in _entries(args):
+        if not results:
+            for name in args.preset:
+                _say(f"warm-up: {entry.name} {name}")
+                in_fresh_process(run_slam, entry.spec, name)
+        results += [_measured(entry, name, args.repeat) for name in args.preset]
     print(text_table(HEAD, [_row(result) for result in results]))
     print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
-    for line in against_targets(results):
+    for line in (*against_targets(results), *over_seeds(results)):
         print(line)
     print(", ".join(f"{key} {value}" for key, value in machine.items()))
     if args.json:
@@ -102,25 +101,42 @@ def against_targets(results: Sequence[Result]) -> list[str]:
     ]
 
 
+def over_seeds(results: Sequence[Result]) -> list[str]:
+    """Return a line for every family of worlds that was run with several seeds."""
+    families: dict[tuple[str, str], list[tuple[float, str]]] = {}
+    for result in results:
+        if result.family is not None and result.median.ate_m is not None:
+            errors = families.setdefault((result.family, result.preset), [])
+            errors.append((result.median.ate_m, result.recording))
+    lines = []
+    for (family, preset), errors in families.items():
+        worst, name = max(errors)
+        middle = statistics.median(error for error, _ in errors)
+        lost = sum(error > LOST_M for error, _ in errors)
+        if len(errors) > 1:
+            lines.append(
+                f"{family} {preset}: {len(errors)} seeds, {lost} lost (ATE above {LOST_M} m), median ATE {middle:.4f} "
+                f"m, worst {worst:.4f} m in {name}"
+            )
+    return lines
+
+
+def _entries(args: argparse.Namespace) -> Iterator[Entry]:
+    """Yield the recordings, simulated ones while they are needed."""
+    for spec in args.recordings:
+        yield Entry(_short_name(spec.path), spec)
+    for world in (world for first in args.world for world in first.seeds(args.seeds)):
+        _say(f"simulating {world}")
+        with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:
+            yield Entry(str(world), world.write(Path(folder)), world.family())
+
+
 def _measured(entry: Entry, preset_name: str, repeat: int) -> Result:
     runs = []
     for turn in range(repeat):
         _say(f"{entry.name} {preset_name}" + (f" {turn + 1}/{repeat}" if repeat > 1 else ""))
         runs.append(in_fresh_process(run_slam, entry.spec, preset_name))
-    return Result(entry.name, preset_name, median_run(runs), tuple(runs))
-
-
-def _simulated(world: str, folder: Path) -> Entry:
-    """Write a bag of a simulated drive and its truth, described as ``office:1:good[,option=value]...``."""
-    description, *settings = world.split(",")
-    kind, seed, odometry = description.split(":")
-    words = ["--world", kind, "--seed", seed, "--odometry", odometry, "--out", str(folder), *as_words(settings)]
-    _say(f"simulating {world}")
-    with contextlib.redirect_stdout(sys.stderr):
-        code = make_world.main(words)
-    if code:
-        raise SimulationError(f"{world} could not be simulated: see the message above")
-    return Entry(world, parse_recording_spec(str(folder / "robot_0.bag")))
+    return Result(entry.name, preset_name, median_run(runs), tuple(runs), entry.family)
 
 
 def _row(result: Result) -> list[str]:

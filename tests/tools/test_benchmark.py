@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tools.benchmark import main
-from tools.slam_benchmark import Result, against_targets, median_run
+from tools.slam_benchmark import Result, against_targets, median_run, over_seeds
 from tools.slam_run import SlamRun
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,11 +36,12 @@ def figures(mapping_s=1.0, beams=1040, ate_m=None):
 def test_a_simulated_drive(tmp_path, capfd):
     path = tmp_path / "figures.json"
     world = "office:1:good,beams=181,duration=6"
-    assert main(["slam", "--world", world, "--json", str(path)]) == 0
+    assert main(["slam", "--world", world, "--seeds", "2", "--json", str(path)]) == 0
     out, err = capfd.readouterr()
     table = [line for line in out.splitlines() if line.startswith("|")]
     assert len({len(line) for line in table}) == 1
-    assert [line.split("|")[2].strip() for line in table[2:]] == ["default"]
+    assert [line.split("|")[2].strip() for line in table[2:]] == ["default"] * 2
+    assert "office:*:good,beams=181,duration=6 default: 2 seeds, 0 lost" in out
     assert "Warm-up:" in out
     assert f"benchmark: {world} default" in err
     record = json.loads(path.read_text())
@@ -92,6 +93,17 @@ def test_targets_count_at_their_number_of_beams_only():
     ]
 
 
+def test_the_worst_of_several_seeds_is_named():
+    results = [
+        Result(f"office:{seed}:poor", "default", figures(ate_m=error), (), "office:*:poor")
+        for seed, error in ((1, 0.01), (2, 0.75), (3, 0.02))
+    ]
+    alone = Result("halls:1:good", "default", figures(ate_m=0.1), (), "halls:*:good")
+    assert over_seeds([*results, alone, Result("intel", "default", figures(), ())]) == [
+        "office:*:poor default: 3 seeds, 1 lost (ATE above 0.5 m), median ATE 0.0200 m, worst 0.7500 m in office:2:poor"
+    ]
+
+
 def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
     assert main(["slam", str(tmp_path / "none.bag")]) == 1
     lines = capsys.readouterr().err.splitlines()
@@ -106,6 +118,7 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["slam", "a.bag", "--preset", "best"], "--preset: there is no 'best'; there are default, viny"),
         (["slam", "a.bag,angel=1"], "unrecognized arguments: --angel 1"),
         (["slam", "a.bag", "--repeat", "0"], "--repeat must be at least 1, got 0"),
+        (["slam", "--world", "office:1:good", "--seeds", "0"], "--seeds must be at least 1, got 0"),
         (["slam", "--world", "office"], "--world must look like office:1:good, got 'office'"),
         (["slam", "--world", "castle:1:good"], "invalid choice: 'castle'"),
         (["scaling", "--lengths", "0"], "--lengths and --beams must be positive"),

@@ -1,0 +1,83 @@
+"""A simulated drive in one word of a command line: ``office:1:good,beams=361``."""
+
+import contextlib
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tbmslam.errors import TbmSlamError
+from tools import make_world
+from tools.recording_spec import RecordingSpec, as_words, parse_recording_spec
+
+IGNORED = "ignored"
+"""Odometry that the bag holds and the SLAM is not told."""
+
+
+class SimulationError(TbmSlamError):
+    """A world could not be simulated."""
+
+
+@dataclass(frozen=True)
+class SimulatedRecording:
+    """A drive to be simulated.
+
+    Parameters
+    ----------
+    kind
+        Of building.
+    seed
+        Of the building, the drive and all noise.
+    odometry
+        How wheels err, as make_world says it, or IGNORED.
+    settings
+        Options of make_world, each ``name=value``.
+    """
+
+    kind: str
+    seed: int
+    odometry: str
+    settings: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str) -> "SimulatedRecording":
+        """Read ``KIND:SEED:ODOMETRY[,option=value]...``.
+
+        Raises
+        ------
+        ValueError
+            When it is not of that form.
+        """
+        description, *settings = text.split(",")
+        parts = description.split(":")
+        if len(parts) != 3 or not parts[1].isdecimal():
+            raise ValueError(f"--world must look like office:1:good, got {text!r}")
+        return cls(parts[0], int(parts[1]), parts[2], tuple(settings))
+
+    def __str__(self) -> str:
+        """Return the word it was read from."""
+        return ",".join((f"{self.kind}:{self.seed}:{self.odometry}", *self.settings))
+
+    def family(self) -> str:
+        """Return what all seeds have in common."""
+        return ",".join((f"{self.kind}:*:{self.odometry}", *self.settings))
+
+    def seeds(self, count: int) -> list["SimulatedRecording"]:
+        """Return drives with this seed and the following ones."""
+        return [replace(self, seed=self.seed + more) for more in range(count)]
+
+    def write(self, folder: Path) -> RecordingSpec:
+        """Write the bag and its truth into a folder.
+
+        Raises
+        ------
+        SimulationError
+            When it cannot be simulated; make_world has said why.
+        """
+        wheels = "good" if self.odometry == IGNORED else self.odometry
+        words = ["--world", self.kind, "--seed", str(self.seed), "--odometry", wheels, "--out", str(folder)]
+        with contextlib.redirect_stdout(sys.stderr):
+            code = make_world.main([*words, *as_words(list(self.settings))])
+        if code:
+            raise SimulationError(f"{self} could not be simulated: see the message above")
+        option = ",odometry=none" if self.odometry == IGNORED else ""
+        return parse_recording_spec(f"{folder / 'robot_0.bag'}{option}")
