@@ -36,7 +36,7 @@ demo: install
 docs/merged-office.png: demo
 	mkdir -p docs
 	$(BIN)/python -c "import cv2; \
-	panels = [cv2.imread(f'demo/merged/{name}.png') for name in ('pignistic', 'overlay', 'conflict')]; \
+	panels = [cv2.imread(f'demo/merged/{name}.png') for name in ('pignistic', 'overlay', 'contradictions')]; \
 	x, y, w, h = cv2.boundingRect((panels[0][..., 0] != 128).astype('uint8')); \
 	row = cv2.hconcat([panel[y : y + h, x : x + w] for panel in panels]); \
 	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"

@@ -7,7 +7,7 @@ between the robots, and one pose graph of all drives takes the bends out.
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +44,8 @@ class JointRefinement:
         The rigid T_merged_map of every map that comes nearest to what became of its keyframes.
     closures
         How many motions between different robots' keyframes were found.
+    links
+        The same as (C, 4): a drive of the merged map and a keyframe of it, and another robot's drive and keyframe.
     moved_m
         Root mean square distance by which keyframes moved against the rigid alignment [m].
     """
@@ -51,6 +53,7 @@ class JointRefinement:
     maps: Mapping[str, TbmMap]
     poses: Mapping[str, SE2]
     closures: int
+    links: npt.NDArray[np.int64]
     moved_m: float
 
 
@@ -88,7 +91,14 @@ def refine_jointly(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config:
     straight = {name: _rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("%d closures between robots moved keyframes by %.3f m", len(closures), moved_m)
-    return JointRefinement(corrected, straight, len(closures), moved_m)
+    return JointRefinement(corrected, straight, len(closures), _links(closures, starts), moved_m)
+
+
+def _links(closures: list[MotionEdge], starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return closures (C, 4) by the drives and keyframes they are between."""
+    ends = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
+    drives = np.searchsorted(starts, ends, side="right") - 1
+    return np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4)
 
 
 def _rigid(before: TbmMap, after: TbmMap) -> SE2:
@@ -252,7 +262,7 @@ def _driven(track: _Track, sensors: FloatArray, trajectory: Trajectory) -> Drive
     if len(way):
         way = spread_corrections(way, unique.astype(np.int64), robots[first])
     moved = Keyframes(k.stamps, robots, k.sensor_poses, k.beams, k.offsets, k.ranges)
-    return Drive(track.drive.name, Trajectory(trajectory.stamps, way), moved)
+    return replace(track.drive, trajectory=Trajectory(trajectory.stamps, way), keyframes=moved)
 
 
 def _rendered(drives: list[Keyframes], resolution: float, how: MapConfig) -> TbmGrid:

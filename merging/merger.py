@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
@@ -13,7 +13,7 @@ from merging.map_graph import Group, Pair, groups_of
 from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.tbm_map import TbmMap
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ def _merged(
     }
     names = [drive.name for one in moved.values() for drive in one.drives]
     drives = tuple(
-        Drive(drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}", drive.trajectory, drive.keyframes)
+        replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
         for name, one in moved.items()
         for drive in one.drives
     )

@@ -43,7 +43,7 @@ _AREAS_TOLD = {
 
 
 def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
-    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `conflict.png`; older ones go.
+    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `contradictions.png`; older ones go.
 
     Raises
     ------
@@ -55,18 +55,18 @@ def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config:
     areas: dict[str, float] = {}
     if merge.fusion is not None:
         files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
-        files["conflict.png"] = _png(draw_conflict(merge.fusion))
+        files["contradictions.png"] = _png(draw_conflict(merge.fusion))
         pignistic = _png(np.dstack([Channels.from_grid(merge.fusion.grid).pignistic] * 3))
         shown = {
             "Merged map": (pignistic, "Free is white, occupied black, unknown grey."),
             "Overlay": (files["overlay.png"], "Each map's walls in its colour; walls that coincide are dark."),
-            "Conflict": (files["conflict.png"], "Red where the maps contradict each other."),
+            "Conflict": (files["contradictions.png"], "Red where the maps contradict each other."),
         }
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
     files["report.html"] = html_report(merge, areas, shown, WALL_COLOURS).encode()
     for name, content in files.items():
         write_bytes(folder / name, content)
-    for name in {"overlay.png", "conflict.png"} - files.keys():
+    for name in {"overlay.png", "contradictions.png"} - files.keys():
         (folder / name).unlink(missing_ok=True)  # of an older merge
 
 

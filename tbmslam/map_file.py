@@ -8,6 +8,7 @@
 ``drives``                  names (D,); the arrays of drive K are named as follows
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
 ``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
+``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed; older files have none
 ==========================  ==========================================================================
 
 The same map gives the same bytes.
@@ -17,6 +18,7 @@ import dataclasses
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -66,6 +68,7 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:
             values: Array = getattr(drive.keyframes, name)
             dtype = _KEYFRAME_DTYPES.get(name, np.float64)
             arrays[f"drive_{number}_keyframes_{name}"] = values.astype(dtype, copy=False)
+        arrays[f"drive_{number}_closures"] = drive.closures.astype(np.int64, copy=False)
     return arrays
 
 
@@ -121,7 +124,9 @@ def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
         )
         for field in _KEYFRAME_NAMES
     }
-    return Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
+    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
+    closures = f"drive_{number}_closures"
+    return replace(drive, closures=arrays.read(closures, np.int64, (None, 2))) if closures in arrays else drive
 
 
 def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:

@@ -68,6 +68,10 @@ class ArrayZip:
         """Close the file."""
         self._archive.close()
 
+    def __contains__(self, name: str) -> bool:
+        """Tell whether there is an array of this name."""
+        return f"{name}.npy" in self._archive.namelist()
+
     def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
         """Return the shape an array has by its header, after checking what can be known before reading it.
 

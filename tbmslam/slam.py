@@ -33,7 +33,14 @@ class Slam:
         Every parameter; see `tbmslam.config.preset`.
     name
         The robot's name in the map.
+
+    Attributes
+    ----------
+    correction_m
+        How far closing loops moved the robot at the most, known when the map is finished [m].
     """
+
+    correction_m = 0.0
 
     def __init__(self, config: SlamConfig | None = None, name: str = "robot") -> None:
         self.config = config or SlamConfig()
@@ -46,6 +53,7 @@ class Slam:
         self._poses: list[SE2] = []
         self._keyframes: list[TrackedKeyframe] = []
         self._variances = np.zeros(3)
+        self._closures = np.zeros((0, 2), dtype=np.int64)
 
     def process(self, reading: Reading) -> SE2:
         """Place one reading, learn from it, and return the robot's pose T_map_robot."""
@@ -72,7 +80,9 @@ class Slam:
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
         """Close the loops, render the map of everything processed so far and return it."""
         poses = np.array(self._poses, dtype=np.float64).reshape(-1, 3)
+        tracked = poses
         poses = self._close_loops(poses)
+        self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps), poses)
         keyframes = Keyframes.from_scans(
             [k.scan for k in self._keyframes],
@@ -82,7 +92,7 @@ class Slam:
         evidence = self._tracker.grid or self._rendered(keyframes)
         grid = evidence.to_tbm_grid(self.config.map.keep_conflict).cropped_to_known()
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
-        return TbmMap(grid, (Drive(self.name, trajectory, keyframes),), dict(provenance or {}))
+        return TbmMap(grid, (Drive(self.name, trajectory, keyframes, self._closures),), dict(provenance or {}))
 
     def _close_loops(self, poses: FloatArray) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
@@ -90,7 +100,8 @@ class Slam:
         if self._closer is None or len(kept) < 2:
             return poses
         tracked = np.array([k.match.T_map_sensor for k in kept])
-        closed, _ = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
+        closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
+        self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         moved = [SE2.from_array(pose) @ k.T_robot_sensor.inverse() for pose, k in zip(closed, kept, strict=True)]
         return spread_corrections(poses, np.array([k.index for k in kept]), np.array(moved))
 

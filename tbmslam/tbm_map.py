@@ -1,7 +1,10 @@
 """A map and what made it: the grid, the drives behind it, and where it came from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
 
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
@@ -21,11 +24,29 @@ class Drive:
         Poses of the robot in the map, one for every scan that was used.
     keyframes
         Scans at poses, from which the grid can be rendered again.
+    closures
+        Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
     """
 
     name: str
     trajectory: Trajectory
     keyframes: Keyframes
+    closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        """Check that closures are between keyframes."""
+        if self.closures.ndim != 2 or self.closures.shape[1] != 2:
+            raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
+        if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):
+            raise ValueError(f"closures must be between the {len(self.keyframes)} keyframes")
+
+    def transformed(self, T_new_old: SE2) -> "Drive":
+        """Return the same drive in another frame."""
+        return replace(
+            self,
+            trajectory=self.trajectory.transformed(T_new_old),
+            keyframes=self.keyframes.transformed(T_new_old),
+        )
 
 
 @dataclass(frozen=True)
@@ -48,7 +69,4 @@ class TbmMap:
 
     def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
         """Return the map in another frame, its drives moved and its grid replaced by one resampled there."""
-        drives = tuple(
-            Drive(d.name, d.trajectory.transformed(T_new_old), d.keyframes.transformed(T_new_old)) for d in self.drives
-        )
-        return TbmMap(grid, drives, self.provenance)
+        return TbmMap(grid, tuple(drive.transformed(T_new_old) for drive in self.drives), self.provenance)

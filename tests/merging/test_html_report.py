@@ -67,7 +67,7 @@ def test_a_merge_is_told_with_pictures_poses_and_figures(rooms, tmp_path):
     pictures = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in page.pictures]
     assert len(pictures) == 3
     assert pictures[1] == (tmp_path / "overlay.png").read_bytes()
-    assert pictures[2] == (tmp_path / "conflict.png").read_bytes()
+    assert pictures[2] == (tmp_path / "contradictions.png").read_bytes()
     merged = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR)
     assert merged.shape[:2] == result.fusion.conflict.shape
 

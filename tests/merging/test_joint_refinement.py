@@ -70,6 +70,10 @@ def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
     assert np.abs(second[:, 1] - truth[:, 1]).max() < 0.2  # the bend is shared by two drives equally stiff
     np.testing.assert_allclose(result.maps["b"].drives[0].trajectory.poses[:, :2], second[:, :2], atol=1e-6)
     assert result.closures >= JointConfig().min_closures
+    assert result.links.shape == (result.closures, 4)
+    for one, here, other, there in result.links:
+        assert {one, other} == {0, 1}
+        assert np.hypot(*((first, second)[one][here] - (first, second)[other][there])[:2]) < 6.0
     assert result.moved_m > 0.02
     assert result.maps["b"].grid.is_known().sum() > 1000
 

@@ -41,7 +41,7 @@ def test_the_report_has_every_pair_and_every_map(maps, tmp_path):
     assert report["maps"]["there"]["T_merged_map"] == pytest.approx([*SE2(1.0, 2.0, 0.5).inverse()], abs=0.05)
     assert report["maps"]["foreign"] == {"merged": False, "T_merged_map": None, "reason": result.left_out["foreign"]}
     assert report["fusion"]["seen_by_several_m2"] == pytest.approx(192.0, rel=0.05)
-    for picture in ("overlay.png", "conflict.png"):
+    for picture in ("overlay.png", "contradictions.png"):
         assert cv2.imread(str(tmp_path / "deep" / "merged" / picture)) is not None
 
 

@@ -28,6 +28,7 @@ def drive(name, scans=2):
         name,
         trajectory,
         Keyframes.from_scans([scan(7 + index) for index in range(scans)], poses, [SE2(0.3, 0, 1)] * scans),
+        np.array([(0, scans - 1)] if scans else [], dtype=np.int64).reshape(-1, 2),
     )
 
 
@@ -56,6 +57,13 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
         for part in ("trajectory", "keyframes"):
             for name, values in vars(getattr(wanted, part)).items():
                 np.testing.assert_array_equal(getattr(getattr(found, part), name), values, err_msg=name)
+        np.testing.assert_array_equal(found.closures, wanted.closures)
+
+
+def test_a_file_without_closures_is_read_all_the_same(tbm_map, tmp_path):
+    arrays = arrays_of(tbm_map, tmp_path / "map.npz")
+    np.savez(tmp_path / "older.npz", **{name: values for name, values in arrays.items() if "closures" not in name})
+    assert [one.closures.shape for one in read_map_file(tmp_path / "older.npz").drives] == [(0, 2), (0, 2)]
 
 
 def test_a_map_without_drives_is_one_too(tbm_map, tmp_path):

@@ -32,6 +32,19 @@ def test_the_default_preset_follows_poor_odometry(drive_in):
     assert tbm_map.grid.masses[..., 0].max() > 0.0
 
 
+def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(drive_in):
+    slam = Slam()
+    for reading in drive_in("apartment", 60.0).readings:
+        slam.process(reading)
+    drive = slam.finish().drives[0]
+    assert len(drive.closures) >= 2
+    earlier, later = drive.keyframes.stamps[drive.closures].T
+    assert (later - earlier > 5.0).all()
+    poses = drive.keyframes.poses[drive.closures]
+    assert np.hypot(*(poses[:, 0] - poses[:, 1])[:, :2].T).max() < 6.0
+    assert 0.0 < slam.correction_m < 0.5
+
+
 def test_it_needs_no_odometry(drive_in):
     robot = drive_in("apartment", 30.0)
     assert ate(robot, mapped([replace(r, T_odom_robot=None) for r in robot.readings])) < 0.1

@@ -26,6 +26,14 @@ def test_moving_a_map_moves_its_drives_and_takes_the_grid_given():
     assert moved.drives[0].keyframes.pose(0) == pytest.approx(T_new_old @ pose)
 
 
+def test_closures_are_between_keyframes_of_the_drive():
+    nowhere = Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])
+    with pytest.raises(ValueError, match=r"closures must be between the 0 keyframes"):
+        Drive("robot_0", *nowhere, np.array([(0, 1)]))
+    with pytest.raises(ValueError, match=r"closures must have shape \(C, 2\), got \(3, 1\)"):
+        Drive("robot_0", *nowhere, np.zeros((3, 1), dtype=np.int64))
+
+
 def test_a_map_may_be_nothing_but_a_grid():
     alone = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 2)))
     assert alone.drives == ()

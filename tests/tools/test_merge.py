@@ -61,9 +61,16 @@ def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsy
     assert report["pairs"][0]["accepted"] is True
     x, y, theta = SE2(2.0, 3.0, math.radians(70.0)).inverse()
     assert report["maps"]["there"]["T_merged_map"] == pytest.approx([x, y, theta], abs=0.05)
-    assert {"report.json", "report.html", "overlay.png", "conflict.png", "map.npz", "map.yaml", "map.pgm"} <= {
-        path.name for path in (tmp_path / "merged").iterdir()
-    }
+    assert {
+        "report.json",
+        "report.html",
+        "overlay.png",
+        "contradictions.png",
+        "conflict.png",
+        "map.npz",
+        "map.yaml",
+        "map.pgm",
+    } <= {path.name for path in (tmp_path / "merged").iterdir()}
     assert "there in here: accepted: " in capsys.readouterr().out
 
 
