@@ -43,7 +43,7 @@ _AREAS_TOLD = {
 
 
 def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
-    """Write `report.json`, `report.html` and, where maps were merged, `overlay.png` and `contradictions.png`; older ones go.
+    """Write report.json, report.html and, of merged maps, overlay.png and contradictions.png; older ones go.
 
     Raises
     ------
