@@ -3,7 +3,7 @@
 `slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
-is worth.
+is worth. `merge` prints what a merge costs by area, beside the paper's own program.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align")
+    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align|merge")
     slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds")
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
@@ -57,7 +57,15 @@ def parser() -> argparse.ArgumentParser:
     align.add_argument("--method", choices=("correlation", "features"), default="correlation", help="(correlation)")
     align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
     align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
-    for command in (slam, scaling, align):
+    merge = commands.add_parser("merge", help="cost of a merge against the area of the maps, and of many robots")
+    merge.add_argument(
+        "--areas", default="4900,8100,12100,25600", metavar="M2,...", help="canvases (4900,8100,12100,25600)"
+    )
+    merge.add_argument("--resolution", type=float, default=0.05, metavar="M", help="cells of the alignment (0.05)")
+    merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
+    merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
+    merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
+    for command in (slam, scaling, align, merge):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -97,6 +105,11 @@ def _check(args: argparse.Namespace) -> None:
 
     if args.command == "align":
         return
+    if args.command == "merge":
+        args.areas = [float(area) for area in args.areas.split(",")]
+        if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
+            raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
+        return
     args.preset = args.preset.split(",")
     for name in args.preset:
         if name not in PRESETS:
@@ -124,6 +137,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.pair_benchmark import benchmark_pairs
 
         benchmark_pairs(args)
+    elif args.command == "merge":
+        from tools.merge_benchmark import benchmark_merge
+
+        benchmark_merge(args)
     else:
         from tools.scaling_benchmark import benchmark_scaling
 

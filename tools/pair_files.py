@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from datasets.synthetic.map_pairs import MapPair
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.occupancy import masses_from_probability
@@ -42,6 +43,12 @@ class KnownPair:
     source: TbmMap
     T_target_source: SE2 | None
     overlap: float
+
+    @classmethod
+    def of(cls, pair: MapPair) -> "KnownPair":
+        """Return a pair that was cut from a building."""
+        maps = [TbmMap(grid_of(occupancy, pair.resolution)) for occupancy in (pair.occ_a, pair.occ_b)]
+        return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
     @property
     def building(self) -> str:
@@ -86,7 +93,7 @@ def load_pair(path: Path) -> KnownPair:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             resolution, label = float(arrays["resolution"]), int(arrays["label"])
-            maps = [TbmMap(_grid(arrays[key], resolution)) for key in ("occ_a", "occ_b")]
+            maps = [TbmMap(grid_of(arrays[key], resolution)) for key in ("occ_a", "occ_b")]
             motion = np.asarray(arrays["T_ab"], dtype=np.float64)
             overlap = float(arrays["overlap"])
     except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
@@ -94,7 +101,8 @@ def load_pair(path: Path) -> KnownPair:
     return KnownPair(path.stem, maps[0], maps[1], SE2.from_matrix(motion) if label else None, overlap)
 
 
-def _grid(occupancy: npt.NDArray[np.int8], resolution: float) -> TbmGrid:
+def grid_of(occupancy: npt.NDArray[np.int8], resolution: float) -> TbmGrid:
+    """Return a grid of an occupancy (rows, cols) in percent, -1 unknown, its corner at the origin."""
     known = occupancy >= 0
     masses = masses_from_probability(np.where(known, occupancy, 50) / 100.0, known)
     return TbmGrid(GridGeometry(resolution, 0.0, 0.0, *occupancy.shape), masses)

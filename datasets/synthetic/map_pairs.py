@@ -14,7 +14,9 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
+from datasets.synthetic.corridor_lattice import CorridorLattice
 from datasets.synthetic.map_distortion import Distortion
+from datasets.synthetic.world import World
 from tbmslam.atomic_file import replacing
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.se2 import SE2
@@ -97,12 +99,25 @@ class MapPair:
 
 def building_of_world(kind: str, seed: int, resolution: float = 0.05) -> Building:
     """Return the floor of a made-up building; see `datasets.synthetic.buildings.make_world`."""
-    world = make_world(kind, seed)
+    return _building(f"{kind}{seed}", make_world(kind, seed), resolution)
+
+
+def building_of_area(area_m2: float, seed: int, resolution: float = 0.05) -> Building:
+    """Return a square floor of any size: corridors between blocks with niches; see `CorridorLattice`."""
+    side = area_m2**0.5
+    walls = CorridorLattice(seed).walls_near((0.0, 0.0), (side, side))
+    world = World("corridor lattice", seed, walls, np.array([[side / 2.0, 20.0 * (side // 40.0)]]))
+    whole = _building(f"lattice{seed}", world, resolution)
+    count = round(side / resolution)
+    return Building(whole.name, whole.occupancy[:count, :count], resolution)
+
+
+def _building(name: str, world: World, resolution: float) -> Building:
     labels = world.occupancy(world.grid(resolution))
     occupancy = np.full(labels.shape, -1, dtype=np.int8)
     occupancy[labels == FREE] = 0
     occupancy[(labels == OCCUPIED) & (ndimage.maximum_filter(labels == FREE, 3))] = 100
-    return Building(f"{kind}{seed}", occupancy, resolution)
+    return Building(name, occupancy, resolution)
 
 
 def turned_twice(building: Building) -> Building:

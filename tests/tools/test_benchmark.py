@@ -121,6 +121,7 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["slam", "--world", "office:1:good", "--seeds", "0"], "--seeds must be at least 1, got 0"),
         (["slam", "--world", "office"], "--world must look like office:1:good, got 'office'"),
         (["slam", "--world", "castle:1:good"], "invalid choice: 'castle'"),
+        (["merge", "--areas", "0"], "--areas, --resolution, --repeat and --workers must be positive"),
         (["scaling", "--lengths", "0"], "--lengths and --beams must be positive"),
     ],
 )

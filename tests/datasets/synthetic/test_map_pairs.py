@@ -3,6 +3,7 @@ import pytest
 
 from datasets.synthetic.map_pairs import (
     Building,
+    building_of_area,
     building_of_world,
     cut_pairs,
     disjoint_pair,
@@ -60,3 +61,11 @@ def test_buildings_of_other_resolutions_make_no_pair(small):
     coarse = Building("coarse", small.occupancy, 0.1)
     with pytest.raises(ValueError, match=r"buildings must have one resolution, got 0\.05 and 0\.1"):
         foreign_pair(small, coarse, 1)
+
+
+def test_a_floor_has_the_size_that_was_asked_for():
+    floor = building_of_area(1600.0, seed=0, resolution=0.1)
+    assert floor.occupancy.shape == (400, 400)
+    assert {-1, 0, 100} == set(np.unique(floor.occupancy))
+    free = (floor.occupancy == 0).mean()
+    assert 0.15 < free < 0.6  # corridors and niches between blocks of rock

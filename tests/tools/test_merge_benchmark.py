@@ -1,0 +1,31 @@
+import json
+
+import pytest
+
+from tools.benchmark import main
+from tools.merge_benchmark import MergeRun, run_crew
+
+
+@pytest.mark.slow
+def test_a_merge_is_timed_by_area(tmp_path, capsys):
+    figures = tmp_path / "figures.json"
+    assert main(["merge", "--areas", "900", "--repeat", "1", "--json", str(figures)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("| area m2 | cells")
+    run = json.loads(figures.read_text())["runs"][0]
+    assert 200 < run["area_m2"] < 1600
+    assert run["cells"] == pytest.approx(run["area_m2"] * 100, rel=1e-6)
+    assert run["is_right"]
+    assert min(run["features_ms"], run["fusion_ms"], run["align_cpu_s"]) > 0
+
+
+def test_the_sum_is_that_of_the_papers_chain():
+    assert MergeRun(1.0, 100, 1.0, 2.0, 3.0, 4.0, 99.0, True, 99.0).sum_ms == 10.0
+
+
+@pytest.mark.slow
+def test_robots_of_one_building_are_merged():
+    crew = run_crew(3, 1)
+    assert (crew.robots, crew.workers) == (3, 1)
+    assert 0 <= crew.merged <= 3
+    assert crew.wall_s > 0

@@ -1,0 +1,186 @@
+"""What a merge costs by the area of the maps, beside the paper's own program, and what many robots cost."""
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from datasets.synthetic.map_distortion import Distortion
+from datasets.synthetic.map_pairs import building_of_area, building_of_world, cut_pairs, room_of
+from merging import align, merge
+from merging.config import MergeConfig
+from merging.consensus import find_consensus
+from merging.features import describe, match
+from merging.fusion import fuse
+from merging.warping import warp
+from tbmslam.atomic_file import write_text
+from tbmslam.grid import GridGeometry
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tools.machine import describe_machine
+from tools.measured_process import in_fresh_process, peak_memory_mb
+from tools.pair_files import KnownPair, grid_of
+from tools.text_table import number, text_table
+
+HEAD = (
+    *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "paper's program ms"),
+    *("times faster", "align s", "right", "peak MB"),
+)
+
+NOTES = """\
+Two maps of a building, half of each seen by both. Left of the peak: the paper's chain at 0.1 m (keypoints and
+descriptors of both maps, matching, consensus, transform and disjunctive fusion), wall time, the quickest of {repeat};
+its program's time is what the authors' C++ takes on this kind of machine for that area. align: the default global
+alignment at {resolution} m, CPU time of one run, loading and compiling left out; peak: memory of its whole process."""
+
+# The authors' program, unmodified, on a machine like the figures': area [m2] of the merged canvas and best time [ms].
+_PROGRAM_M2 = (4900.0, 7225.0, 8100.0, 10000.0, 12100.0, 15625.0, 19600.0, 25600.0, 41000.0)
+_PROGRAM_MS = (212.0, 322.0, 368.0, 472.0, 563.0, 766.0, 970.0, 1322.0, 3837.0)
+
+_R = TypeVar("_R")
+
+_PAPER_RESOLUTION = 0.1
+_WARM_UP_M2 = 300.0
+_CANVAS_SHARE = 0.6
+"""Of the canvas that two maps turned against each other need, what the floor itself takes."""
+_OVERLAP = 0.5
+
+
+@dataclass(frozen=True)
+class MergeRun:
+    """Figures of one pair.
+
+    Parameters
+    ----------
+    area_m2, cells
+        Of the canvas of the two maps at 0.1 m.
+    features_ms, matching_ms, transform_ms, fusion_ms
+        Wall time of each step of the paper's chain.
+    align_cpu_s, is_right
+        CPU time of the default alignment, and whether it was accepted and right to 0.5 m and 2 degrees.
+    peak_memory_mb
+        Most memory that the process held.
+    """
+
+    area_m2: float
+    cells: int
+    features_ms: float
+    matching_ms: float
+    transform_ms: float
+    fusion_ms: float
+    align_cpu_s: float
+    is_right: bool
+    peak_memory_mb: float
+
+    @property
+    def sum_ms(self) -> float:
+        """Of the paper's whole chain."""
+        return self.features_ms + self.matching_ms + self.transform_ms + self.fusion_ms
+
+
+@dataclass(frozen=True)
+class CrewRun:
+    """Figures of one merge of many maps: how many, processes, how many went in, wall time, memory of the parent."""
+
+    robots: int
+    workers: int
+    merged: int
+    wall_s: float
+    peak_memory_mb: float
+
+
+def benchmark_merge(args: argparse.Namespace) -> None:
+    """Run what the arguments ask for and print the table."""
+    machine, runs = describe_machine(), []
+    for area in args.areas:
+        sys.stderr.write(f"benchmark: {area:g} m2\n")
+        runs.append(in_fresh_process(run_merge, area, args.resolution, args.repeat))
+    print(text_table(HEAD, [_row(run) for run in runs]))
+    print(NOTES.format(repeat=args.repeat, resolution=args.resolution))
+    crew = in_fresh_process(run_crew, args.robots, args.workers) if args.robots else None
+    if crew is not None:
+        print(
+            f"{crew.robots} robots of one building, {crew.workers} workers: {crew.merged} merged in "
+            f"{crew.wall_s:.1f} s of wall time; peak of the parent {crew.peak_memory_mb:.0f} MB"
+        )
+    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    if args.json:
+        figures = {"runs": [dataclasses.asdict(run) for run in runs], "crew": crew and dataclasses.asdict(crew)}
+        write_text(args.json, json.dumps({"machine": machine, **figures}, indent=2) + "\n")
+
+
+def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
+    """Make a pair whose canvas is about as large as asked [m2], and measure merging it."""
+    floor = _CANVAS_SHARE * area
+    for size in (_WARM_UP_M2, floor):  # first what is compiled or loaded once
+        steps, canvas = _time_chain(_pair(size, _PAPER_RESOLUTION), repeat)
+        is_right, align_cpu_s = _align(_pair(size, resolution))
+    cells = canvas.rows * canvas.cols
+    return MergeRun(cells * canvas.resolution**2, cells, *steps, align_cpu_s, is_right, peak_memory_mb())
+
+
+def run_crew(robots: int, workers: int) -> CrewRun:
+    """Merge the maps of robots that each saw a part of one building, about a third."""
+    building = building_of_world("office", 1)
+    inside = float((building.occupancy == 0).sum()) * building.resolution**2
+    maps = {}
+    for robot in range(robots):
+        part = room_of(building, inside / 3.0, robot)
+        rng = np.random.default_rng([robot, 5])
+        occupancy, _ = Distortion.draw(rng).spoil(part.occupancy, part.resolution, rng)
+        maps[f"robot_{robot}"] = TbmMap(grid_of(occupancy, part.resolution))
+    begin = time.perf_counter()
+    merged = merge(maps, workers=workers)
+    return CrewRun(robots, workers, len(merged.poses), time.perf_counter() - begin, peak_memory_mb())
+
+
+def _pair(area: float, resolution: float) -> KnownPair:
+    return KnownPair.of(next(cut_pairs(building_of_area(area, 1, resolution), 1, [_OVERLAP])))
+
+
+def _time_chain(pair: KnownPair, repeat: int) -> tuple[list[float], GridGeometry]:
+    """Return the time of each step of the paper's chain [ms], and the canvas of the fused map."""
+    config, target, source = MergeConfig(), pair.target.grid, pair.source.grid
+    T_target_source = pair.T_target_source or SE2.identity()
+    features, ms_features = _quickest(lambda: [describe(grid, config.features) for grid in (target, source)], repeat)
+    matches, ms_matching = _quickest(lambda: match(features[0], features[1], config.features), repeat)
+    _, ms_transform = _quickest(lambda: find_consensus(matches, config.consensus), repeat)
+    fusion, ms_fusion = _quickest(lambda: fuse([target, warp(source, T_target_source, target.geometry)]), repeat)
+    return [ms_features, ms_matching, ms_transform, ms_fusion], fusion.grid.geometry
+
+
+def _align(pair: KnownPair) -> tuple[bool, float]:
+    """Return whether the default method accepted the true alignment, and its CPU time [s]."""
+    begin = time.process_time()
+    found = align(pair.target, pair.source)
+    return found.accepted and pair.is_right(found.T_target_source), time.process_time() - begin
+
+
+def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float]:
+    """Return what a call returns and the least wall time that it took [ms]."""
+    best = float("inf")
+    for _ in range(repeat):
+        begin = time.perf_counter()
+        result = call()
+        best = min(best, time.perf_counter() - begin)
+    return result, 1e3 * best
+
+
+def _row(run: MergeRun) -> list[str]:
+    theirs = float(np.interp(run.area_m2, _PROGRAM_M2, _PROGRAM_MS))
+    steps = (run.features_ms, run.matching_ms, run.transform_ms, run.fusion_ms, run.sum_ms, theirs)
+    return [
+        number(run.area_m2, 0),
+        str(run.cells),
+        *(number(step, 1) for step in steps),
+        number(theirs / run.sum_ms, 1),
+        number(run.align_cpu_s, 2),
+        "yes" if run.is_right else "no",
+        number(run.peak_memory_mb, 0),
+    ]
