@@ -144,7 +144,7 @@ def _pair(area: float, resolution: float) -> KnownPair:
     return KnownPair.of(next(cut_pairs(building_of_area(area, 1, resolution), 1, [_OVERLAP])))
 
 
-def _time_chain(pair: KnownPair, repeat: int) -> tuple[list[float], GridGeometry]:
+def _time_chain(pair: KnownPair, repeat: int) -> tuple[tuple[float, float, float, float], GridGeometry]:
     """Return the time of each step of the paper's chain [ms], and the canvas of the fused map."""
     config, target, source = MergeConfig(), pair.target.grid, pair.source.grid
     T_target_source = pair.T_target_source or SE2.identity()
@@ -152,7 +152,7 @@ def _time_chain(pair: KnownPair, repeat: int) -> tuple[list[float], GridGeometry
     matches, ms_matching = _quickest(lambda: match(features[0], features[1], config.features), repeat)
     _, ms_transform = _quickest(lambda: find_consensus(matches, config.consensus), repeat)
     fusion, ms_fusion = _quickest(lambda: fuse([target, warp(source, T_target_source, target.geometry)]), repeat)
-    return [ms_features, ms_matching, ms_transform, ms_fusion], fusion.grid.geometry
+    return (ms_features, ms_matching, ms_transform, ms_fusion), fusion.grid.geometry
 
 
 def _align(pair: KnownPair) -> tuple[bool, float]:
