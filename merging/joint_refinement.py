@@ -17,12 +17,10 @@ from merging.config import JointConfig
 from merging.consensus import fit_rigid
 from tbmslam.config import MapConfig
 from tbmslam.drive_correction import spread_corrections
-from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Hits
-from tbmslam.mapping import ScanInserter
 from tbmslam.pose_graph import MotionEdge, optimise, relative_pose
+from tbmslam.rendering import render
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -238,7 +236,8 @@ def _corrected(
         if track.map_name == name:
             own = poses[int(start) : int(start) + len(track.sensors)]
             drives.append(_driven(track, own, track.drive.trajectory.transformed(T_merged_map)))
-    grid = _rendered([drive.keyframes for drive in drives], one.grid.geometry.resolution, _map_config(one))
+    how = _map_config(one).model_copy(update={"resolution": one.grid.geometry.resolution})
+    grid = render([drive.keyframes for drive in drives], how)
     return TbmMap(grid, tuple(drives), one.provenance)
 
 
@@ -263,12 +262,3 @@ def _driven(track: _Track, sensors: FloatArray, trajectory: Trajectory) -> Drive
         way = spread_corrections(way, unique.astype(np.int64), robots[first])
     moved = Keyframes(k.stamps, robots, k.sensor_poses, k.beams, k.offsets, k.ranges)
     return replace(track.drive, trajectory=Trajectory(trajectory.stamps, way), keyframes=moved)
-
-
-def _rendered(drives: list[Keyframes], resolution: float, how: MapConfig) -> TbmGrid:
-    grid = EvidenceGrid(resolution, how.max_cells)
-    inserter = ScanInserter(how.sensor_model, how.insertion)
-    for keyframes in drives:
-        for index in range(len(keyframes)):
-            inserter.insert(keyframes.scan(index), keyframes.sensor_pose(index), grid)
-    return grid.to_tbm_grid(how.keep_conflict).cropped_to_known()

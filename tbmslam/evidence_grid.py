@@ -26,6 +26,21 @@ class GridTooLargeError(TbmSlamError):
     """The map would need more memory than it is allowed."""
 
 
+def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
+    """Refuse a grid of more than `max_cells` cells.
+
+    Raises
+    ------
+    GridTooLargeError
+        When it is one.
+    """
+    if rows * cols > max_cells:
+        raise GridTooLargeError(
+            f"the map would grow to {rows} x {cols} cells of {resolution} m, more than the limit of "
+            f"{max_cells} cells: raise grid.max_cells, use a coarser grid.resolution or a shorter max range"
+        )
+
+
 class EvidenceGrid:
     """A growing grid on the lattice of cells whose corners are multiples of the resolution.
 
@@ -86,11 +101,7 @@ class EvidenceGrid:
         new_rows, new_cols = row_stop - row_start, col_stop - col_start
         if (new_rows, new_cols) == (rows, cols):
             return
-        if new_rows * new_cols > self.max_cells:
-            raise GridTooLargeError(
-                f"the map would grow to {new_rows} x {new_cols} cells of {self.resolution} m, more than the limit of "
-                f"{self.max_cells} cells: raise grid.max_cells, use a coarser grid.resolution or a shorter max range"
-            )
+        check_size(new_rows, new_cols, self.resolution, self.max_cells)
         grown = np.ones((new_rows, new_cols, 2))
         if rows and cols:
             top, left = self.first_row - row_start, self.first_col - col_start

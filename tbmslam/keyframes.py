@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2, FloatArray, wrap_angles
+from tbmslam.se2 import SE2, FloatArray, compose, wrap_angles
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,10 @@ class Keyframes:
     def sensor_pose(self, index: int) -> SE2:
         """Return the laser's pose in the map at one keyframe."""
         return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
+
+    def all_sensor_poses(self) -> FloatArray:
+        """Return the laser's poses (K, 3) in the map."""
+        return compose(self.poses, self.sensor_poses)
 
     def transformed(self, T_new_old: SE2) -> "Keyframes":
         """Return the same keyframes in another frame."""

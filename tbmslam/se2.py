@@ -101,6 +101,21 @@ def wrap_angles(angles: npt.ArrayLike) -> FloatArray:
     return np.asarray((np.asarray(angles, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+def compose(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return `first @ second` for motions (..., 3) in arrays."""
+    cosine, sine = np.cos(first[..., 2]), np.sin(first[..., 2])
+    x, y = second[..., 0], second[..., 1]
+    heading = wrap_angles(first[..., 2] + second[..., 2])
+    return np.stack((first[..., 0] + cosine * x - sine * y, first[..., 1] + sine * x + cosine * y, heading), axis=-1)
+
+
+def inverse(motions: FloatArray) -> FloatArray:
+    """Return the motions that undo motions (..., 3)."""
+    cosine, sine = np.cos(motions[..., 2]), np.sin(motions[..., 2])
+    x, y = motions[..., 0], motions[..., 1]
+    return np.stack((-cosine * x - sine * y, sine * x - cosine * y, wrap_angles(-motions[..., 2])), axis=-1)
+
+
 def _sine_ratios(omega: float) -> tuple[float, float]:
     """Return sin(w)/w and (1 - cos(w))/w, by their series where the quotients lose digits."""
     if abs(omega) < 1e-4:

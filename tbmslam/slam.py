@@ -8,12 +8,14 @@ import numpy as np
 from tbmslam.config import SlamConfig
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.grid import TbmGrid
 from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Reading
 from tbmslam.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.motion import MotionModel
+from tbmslam.rendering import render
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.surfel_tracker import SurfelTracker
 from tbmslam.tbm_map import Drive, TbmMap
@@ -89,8 +91,7 @@ class Slam:
             [trajectory.pose(k.index) for k in self._keyframes],
             [k.T_robot_sensor for k in self._keyframes],
         )
-        evidence = self._tracker.grid or self._rendered(keyframes)
-        grid = evidence.to_tbm_grid(self.config.map.keep_conflict).cropped_to_known()
+        grid = self._rendered(keyframes)
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
         return TbmMap(grid, (Drive(self.name, trajectory, keyframes, self._closures),), dict(provenance or {}))
 
@@ -105,12 +106,11 @@ class Slam:
         moved = [SE2.from_array(pose) @ k.T_robot_sensor.inverse() for pose, k in zip(closed, kept, strict=True)]
         return spread_corrections(poses, np.array([k.index for k in kept]), np.array(moved))
 
-    def _rendered(self, keyframes: Keyframes) -> EvidenceGrid:
-        """Draw the grid from the keyframes at their final poses."""
-        grid = self._empty_grid()
-        for index in range(len(keyframes)):
-            self._inserter.insert(keyframes.scan(index), keyframes.sensor_pose(index), grid)
-        return grid
+    def _rendered(self, keyframes: Keyframes) -> TbmGrid:
+        """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""
+        if self._tracker.grid is not None:
+            return self._tracker.grid.to_tbm_grid(self.config.map.keep_conflict).cropped_to_known()
+        return render([keyframes], self.config.map)
 
     def _empty_grid(self) -> EvidenceGrid:
         return EvidenceGrid(self.config.map.resolution, self.config.map.max_cells)

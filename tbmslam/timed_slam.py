@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from tbmslam.config import SlamConfig
-from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
@@ -58,7 +58,7 @@ class TimedSlam(Slam):
     def _close_loops(self, poses: FloatArray) -> FloatArray:
         return self.clock.timed("closing", super()._close_loops, poses)
 
-    def _rendered(self, keyframes: Keyframes) -> EvidenceGrid:
+    def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         return self.clock.timed("rendering", super()._rendered, keyframes)
 
 

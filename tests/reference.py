@@ -1,5 +1,6 @@
 """Slow, plain twins of the kernels, written for reading."""
 
+import functools
 import math
 
 import numpy as np
@@ -41,6 +42,28 @@ def insert_scan(cells, resolution, start, ends, is_hit, model, quality):
     ):
         for cell in chosen:
             cells[cell] = conjunctive(cells.get(cell, VACUOUS), observation(probability, mass * quality))
+
+
+def cells_of_scan(start, ends, is_hit, resolution):
+    """Return the cells that a scan hits, and those that it passes without hitting them."""
+    paths = [walk(start, end, resolution) for end in ends]
+    hits = {path[-1] for path, hit in zip(paths, is_hit, strict=True) if hit}
+    return hits, {cell for path in paths for cell in path} - hits
+
+
+def repeated(model, hits, passed, keeps_conflict):
+    """Masses of a cell that was hit and passed some number of times."""
+    observations = [observation(model.hit_probability, model.hit_quality)] * hits
+    observations += [observation(model.miss_probability, model.miss_quality)] * passed
+    if not keeps_conflict:
+        return functools.reduce(dempster, observations, VACUOUS)
+    # What all of them have for free, and what they have for occupied, as two sources.
+    ignorance = {
+        side: math.prod(o[UNKNOWN] / (o[side] + o[UNKNOWN]) for o in observations) for side in (FREE, OCCUPIED)
+    }
+    for_free = np.array([0.0, 1 - ignorance[FREE], 0.0, ignorance[FREE]])
+    for_occupied = np.array([0.0, 0.0, 1 - ignorance[OCCUPIED], ignorance[OCCUPIED]])
+    return conjunctive(for_free, for_occupied)
 
 
 def squared_distance(a, b):

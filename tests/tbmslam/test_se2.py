@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.se2 import SE2, wrap_angle, wrap_angles
+from tbmslam.se2 import SE2, compose, inverse, wrap_angle, wrap_angles
 
 QUARTER = math.pi / 2
 
@@ -50,3 +50,12 @@ def test_a_pose_has_three_numbers(values):
 def test_angles_wrap_to_minus_pi_included_and_pi_not(angle, wrapped):
     assert wrap_angle(angle) == pytest.approx(wrapped)
     np.testing.assert_allclose(wrap_angles([[angle]]), [[wrapped]])
+
+
+def test_arrays_of_motions_are_composed_one_by_one():
+    generator = np.random.default_rng(0)
+    first, second = generator.normal(0.0, 3.0, (2, 20, 3))
+    each = [SE2.from_array(a) @ SE2.from_array(b) for a, b in zip(first, second, strict=True)]
+    np.testing.assert_allclose(np.exp(1j * compose(first, second)[:, 2]), np.exp(1j * np.array(each)[:, 2]))
+    np.testing.assert_allclose(compose(first, second)[:, :2], np.array(each)[:, :2])
+    np.testing.assert_allclose(compose(first, inverse(first)), 0.0, atol=1e-12)

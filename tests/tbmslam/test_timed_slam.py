@@ -23,8 +23,7 @@ def test_it_maps_as_the_plain_one_does_and_every_part_is_timed(name, readings):
     expected, found = plain.finish(), timed.finish()
     np.testing.assert_array_equal(found.grid.masses, expected.grid.masses)
     np.testing.assert_array_equal(found.drives[0].trajectory.poses, expected.drives[0].trajectory.poses)
-    parts = {"matching", "inserting", "closing"} | ({"rendering"} if name == "default" else set())
-    assert {stage for stage in STAGES if timed.clock.seconds[stage] > 0.0} == parts
+    assert all(timed.clock.seconds[stage] > 0.0 for stage in STAGES)
 
 
 def test_a_call_that_fails_is_timed_too():

@@ -1,0 +1,193 @@
+"""How many scans met something in a cell, and how many looked through it.
+
+Where every scan has one word on a cell, the evidence on it depends on two counts alone. Counts (3, rows, cols) are the
+number of the last scan that spoke of a cell, the scans that hit it and the scans that passed it.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+from tbmslam.kernels.lattice import Lattice
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.int32]
+
+COVERED = 0.8
+"""Beams that are this share of a cell apart leave no cell between them out."""
+
+
+@kernel
+def beam_ends(
+    ranges: npt.NDArray[np.float32],
+    offsets: IntArray,
+    beams: FloatArray,
+    poses: FloatArray,
+    max_range: float,
+    clears: bool,
+) -> tuple[FloatArray, npt.NDArray[np.bool_], IntArray]:
+    """Return where the beams of many scans end [m], which of them hit something, and where each scan begins.
+
+    Parameters
+    ----------
+    ranges, offsets, beams
+        As in `tbmslam.keyframes.Keyframes`.
+    poses
+        Poses (K, 3) of the laser.
+    max_range
+        A hit beyond it only clears the way up to it [m].
+    clears
+        Whether a beam that met nothing clears the way up to its limit; else it says nothing.
+    """
+    ends = np.empty((len(ranges), 2))
+    is_hit = np.zeros(len(ranges), dtype=np.bool_)
+    starts = np.zeros(len(offsets), dtype=np.int64)
+    count = 0
+    for k in range(len(poses)):
+        limit = min(max_range, beams[k, 3])
+        for i in range(offsets[k], offsets[k + 1]):
+            length = float(ranges[i])
+            if math.isnan(length) or (length == math.inf and not clears):
+                continue
+            is_hit[count] = length <= max_range and length != math.inf
+            if not is_hit[count]:
+                length = min(length, limit)
+            angle = poses[k, 2] + beams[k, 0] + (i - offsets[k]) * beams[k, 1]
+            ends[count, 0] = poses[k, 0] + length * math.cos(angle)
+            ends[count, 1] = poses[k, 1] + length * math.sin(angle)
+            count += 1
+        starts[k + 1] = count
+    return ends[:count].copy(), is_hit[:count].copy(), starts
+
+
+@kernel
+def count_scans(
+    counts: Counts,
+    lattice: Lattice,
+    lasers: FloatArray,
+    ends: FloatArray,
+    is_hit: npt.NDArray[np.bool_],
+    offsets: IntArray,
+) -> None:
+    """Count scans into the cells they touch: each once a cell, as a hit if any of its beams ended there on something.
+
+    Parameters
+    ----------
+    counts
+        (3, rows, cols); must contain all beams with a cell to spare, and know no scan from 1 to K.
+    lasers
+        Where the lasers were, (K, >= 2) [m].
+    ends
+        The beams' end points (N, 2) [m], in the order of their angles.
+    is_hit
+        Which beams (N,) met something.
+    offsets
+        Where each scan begins in `ends`, and where the last one ends (K + 1,).
+    """
+    resolution, first_row, first_col = lattice
+    width = counts.shape[2]
+    spoken, hits, passed = counts[0].reshape(-1), counts[1].reshape(-1), counts[2].reshape(-1)
+    for k in range(len(lasers)):
+        stamp = np.int32(k + 1)
+        for i in range(offsets[k], offsets[k + 1]):
+            row = math.floor(ends[i, 1] / resolution) - first_row
+            cell = row * width + math.floor(ends[i, 0] / resolution) - first_col
+            if is_hit[i] and spoken[cell] != stamp:
+                spoken[cell] = stamp
+                hits[cell] += np.int32(1)
+        x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
+        for i in range(offsets[k], offsets[k + 1]):
+            dx, dy = ends[i, 0] / resolution - first_col - x, ends[i, 1] / resolution - first_row - y
+            share = _seen_by_neighbours(lasers[k], ends, offsets[k], offsets[k + 1], i, resolution)
+            if share < 1.0:
+                _count_beam(spoken, passed, width, stamp, (x + share * dx, y + share * dy), (x + dx, y + dy))
+
+
+@kernel
+def _seen_by_neighbours(
+    laser: FloatArray, ends: FloatArray, first: int, stop: int, beam: int, resolution: float
+) -> float:
+    """Return up to which share of its length a beam touches only cells that beams counted elsewhere touch, too.
+
+    Near the laser beams crowd. Of every two the odd one is left out until they have parted, and of the even ones again,
+    so a beam's neighbours in this sense are as far off as the largest power of two in its number.
+    """
+    number = beam - first
+    apart = number & -number
+    if number == 0 or beam + apart >= stop:
+        return 0.0
+    ax, ay = ends[beam - apart, 0] - laser[0], ends[beam - apart, 1] - laser[1]
+    bx, by = ends[beam + apart, 0] - laser[0], ends[beam + apart, 1] - laser[1]
+    a, b = math.hypot(ax, ay), math.hypot(bx, by)
+    length = math.hypot(ends[beam, 0] - laser[0], ends[beam, 1] - laser[1])
+    if ax * bx + ay * by <= 0.0 or length == 0.0:
+        return 0.0
+    parted = COVERED * resolution * a * b / max(abs(ax * by - ay * bx), 1e-12)
+    return float(min(parted, a, b) / length)
+
+
+@kernel
+def _count_beam(
+    spoken: Counts, passed: Counts, width: int, stamp: np.int32, start: tuple[float, float], end: tuple[float, float]
+) -> None:
+    """Count one beam's cells, given in cells of the array; a 4-connected line.
+
+    Goes along the longer axis and counts the cells where the beam enters and leaves each row or column. Without a
+    branch, since nobody can predict which it is.
+    """
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    col, row = math.floor(start[0]), math.floor(start[1])
+    end_col, end_row = math.floor(end[0]), math.floor(end[1])
+    if abs(dx) >= abs(dy):
+        steps, step, side = abs(end_col - col), 1 if dx > 0.0 else -1, width
+        slope = dy / abs(dx) if steps > 0 else 0.0
+        leaves = start[1] + (col + 1 - start[0] if dx > 0.0 else start[0] - col) * slope
+        along, across, last = col, row, end_row
+    else:
+        steps, step, side = abs(end_row - row), width if dy > 0.0 else -width, 1
+        slope = dx / abs(dy)
+        leaves = start[0] + (row + 1 - start[1] if dy > 0.0 else start[1] - row) * slope
+        along, across, last = row * width, col, end_col
+    for k in range(steps + 1):
+        before, across = across, int(leaves + k * slope) if k < steps else last
+        for cell in (along + before * side, along + across * side):
+            is_new = spoken[cell] != stamp
+            spoken[cell] = stamp
+            passed[cell] += np.int32(is_new)
+        along += step
+
+
+@kernel
+def count_masses(
+    counts: Counts, hit_decay: FloatArray, miss_decay: FloatArray, keeps_conflict: bool
+) -> npt.NDArray[np.float32]:
+    """Return the masses (rows, cols, 4) that counts stand for: conflict, free, occupied, unknown.
+
+    Parameters
+    ----------
+    counts
+        (3, rows, cols).
+    hit_decay, miss_decay
+        The n-th power (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and one passage,
+        for every number n that occurs; see `tbmslam.evidence_grid`.
+    keeps_conflict
+        Combine conjunctively (eq. 5) rather than by Dempster's rule.
+    """
+    rows, cols = counts.shape[1:]
+    masses = np.empty((rows, cols, 4), dtype=np.float32)
+    for row in range(rows):
+        for col in range(cols):
+            hits, passed = counts[1, row, col], counts[2, row, col]
+            not_free = hit_decay[hits, 0] * miss_decay[passed, 0]
+            not_occupied = hit_decay[hits, 1] * miss_decay[passed, 1]
+            unknown = not_free * not_occupied
+            free, occupied = (1.0 - not_free) * not_occupied, (1.0 - not_occupied) * not_free
+            conflict, total = (1.0 - not_free) * (1.0 - not_occupied), 1.0
+            if not keeps_conflict:
+                conflict, total = 0.0, unknown + free + occupied
+            masses[row, col, 0], masses[row, col, 1] = conflict / total, free / total
+            masses[row, col, 2], masses[row, col, 3] = occupied / total, unknown / total
+    return masses
