@@ -24,6 +24,9 @@ class MapAgreement:
         Cells known to both, to the map, to the truth.
     agree
         Share of the cells known to both that both call the same.
+    agree_nearby
+        The same, a cell beside it counting too: what the map says is true of a cell no farther than a neighbour, and
+        the other way round. Maps whose cells lie across one another put the same thin wall into other cells.
     agree_occupied, agree_free
         Share of the map's occupied (free) cells, of those known to both, that truly are; NaN where there are none.
     found_occupied, found_free
@@ -38,6 +41,7 @@ class MapAgreement:
     known_map: int
     known_truth: int
     agree: float
+    agree_nearby: float
     agree_occupied: float
     agree_free: float
     found_occupied: float
@@ -80,6 +84,7 @@ def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:
         known_map=int((labels != UNKNOWN).sum()),
         known_truth=int((truth != UNKNOWN).sum()),
         agree=_share(same, both),
+        agree_nearby=_share(_is_near(labels, truth) & _is_near(truth, labels), both),
         agree_occupied=_share(same, said[OCCUPIED]),
         agree_free=_share(same, said[FREE]),
         found_occupied=_share(same, true[OCCUPIED]),
@@ -91,6 +96,14 @@ def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:
 def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
     total = int(whole.sum())
     return int((part & whole).sum()) / total if total else float("nan")
+
+
+def _is_near(labels: Labels, others: Labels) -> npt.NDArray[np.bool_]:
+    """Tell of each cell (rows, cols) whether the others have its label there or in one of the eight cells around."""
+    near = np.zeros(labels.shape, dtype=np.bool_)
+    for label in (FREE, OCCUPIED):
+        near |= (labels == label) & ndimage.binary_dilation(others == label, np.ones((3, 3), dtype=np.bool_))
+    return near
 
 
 def _mean_distance(cells: npt.NDArray[np.bool_], targets: npt.NDArray[np.bool_]) -> float:

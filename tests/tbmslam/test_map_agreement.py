@@ -38,12 +38,22 @@ def test_shares_of_a_known_case():
     assert agreement.wall_distance == pytest.approx((0 + 1) / 2)
 
 
+def test_a_wall_in_the_next_cell_agrees_nearby_and_one_two_cells_off_does_not():
+    f, o = FREE, OCCUPIED
+    truth = np.array([[f, f, f, o, f, f, f, f]], dtype=np.uint8)
+    beside = map_agreement(np.roll(truth, 1, axis=1), truth)
+    assert (beside.agree, beside.agree_nearby) == pytest.approx((6 / 8, 1.0))
+    apart = map_agreement(np.roll(truth, 2, axis=1), truth)
+    assert (apart.agree, apart.agree_nearby) == pytest.approx((6 / 8, 6 / 8))
+
+
 @given(LABELS, LABELS)
 def test_roles_swap(labels, truth):
     there, back = map_agreement(labels, truth), map_agreement(truth, labels)
     assert (there.known_both, there.known_map) == (back.known_both, back.known_truth)
     np.testing.assert_equal(
-        (there.agree, there.agree_occupied, there.agree_free), (back.agree, back.found_occupied, back.found_free)
+        (there.agree, there.agree_nearby, there.agree_occupied, there.agree_free),
+        (back.agree, back.agree_nearby, back.found_occupied, back.found_free),
     )
 
 
@@ -52,7 +62,7 @@ def test_a_map_agrees_with_itself(labels):
     agreement = map_agreement(labels, labels)
     known = int((labels != UNKNOWN).sum())
     assert agreement.known_both == known
-    assert np.isnan(agreement.agree) if not known else agreement.agree == 1.0
+    assert np.isnan(agreement.agree) if not known else agreement.agree == agreement.agree_nearby == 1.0
 
 
 def test_shapes_must_agree():
