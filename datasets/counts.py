@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from tbmslam.incidents import Incidents
+
 
 @dataclass
 class ReadingCounts:
@@ -12,8 +14,8 @@ class ReadingCounts:
     scans_read, scans_used
         Scans in the recording, and those that became readings.
     dropped
-        Scans left out, by reason: before_odometry, no_odometry, odometry_gap, empty, duplicate,
-        unreadable, other_frame (another laser on the same topic).
+        Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame
+        (another laser on the same topic).
     beams
         Beams of all scans that were not duplicates, by fate: hit, no_return, too_close, zero, nan.
     backward_stamps
@@ -26,8 +28,14 @@ class ReadingCounts:
         Pauses between scans, their sum and the longest [s].
     extrapolated
         Scans at the end whose odometry was carried on a little beyond the last pose.
+    without_odometry
+        Used scans from where odometry was missing for too long to be interpolated.
     clock_disagreements
         Scans whose stamp and bag time differ by something else than at the beginning.
+    lost_scans, lost_seconds
+        What a damaged file no longer holds, estimated from what it still does.
+    incidents
+        What went wrong, and when.
     """
 
     scans_read: int = 0
@@ -41,7 +49,11 @@ class ReadingCounts:
     gap_seconds: float = 0.0
     longest_gap_s: float = 0.0
     extrapolated: int = 0
+    without_odometry: int = 0
     clock_disagreements: int = 0
+    lost_scans: int = 0
+    lost_seconds: float = 0.0
+    incidents: Incidents = field(default_factory=Incidents)
 
     def drop(self, reason: str) -> None:
         """Count a scan that is left out."""
@@ -52,8 +64,9 @@ class ReadingCounts:
         if number:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
-    def add_gap(self, seconds: float) -> None:
-        """Count a pause between two scans."""
+    def add_gap(self, stamp: float, seconds: float) -> None:
+        """Count a pause between two scans, the first of which has a stamp [s]."""
+        self.incidents.add(stamp, "no scans", seconds)
         self.gaps += 1
         self.gap_seconds += seconds
         self.longest_gap_s = max(self.longest_gap_s, seconds)
@@ -64,10 +77,11 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts, ready for JSON, in a fixed order."""
+        """Return all counts, ready for JSON, in a fixed order; not the incidents, which have times."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()
+            if name != "incidents"
         }
 
     def summary(self) -> str:
@@ -86,6 +100,7 @@ class ReadingCounts:
                 (self.same_stamps, "repeated stamps"),
                 (self.beam_count_changes, "changes of the beam count"),
                 (self.extrapolated, "scans after the last odometry"),
+                (self.without_odometry, "scans without odometry"),
                 (self.clock_disagreements, "scans with a clock of their own"),
             )
             if number
@@ -94,6 +109,8 @@ class ReadingCounts:
             oddities.append(
                 f"{self.gaps} gaps of {self.gap_seconds:.1f} s in all, the longest {self.longest_gap_s:.1f} s"
             )
+        if self.lost_scans:
+            oddities.append(f"about {self.lost_scans} scans, {self.lost_seconds:.1f} s, lost in a damaged file")
         if oddities:
             lines.append("odd: " + ", ".join(oddities))
         return "\n".join(lines)

@@ -60,6 +60,7 @@ class Pairing:
         self._patience_s = patience_s
         self._waiting: deque[_Waiting] = deque()
         self._last_stamp = float("-inf")
+        self._missing: int | None = None
 
     def add(self, scan: LaserScan, now: float) -> None:
         """Append the scan recorded at bag time `now` [s]."""
@@ -98,28 +99,35 @@ class Pairing:
         )
 
     def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
-        """Yield the reading of a scan, or count why there is none."""
+        """Yield the reading of a scan, without odometry where that is missing for long, or count why there is none."""
         poses = []
         carried_on = False
         for history in self._histories:
-            found = history.at(waiting.stamp, self._patience_s, EXTRAPOLATION_LIMIT_S)
-            if found is None:
-                self._counts.drop(_reason(history, waiting.stamp))
+            if history.first_stamp is None or waiting.stamp < history.first_stamp:
+                self._counts.drop("before_odometry")
                 return
-            poses.append(found.pose)
-            carried_on = carried_on or found.carried_on
+            found = history.at(waiting.stamp, self._patience_s, EXTRAPOLATION_LIMIT_S)
+            if found is not None:
+                poses.append(found.pose)
+                carried_on = carried_on or found.carried_on
         self._counts.extrapolated += carried_on
         self._counts.scans_used += 1
+        is_known = len(poses) == len(self._histories)
+        self._note_missing(waiting.scan.stamp, is_known)
         mounting, upside_down = self._motion.mounting(waiting.stamp)
         scan = turned_over(waiting.scan) if upside_down else waiting.scan
-        yield Reading(scan, self._motion.odometry(poses), mounting)
+        yield Reading(scan, self._motion.odometry(poses) if is_known else None, mounting)
 
-
-def _reason(history: PoseHistory, stamp: float) -> str:
-    """Return why there is no odometry for a stamp."""
-    if history.first_stamp is None or stamp < history.first_stamp:
-        return "before_odometry"
-    return "no_odometry" if history.bracket(stamp) is None else "odometry_gap"
+    def _note_missing(self, stamp: float, is_known: bool) -> None:
+        """Note when odometry ends and how long it is missing."""
+        if is_known:
+            self._missing = None
+            return
+        incidents = self._counts.incidents
+        self._counts.without_odometry += 1
+        if self._missing is None:
+            self._missing = incidents.add(stamp, "no odometry, scans alone tell the motion")
+        incidents.lengthen(self._missing, stamp)
 
 
 def turned_over(scan: LaserScan) -> LaserScan:

@@ -69,12 +69,33 @@ class _Pass:
             self._take(message)
             yield from self._pairing.ready(message.bag_time)
         yield from self._pairing.rest()
+        self._note_damage()
         if self._counts.clock_disagreements:
             logger.warning(
                 "%s: %d scans are stamped by a clock that jumps against the bag's",
                 plan.files.paths[0],
                 self._counts.clock_disagreements,
             )
+
+    def _note_damage(self) -> None:
+        """Note and tell what damaged files no longer hold."""
+        files, topic = self._plan.files, self._plan.topics.scan
+        for loss in files.losses(topic):
+            self._counts.lost_seconds += loss.seconds
+            self._counts.lost_scans += loss.messages
+            self._counts.incidents.add(loss.since, "scans are lost in the damaged file", loss.seconds)
+        missing = files.topics[topic].messages - self._counts.scans_read
+        if missing > 0 and not files.damages():
+            logger.warning(
+                "%s: %d of %d scans that it announces are not in it",
+                files.paths[0],
+                missing,
+                files.topics[topic].messages,
+            )
+        lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
+        said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "as far as can be told, no scan is lost"
+        for line in files.damages():
+            logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, said)
 
     def _take(self, message: Message) -> None:
         """Hand a message to where it belongs."""

@@ -13,6 +13,8 @@ from datasets.counts import ReadingCounts
 from tbmslam.laser_scan import LaserScan
 
 _REMEMBERED_STAMPS = 64
+_LARGEST_ANGLE = 4.0 * math.pi
+"""Of a first beam, or between the first and the last: beyond it a message is damaged [rad]."""
 
 
 class RawScan(NamedTuple):
@@ -62,6 +64,9 @@ class ScanIntake:
         if not (math.isfinite(raw.angle_min) and math.isfinite(step) and step != 0.0):
             self._counts.drop("unreadable")
             return None
+        if abs(raw.angle_min) > _LARGEST_ANGLE or abs(step) * (len(raw.ranges) - 1) > _LARGEST_ANGLE:
+            self._counts.drop("impossible_angles")
+            return None
         low, high = self._rules.limits(raw.range_min, raw.range_max)
         ranges = clean_ranges(raw.ranges, low, high, self._rules, self._counts)
         if np.isnan(ranges).all():  # true of no beams at all, too
@@ -85,8 +90,10 @@ class ScanIntake:
         """Count steps of the clock and changes of the scan's size."""
         if self._last_stamp is not None:
             step = raw.stamp - self._last_stamp
-            self._counts.backward_stamps += step < 0.0
+            if step < 0.0:
+                self._counts.backward_stamps += 1
+                self._counts.incidents.add(raw.stamp, f"the stamps of the scans step back by {-step:.3f} s")
             if step > self._gap_s:
-                self._counts.add_gap(step)
+                self._counts.add_gap(self._last_stamp, step)
         self._counts.beam_count_changes += self._last_beams not in (None, len(raw.ranges))
         self._last_stamp, self._last_beams = raw.stamp, len(raw.ranges)

@@ -56,8 +56,9 @@ def test_a_scan_without_odometry_does_not_hold_up_the_rest():
     bench = Bench(patience=1.0)
     bench.pose(1.0, 0.0)
     bench.scan(2.0)
-    bench.scan(3.5)
-    assert bench.counts.dropped == {"no_odometry": 1}
+    (reading,) = bench.scan(3.5)
+    assert (reading.scan.stamp, reading.T_odom_robot) == (2.0, None)
+    assert bench.counts.without_odometry == 1
 
 
 def test_a_scan_that_steps_back_waits_for_odometry_that_steps_back():
@@ -76,9 +77,25 @@ def test_what_waits_at_the_end():
     bench.pose(1.1, 0.1)
     bench.scan(1.2)
     bench.scan(1.4)
-    (reading,) = bench.pairing.rest()
-    assert reading.T_odom_robot == pytest.approx(SE2(0.2, 0.0, 0.0))
-    assert (bench.counts.extrapolated, bench.counts.dropped) == (1, {"no_odometry": 1})
+    first, second = bench.pairing.rest()
+    assert first.T_odom_robot == pytest.approx(SE2(0.2, 0.0, 0.0))
+    assert second.T_odom_robot is None
+    assert (bench.counts.extrapolated, bench.counts.without_odometry) == (1, 1)
+
+
+def test_missing_odometry_is_told_with_its_time():
+    bench = Bench(patience=1.0)
+    bench.pose(1.0, 0.0)
+    for k in range(40):
+        bench.scan(1.08 + 0.1 * k)
+    bench.pose(5.0, 0.0)
+    bench.pose(5.1, 0.0)
+    bench.scan(5.05)
+    bench.scan(0.5)
+    list(bench.pairing.rest())
+    (incident,) = bench.counts.incidents
+    assert incident.text(1.0) == "at 0.3 s: no odometry, scans alone tell the motion, for 3.5 s"
+    assert bench.counts.dropped == {"before_odometry": 1}
 
 
 def test_memory_is_bounded_while_waiting():

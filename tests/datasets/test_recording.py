@@ -28,8 +28,12 @@ def test_counts_as_text_and_as_json():
     counts.add_beams("hit", 90)
     counts.add_beams("no_return", 10)
     counts.add_beams("nan", 0)
-    counts.add_gap(3.0)
-    counts.add_gap(5.0)
+    counts.add_gap(100.0, 3.0)
+    counts.add_gap(110.0, 5.0)
+    assert [incident.text(90.0) for incident in counts.incidents] == [
+        "at 10.0 s: no scans, for 3.0 s",
+        "at 20.0 s: no scans, for 5.0 s",
+    ]
     assert counts.summary() == (
         "8 of 10 scans used, dropped: 1 duplicate, 1 empty; beams: 90.0 % hit, 10.0 % no_return\n"
         "odd: 2 backward stamps, 2 gaps of 8.0 s in all, the longest 5.0 s"

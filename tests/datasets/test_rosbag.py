@@ -292,17 +292,18 @@ def test_ranges_are_cleaned(script, tmp_path, no_return):
     assert recording.counts.beams == {"hit": 1, "nan": 1, "no_return": 4, "too_close": 3, "zero": 1}
 
 
-def test_scans_outside_the_odometry_are_dropped_and_counted(script, expected_pose, tmp_path):
+def test_scans_before_the_odometry_are_dropped_and_those_after_it_do_without(script, expected_pose, tmp_path):
     script.tf(90.0, "base_link", "laser", topic="/tf_static")
     script.drive(100.0, 105.0)
     for k in range(100):
         script.scan(99.0 + 0.1 * k, [1.0, 2.0 + 0.01 * k])
     readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
-    assert recording.counts.dropped["before_odometry"] == 10
-    assert recording.counts.dropped["no_odometry"] == 100 - 10 - len(readings)
+    assert recording.counts.dropped == {"before_odometry": 10}
     assert recording.counts.extrapolated == 2
-    assert readings[-1].scan.stamp == pytest.approx(105.1)
-    assert_close(readings[-1].T_odom_robot, expected_pose(105.1), 2e-2)
+    known = [reading for reading in readings if reading.T_odom_robot is not None]
+    assert recording.counts.without_odometry == 100 - 10 - len(known)
+    assert known[-1].scan.stamp == pytest.approx(105.1)
+    assert_close(known[-1].T_odom_robot, expected_pose(105.1), 2e-2)
 
 
 def test_odometry_is_not_interpolated_across_a_long_gap(script, tmp_path):
@@ -310,8 +311,9 @@ def test_odometry_is_not_interpolated_across_a_long_gap(script, tmp_path):
     for stamp in (103.0, 120.0, 152.0):
         script.scan(stamp)
     readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
-    assert [reading.scan.stamp for reading in readings] == pytest.approx([103.0, 152.0])
-    assert recording.counts.dropped == {"odometry_gap": 1}
+    assert [reading.scan.stamp for reading in readings] == pytest.approx([103.0, 120.0, 152.0])
+    assert [reading.T_odom_robot is None for reading in readings] == [False, True, False]
+    assert recording.counts.without_odometry == 1
     assert recording.counts.gaps == 2
 
 

@@ -55,27 +55,12 @@ def test_messages_that_cannot_be_decoded_are_counted(script, tmp_path):
     assert recording.counts.dropped["unreadable"] > 0
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("rosbag-v1.2.bag", r"rosbag-v1\.2\.bag: a bag of version 'ROSRECORD V1\.2', only V2\.0 can be read"),
-        ("truncated-intel.bag", r"truncated-intel\.bag: the bag is cut off or its index is damaged: .*rosbag reindex"),
-        ("wrong-index-length.bag", r"wrong-index-length\.bag: the index of the bag contradicts itself: .*reindex"),
-    ],
-)
-def test_each_broken_file_gets_one_line(shared_data, name, message):
-    with pytest.raises(DatasetError, match=message) as caught:
-        list(open_recording([shared_data / "broken" / name]))
+def test_a_bag_of_another_version_gets_one_line(shared_data):
+    with pytest.raises(
+        DatasetError, match=r"rosbag-v1\.2\.bag: a bag of version 'ROSRECORD V1\.2', only V2\.0"
+    ) as caught:
+        list(open_recording([shared_data / "broken" / "rosbag-v1.2.bag"]))
     assert "\n" not in str(caught.value)
-
-
-def test_an_unindexed_bag(script, tmp_path):
-    bag = short_drive(script).write(tmp_path / "run.bag")
-    content = bag.read_bytes()
-    place = content.index(b"index_pos=") + len("index_pos=")
-    bag.write_bytes(content[:place] + bytes(8) + content[place + 8 :])
-    with pytest.raises(DatasetError, match=r"the bag has no index, its recorder was interrupted: .*rosbag reindex"):
-        open_recording([bag])
 
 
 def test_damaged_compressed_data(script, tmp_path):
@@ -86,27 +71,6 @@ def test_damaged_compressed_data(script, tmp_path):
     bag.write_bytes(content)
     with pytest.raises(DatasetError, match=r"run\.bag: the bag is damaged|run\.bag: cannot be read"):
         list(open_recording([bag]))
-
-
-def test_a_cut_off_mcap_and_a_missing_storage_file(script, tmp_path):
-    bag = short_drive(script).write(tmp_path / "run", "mcap")
-    storage = next(bag.glob("*.mcap"))
-    whole = storage.read_bytes()
-    storage.write_bytes(whole[:-1])
-    with pytest.raises(DatasetError, match=r"the bag is damaged .*fetch it again"):
-        list(open_recording([storage]))
-    storage.unlink()
-    with pytest.raises(DatasetError, match=r"the bag is damaged .*missing"):
-        open_recording([bag])
-
-
-def test_a_directory_with_several_storage_files(script, tmp_path):
-    bag = short_drive(script).write(tmp_path / "run", "mcap")
-    storage = next(bag.glob("*.mcap"))
-    (bag / "more.mcap").write_bytes(storage.read_bytes())
-    (bag / "metadata.yaml").unlink()
-    with pytest.raises(DatasetError, match=r"no metadata\.yaml in this directory; give its storage files .*more\.mcap"):
-        open_recording([bag])
 
 
 @pytest.mark.parametrize("kind", ["none", "bz2", "sqlite3", "mcap"])

@@ -1,0 +1,113 @@
+"""What could be read of a damaged bag, and what could not."""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+_KEPT_BLOCKS = 6
+
+
+class BagConnection(NamedTuple):
+    """A topic's messages of one publisher."""
+
+    id: int
+    topic: str
+    msgtype: str
+    digest: str
+    msgcount: int
+
+
+class Hole(NamedTuple):
+    """A place where something is missing: after so many messages in the order of writing, so many bytes of messages."""
+
+    after: int
+    size: int
+
+
+class Loss(NamedTuple):
+    """A stretch of a topic that is gone: since when and how long [s], how many messages; estimated from the rest."""
+
+    since: float
+    seconds: float
+    messages: int
+
+
+@dataclass(frozen=True)
+class SalvagedBag:
+    """The readable messages of a damaged bag.
+
+    Parameters
+    ----------
+    path
+        The file.
+    reason
+        What is wrong with it.
+    connections
+        All topics found.
+    entries
+        (N, 5) in the order of writing: time [ns], connection, block, place in the block and size [bytes].
+    holes
+        Where something is missing.
+    block
+        Returns a block's bytes by its number.
+    decoding
+        "ros1" or "cdr".
+    """
+
+    path: Path
+    reason: str
+    connections: list[BagConnection]
+    entries: npt.NDArray[np.int64]
+    holes: tuple[Hole, ...]
+    block: Callable[[int], bytes]
+    decoding: str
+    _kept: Callable[[int], bytes] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Remember the last blocks: where topics lie in blocks of their own, reading by time jumps between them."""
+        object.__setattr__(self, "_kept", lru_cache(_KEPT_BLOCKS)(self.block))
+
+    def messages(
+        self, connections: Collection[BagConnection], *, by_time: bool
+    ) -> Iterator[tuple[BagConnection, int, bytes]]:
+        """Yield connection, time [ns] and bytes of messages, by time or in the order of writing."""
+        wanted = {connection.id: connection for connection in connections}
+        chosen = self.entries[np.isin(self.entries[:, 1], list(wanted))]
+        if by_time:
+            chosen = chosen[np.argsort(chosen[:, 0], kind="stable")]
+        for time, connection, block, place, size in chosen.tolist():
+            yield wanted[connection], time, bytes(self._kept(block)[place : place + size])
+
+    def times(self, topic: str) -> npt.NDArray[np.int64]:
+        """Return when messages of a topic were recorded [ns], in the order of writing."""
+        return np.asarray(self.entries[self._is_of(topic), 0])
+
+    def losses(self, topic: str) -> list[Loss]:
+        """Estimate what is missing of a topic from the pauses at the holes, and from the bytes of a hole at an end."""
+        places = np.flatnonzero(self._is_of(topic))
+        times = self.entries[places, 0] * 1e-9
+        if len(times) < 2:
+            return []
+        period = float(np.median(np.diff(times))) or 1e-3
+        seconds_per_byte = period * len(times) / max(int(self.entries[:, 4].sum()), 1)
+        missing: dict[int, float] = {}
+        for hole in self.holes:
+            after = int(np.searchsorted(places, hole.after))
+            if 0 < after < len(times):
+                missing[after] = float(times[after] - times[after - 1]) - period
+            else:
+                missing[after] = missing.get(after, 0.0) + hole.size * seconds_per_byte
+        return [
+            Loss(float(times[max(after - 1, 0)]), seconds, round(seconds / period))
+            for after, seconds in sorted(missing.items())
+            if round(seconds / period) > 0
+        ]
+
+    def _is_of(self, topic: str) -> npt.NDArray[np.bool_]:
+        ids = [connection.id for connection in self.connections if connection.topic == topic]
+        return np.asarray(np.isin(self.entries[:, 1], ids))

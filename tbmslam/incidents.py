@@ -1,0 +1,62 @@
+"""What went wrong during a drive, and when: for warnings that name a time."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+_MOST_KEPT = 100
+
+
+class Incident(NamedTuple):
+    """One thing that went wrong.
+
+    Parameters
+    ----------
+    stamp
+        When it began [s].
+    what
+        What happened, in words that go after "at 12.3 s: ".
+    seconds
+        How long it lasted [s]; 0 for a moment.
+    """
+
+    stamp: float
+    what: str
+    seconds: float = 0.0
+
+    def text(self, start: float) -> str:
+        """Return one line, with the time since the start of the drive."""
+        lasting = f", for {self.seconds:.1f} s" if self.seconds else ""
+        return f"at {self.stamp - start:.1f} s: {self.what}{lasting}"
+
+    def as_dict(self, start: float) -> dict[str, object]:
+        """Return the same for JSON."""
+        return {"at_s": round(self.stamp - start, 3), "stamp": self.stamp, "what": self.what, "seconds": self.seconds}
+
+
+class Incidents:
+    """Incidents in the order in which they were found; after the first hundred they are only counted."""
+
+    def __init__(self) -> None:
+        self._kept: list[Incident] = []
+        self.number = 0
+
+    def __iter__(self) -> Iterator[Incident]:
+        """Yield those that were kept."""
+        return iter(self._kept)
+
+    def __len__(self) -> int:
+        """Return the number of those that were kept."""
+        return len(self._kept)
+
+    def add(self, stamp: float, what: str, seconds: float = 0.0) -> int:
+        """Note an incident and return its number."""
+        self.number += 1
+        if len(self._kept) < _MOST_KEPT:
+            self._kept.append(Incident(stamp, what, seconds))
+        return self.number - 1
+
+    def lengthen(self, number: int, stamp: float) -> None:
+        """Let an incident last until a stamp [s]."""
+        if number < len(self._kept):
+            known = self._kept[number]
+            self._kept[number] = known._replace(seconds=max(known.seconds, stamp - known.stamp))
