@@ -11,13 +11,16 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
 Pair = tuple[str, str]
 
 
-def align_all(maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1) -> dict[Pair, Alignment]:
+def align_all(
+    maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1, watch: Watch | None = None
+) -> dict[Pair, Alignment]:
     """Align every pair of maps; the one named first is the target.
 
     Parameters
@@ -28,6 +31,8 @@ def align_all(maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1)
         How they are aligned.
     workers
         Processes to share the work; every number gives the same alignments.
+    watch
+        Who is told how far it is.
 
     Raises
     ------
@@ -36,17 +41,18 @@ def align_all(maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1)
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
+    watch = watch or Watch()
     grids = {name: one.grid for name, one in maps.items()}
     resolution = comparison_resolution(list(grids.values()), config)
     pairs = list(itertools.combinations(maps, 2))
     workers = min(workers, len(pairs))
     if workers <= 1:
         crew = _Crew(grids, resolution, config)
-        found = [crew.align(pair) for pair in pairs]
+        found = [crew.align(pair) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")]
     else:
         context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
         with ProcessPoolExecutor(workers, context, _hire, (grids, resolution, config)) as pool:
-            found = list(pool.map(_align, pairs))
+            found = list(watch.each(pool.map(_align, pairs), "aligning", len(pairs), "pairs"))
     for (target, source), one in zip(pairs, found, strict=True):
         logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
     return dict(zip(pairs, found, strict=True))

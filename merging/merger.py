@@ -14,6 +14,7 @@ from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -50,7 +51,9 @@ class Merge:
     outvoted: tuple[Pair, ...] = ()
 
 
-def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers: int = 1) -> Merge:
+def merge(
+    maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers: int = 1, watch: Watch | None = None
+) -> Merge:
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
@@ -64,25 +67,30 @@ def merge(maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers
         How; the defaults where None.
     workers
         Processes that align pairs; the result does not depend on it.
+    watch
+        Who is told how long the steps take and how far they are.
 
     Raises
     ------
     ValueError
         If there are fewer than two maps.
     """
-    config = config or MergeConfig()
+    config, watch = config or MergeConfig(), watch or Watch()
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
-    alignments = align_all(maps, config, workers)
-    group = groups_of(list(maps), alignments, config.graph)[0]
+    alignments = align_all(maps, config, workers, watch)
+    with watch.during("grouping"):
+        group = groups_of(list(maps), alignments, config.graph)[0]
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
     if len(group) < 2:
         return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
-    joint = refine_jointly(maps, group.poses, config.joint) if config.joint.enabled else None
+    with watch.during("straightening"):
+        joint = refine_jointly(maps, group.poses, config.joint) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
-    fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
+    with watch.during("fusing"):
+        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
     merged = _merged(maps, poses, joint, fusion, config)
     return Merge(merged, poses, alignments, left_out, fusion, joint, group.used, group.outvoted)
 

@@ -13,25 +13,15 @@ from merging.channels import Channels, Image, flipped
 from merging.config import MergeConfig
 from merging.conflict_places import conflict_places
 from merging.fusion import Fusion
-from merging.html_report import html_report
+from merging.merge_page import merge_page
 from merging.merger import Merge
 from merging.warping import offset_in, warp
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.report.making import Making
+from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-
-WALL_COLOURS = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    (148, 103, 189),
-    (140, 86, 75),
-)
-"""Red, green, blue of each map's walls; most of them tell colour-blind readers apart too (Okabe and Ito)."""
 
 _UNKNOWN_GREY = 205
 _AREAS_TOLD = {
@@ -42,7 +32,9 @@ _AREAS_TOLD = {
 }
 
 
-def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> None:
+def write_report(
+    folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, making: Making | None = None
+) -> None:
     """Write report.json, report.html and, of merged maps, overlay.png and contradictions.png; older ones go.
 
     Raises
@@ -51,19 +43,12 @@ def write_report(folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config:
         If the folder cannot be written.
     """
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
-    shown: dict[str, tuple[bytes, str]] = {}
     areas: dict[str, float] = {}
     if merge.fusion is not None:
         files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
         files["contradictions.png"] = _png(draw_conflict(merge.fusion))
-        pignistic = _png(np.dstack([Channels.from_grid(merge.fusion.grid).pignistic] * 3))
-        shown = {
-            "Merged map": (pignistic, "Free is white, occupied black, unknown grey."),
-            "Overlay": (files["overlay.png"], "Each map's walls in its colour; walls that coincide are dark."),
-            "Conflict": (files["contradictions.png"], "Red where the maps contradict each other."),
-        }
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
-    files["report.html"] = html_report(merge, areas, shown, WALL_COLOURS).encode()
+    files["report.html"] = merge_page(merge, maps, config, areas, making or Making()).to_html().encode()
     for name, content in files.items():
         write_bytes(folder / name, content)
     for name in {"overlay.png", "contradictions.png"} - files.keys():
@@ -110,7 +95,7 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
         row, col = offset_in(canvas, layer.geometry)
         window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
         walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
-        colour = np.array(WALL_COLOURS[index % len(WALL_COLOURS)], dtype=np.uint16)
+        colour = np.array(ROBOT_COLOURS[index % len(ROBOT_COLOURS)], dtype=np.uint16)
         window[walls] = window[walls].astype(np.uint16) * colour // 255
     return np.asarray(flipped(picture), dtype=np.uint8)
 

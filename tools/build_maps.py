@@ -86,13 +86,14 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
     from tbmslam.errors import TbmSlamError
     from tools.mapping_run import build_maps
+    from tools.typed_command import typed_command
 
     try:
         options = options_from(args)
     except ValueError as error:
         grammar.error(str(error))
     try:
-        build_maps(args, options)
+        build_maps(args, options, typed_command("build_maps", argv))
     except TbmSlamError as error:
         if args.debug:
             raise

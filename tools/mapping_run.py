@@ -1,9 +1,7 @@
 """What build_maps does: split, map each robot, save, and note what happened."""
 
 import argparse
-import importlib.metadata
 import json
-import platform
 import time
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,15 +10,17 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from datasets import Recording, RecordingOptions, open_recording
 from datasets.cached import cached
+from datasets.recording_warnings import recording_warnings
 from tbmslam.atomic_file import write_text
 from tbmslam.config import ConfigError, SlamConfig, config_from_dict, preset, with_setting
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import Reading
 from tbmslam.map_folder import save_map
+from tbmslam.report.making import Making, versions
+from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.se2 import SE2
 from tbmslam.segmentation import (
     Itinerary,
@@ -37,6 +37,8 @@ from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
+from tbmslam.watch import Watch
+from tools.progress import ProgressBars
 
 
 class OutputError(TbmSlamError):
@@ -54,17 +56,19 @@ class Robot:
     reference: Path | None
 
 
-def build_maps(args: argparse.Namespace, options: RecordingOptions) -> None:
-    """Map every robot and save its folder, then the truth beside them."""
-    config = _config(args)
-    robots = _robots(args, options, config.seed)
+def build_maps(args: argparse.Namespace, options: RecordingOptions, command: str) -> None:
+    """Map every robot and save its folder, then a report and the truth beside them."""
+    config, watch = _config(args), ProgressBars()
+    robots = _robots(args, options, config.seed, watch)
     _refuse_stale_robots(args.out, [robot.name for robot in robots])
-    made: dict[str, TbmMap] = {}
+    made: dict[str, MappedRobot] = {}
     for robot in robots:
-        made[robot.name] = _map_robot(robot, config, args.out / robot.name)
+        made[robot.name] = _map_robot(robot, config, args.out / robot.name, watch)
     # Without reference trajectories nobody knows how two recordings lie to each other.
     if not args.no_truth and (args.reference or (len(robots) > 1 and not args.separate)):
-        _write_truth(args.out / "truth.json", robots, made)
+        _write_truth(args.out / "truth.json", robots, {name: one.tbm_map for name, one in made.items()}, watch)
+    write_text(args.out / "report.html", maps_page(made, Making(command, watch.seconds)).to_html())
+    print(f"report -> {args.out / 'report.html'}")
 
 
 def _config(args: argparse.Namespace) -> SlamConfig:
@@ -91,24 +95,24 @@ def _merged(values: Mapping[str, object], changes: Mapping[str, object]) -> dict
     return merged
 
 
-def _robots(args: argparse.Namespace, options: RecordingOptions, seed: int) -> list[Robot]:
+def _robots(args: argparse.Namespace, options: RecordingOptions, seed: int, watch: Watch) -> list[Robot]:
     groups = [[path] for path in args.recordings] if args.separate else [args.recordings]
     robots: list[Robot] = []
     for number, paths in enumerate(groups):
         recording = cached(open_recording(paths, options))
         reference = args.reference[number] if args.reference else None
-        for segment in _segments(args, recording):
+        for segment in _segments(args, recording, watch):
             index = len(robots)
             T_own_start = private_frame(seed, index) if args.frames == "private" else None
             robots.append(Robot(f"robot_{index}", recording, segment, T_own_start, reference))
     return robots
 
 
-def _segments(args: argparse.Namespace, recording: Recording) -> Sequence[Segment | None]:
+def _segments(args: argparse.Namespace, recording: Recording, watch: Watch) -> Sequence[Segment | None]:
     if args.robots == 1 and not args.interval and args.split != "gaps":
         return [None]
     stamps, poses = [], []
-    for reading in _progress(recording, "reading", recording.expected_scans):
+    for reading in watch.each(recording, "reading", recording.expected_scans, "scans"):
         stamps.append(reading.scan.stamp)
         poses.append(reading.T_odom_robot)
     itinerary = Itinerary.from_poses(stamps, poses)
@@ -120,16 +124,18 @@ def _segments(args: argparse.Namespace, recording: Recording) -> Sequence[Segmen
     return split(itinerary, args.robots, args.overlap)
 
 
-def _map_robot(robot: Robot, config: SlamConfig, folder: Path) -> TbmMap:
+def _map_robot(robot: Robot, config: SlamConfig, folder: Path, watch: Watch) -> MappedRobot:
     began = time.perf_counter()
     slam = Slam(config, robot.name)
     scans = 0
-    for reading in _progress(_readings(robot), robot.name, _length(robot)):
+    for reading in watch.each(_readings(robot), "mapping", _length(robot), "scans", robot.name):
         slam.process(reading)
         scans += 1
     run = _run_record(robot, config)
-    tbm_map = slam.finish(run)
-    save_map(folder, tbm_map)
+    with watch.during("finishing"):
+        tbm_map = slam.finish(run)
+    with watch.during("saving"):
+        save_map(folder, tbm_map)
     drive = tbm_map.drives[0]
     known = float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2
     result = {
@@ -138,8 +144,11 @@ def _map_robot(robot: Robot, config: SlamConfig, folder: Path) -> TbmMap:
         "duration_s": float(np.ptp(drive.trajectory.stamps)),
         "distance_m": drive.trajectory.length(),
         "known_area_m2": known,
+        "loops_closed": len(drive.closures),
+        "correction_m": slam.correction_m,
     }
-    write_text(folder / "run.json", json.dumps({**run, "result": result}, indent=2) + "\n")
+    run |= {"result": result}
+    write_text(folder / "run.json", json.dumps(run, indent=2) + "\n")
     seconds = time.perf_counter() - began
     print(
         f"{robot.name}: {scans} scans, {drive.trajectory.length():.1f} m, {len(drive.keyframes)} keyframes, "
@@ -147,7 +156,7 @@ def _map_robot(robot: Robot, config: SlamConfig, folder: Path) -> TbmMap:
     )
     for line in robot.recording.counts.summary().splitlines():
         print(f"  {line}")
-    return tbm_map
+    return MappedRobot(tbm_map, run)
 
 
 def _readings(robot: Robot) -> Iterable[Reading]:
@@ -164,33 +173,27 @@ def _length(robot: Robot) -> int | None:
     return robot.segment.stop - robot.segment.start if robot.segment else robot.recording.expected_scans
 
 
-def _progress(readings: Iterable[Reading], label: str, total: int | None) -> Iterable[Reading]:
-    """Show progress where somebody watches."""
-    return tqdm(readings, desc=label, total=total, unit=" scans", disable=None, leave=False)
-
-
 def _run_record(robot: Robot, config: SlamConfig) -> dict[str, object]:
     """Return what made a map, without anything that differs between two runs of the same kind."""
     return {
         "program": "build_maps",
-        "versions": {
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in ("tbmslam", "numpy", "numba", "rosbags")},
-        },
+        "versions": versions(),
         "robot": robot.name,
         "recording": {"name": robot.recording.name, **robot.recording.description},
         "segment": robot.segment._asdict() if robot.segment else None,
+        "counts": robot.recording.counts.as_dict(),
+        "warnings": recording_warnings(robot.recording),
         "config": config.model_dump(mode="json"),
     }
 
 
-def _write_truth(path: Path, robots: Sequence[Robot], made: Mapping[str, TbmMap]) -> None:
+def _write_truth(path: Path, robots: Sequence[Robot], made: Mapping[str, TbmMap], watch: Watch) -> None:
     """Write where each robot's map lies in a common frame, for evaluation; nothing of it is in the maps."""
     robots_truth: dict[str, object] = {}
     references: dict[str, tuple[str, Trajectory]] = {}
     for robot in robots:
         if robot.recording.name not in references:
-            references[robot.recording.name] = _reference(robot)
+            references[robot.recording.name] = _reference(robot, watch)
         source, reference = references[robot.recording.name]
         alignment = align_trajectories(reference, made[robot.name].drives[0].trajectory)
         robots_truth[robot.name] = {
@@ -203,12 +206,12 @@ def _write_truth(path: Path, robots: Sequence[Robot], made: Mapping[str, TbmMap]
     print(f"truth for evaluation -> {path}")
 
 
-def _reference(robot: Robot) -> tuple[str, Trajectory]:
+def _reference(robot: Robot, watch: Watch) -> tuple[str, Trajectory]:
     """Return the trajectory of the whole drive: the one that was given, or the default SLAM's."""
     if robot.reference is not None:
         return str(robot.reference.name), read_tum(robot.reference)
     slam = Slam(preset("default"), "reference")
-    for reading in _progress(robot.recording, "reference", robot.recording.expected_scans):
+    for reading in watch.each(robot.recording, "mapping the reference", robot.recording.expected_scans, "scans"):
         slam.process(reading)
     return "default SLAM on the whole recording", slam.finish().drives[0].trajectory
 

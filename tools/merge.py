@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
+from tools.typed_command import typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -51,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         fault = error.errors()[0]
         parser.error(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}, got {fault['input']!r}")
     try:
-        return _merge(options.maps, options.out, config, options.workers)
+        return _merge(options.maps, options.out, config, options.workers, typed_command("merge", arguments))
     except TbmSlamError as error:
         if options.debug:
             raise
@@ -156,18 +157,23 @@ def _given(**values: object) -> dict[str, object]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int) -> int:
+def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int, command: str) -> int:
     from merging.merger import merge
     from merging.report import write_report
     from tbmslam.map_folder import load_map, remove_map, save_map
+    from tbmslam.report.making import Making
+    from tools.progress import ProgressBars
 
-    maps = {name: load_map(path) for name, path in zip(unique_names(paths), paths, strict=True)}
-    result = merge(maps, config, workers)
+    watch = ProgressBars()
+    named = dict(zip(unique_names(paths), paths, strict=True))
+    maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
+    result = merge(maps, config, workers, watch)
     if result.merged is not None:
-        save_map(out, result.merged)
+        with watch.during("saving"):
+            save_map(out, result.merged)
     elif (out / "report.json").is_file():
         remove_map(out)  # of an older merge, which the new report would belie
-    write_report(out, result, maps, config)
+    write_report(out, result, maps, config, Making(command, watch.seconds))
     _tell(result, out)
     return DONE if result.merged is not None else NOTHING_MERGED
 

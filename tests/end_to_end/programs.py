@@ -32,6 +32,6 @@ def report(folder: Path) -> dict[str, Any]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return every file below a folder."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    """Return every file below a folder, but for the pages that tell how long it took."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "report.html")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}

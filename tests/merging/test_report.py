@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge
-from merging.report import WALL_COLOURS, as_json, draw_conflict, draw_overlay, write_report
+from merging.report import as_json, draw_conflict, draw_overlay, write_report
 from merging.warping import warp
 from tbmslam.atomic_file import FileNotWrittenError
+from tbmslam.report.making import Making
+from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
@@ -63,9 +65,9 @@ def test_walls_have_their_map_s_colour_and_common_ones_are_dark(rooms):
     maps = {"all": TbmMap(grid), "right": alone}
     result = merge(maps, CONFIG)
     picture = draw_overlay(result, maps, result.fusion)[::-1]
-    np.testing.assert_array_equal(picture[0, 20], WALL_COLOURS[0])
+    np.testing.assert_array_equal(picture[0, 20], ROBOT_COLOURS[0])
     assert picture[0, 200].sum() < picture[0, 20].sum()
-    assert tuple(picture[30, 30]) in {(255, 255, 255), WALL_COLOURS[0]}
+    assert tuple(picture[30, 30]) in {(255, 255, 255), ROBOT_COLOURS[0]}
 
 
 def test_conflict_is_red(rooms):
@@ -77,6 +79,15 @@ def test_conflict_is_red(rooms):
     np.testing.assert_array_equal(picture[105, 155], (200, 0, 0))
     assert picture[20, 20, 0] == picture[20, 20, 1]
     assert result.fusion.conflict.sum() == pytest.approx(100.0)
+
+
+def test_the_page_tells_how_it_was_made(maps, tmp_path):
+    write_report(tmp_path, merge(maps, CONFIG), maps, CONFIG, Making("merge here there", {"aligning": 12.345}))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "merge here there" in page
+    assert "12.35" in page
+    assert "features.ratio" in page
+    assert "seen by several maps" in page
 
 
 def test_the_same_merge_gives_the_same_bytes(maps, tmp_path):

@@ -1,0 +1,59 @@
+"""What a reader of a map should know about the recording it was made of."""
+
+from datasets.counts import ReadingCounts
+from datasets.recording import Recording
+
+_DROPPED = {
+    "before_odometry": "they came before the first odometry",
+    "no_odometry": "they had no odometry",
+    "odometry_gap": "they fell into gaps of the odometry",
+    "empty": "they were empty",
+    "duplicate": "they were there twice",
+    "unreadable": "they could not be read",
+    "other_frame": "they came from another laser on the same topic",
+}
+_MANY = 0.01
+"""Share of all scans beyond which it is worth saying that so many have something odd."""
+
+
+def recording_warnings(recording: Recording) -> list[str]:
+    """Return a sentence for everything odd that the last pass over a recording met; nothing where all was well."""
+    counts = recording.counts
+    said = [
+        f"{number} of {counts.scans_read} scans were dropped: {_DROPPED.get(reason, reason)}"
+        for reason, number in sorted(counts.dropped.items())
+    ]
+    said += [
+        f"{number} scans {what}"
+        for number, what in (
+            (counts.backward_stamps, "are stamped earlier than the scan before: the clock stepped back"),
+            (counts.same_stamps, "have the stamp of an earlier scan"),
+            (counts.clock_disagreements, "are stamped by another clock than the rest of the recording"),
+            (counts.extrapolated, "came after the last odometry, which was carried on for them"),
+        )
+        if number
+    ]
+    if counts.beam_count_changes:
+        said.append(f"the number of beams changed {counts.beam_count_changes} times")
+    if counts.gaps:
+        said.append(
+            f"{counts.gaps} gaps without a scan, {counts.gap_seconds:.1f} s in all, the longest "
+            f"{counts.longest_gap_s:.1f} s: what moved meanwhile nobody saw"
+        )
+    said += _beam_warnings(counts)
+    first_scan = recording.description.get("first_scan")
+    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) else None
+    return said + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
+
+
+def _beam_warnings(counts: ReadingCounts) -> list[str]:
+    total = sum(counts.beams.values())
+    return [
+        f"{counts.beams[fate] / total:.0%} of the beams {what}"
+        for fate, what in (
+            ("nan", "are no number"),
+            ("zero", "are zero"),
+            ("too_close", "end nearer than the laser sees"),
+        )
+        if counts.beams.get(fate, 0) > _MANY * total
+    ]

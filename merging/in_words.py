@@ -1,0 +1,17 @@
+"""Numbers as people read them."""
+
+import math
+
+from tbmslam.se2 import SE2, wrap_angle
+
+
+def confidence_in_words(confidence: float) -> str:
+    """Return a probability with three decimals, never rounded up to certainty."""
+    return "> 0.999" if confidence >= 0.9995 else f"{confidence:.3f}"
+
+
+def pose_in_words(pose: SE2 | None) -> tuple[str, str, str]:
+    """Return x [m], y [m] and theta [deg]; dashes where there is no pose."""
+    if pose is None:
+        return "–", "–", "–"
+    return f"{pose.x:.3f}", f"{pose.y:.3f}", f"{math.degrees(wrap_angle(pose.theta)):.2f}"

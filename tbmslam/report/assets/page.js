@@ -1,0 +1,173 @@
+"use strict";
+// Shows the sheets of the report with Leaflet: the coordinates of the map are metres in the map's frame.
+(() => {
+  const { sheets } = JSON.parse(document.getElementById("data").textContent);
+  const place = document.getElementById("map");
+  if (!place || !sheets.length) return;
+  const readout = document.getElementById("readout");
+  const hint = readout.textContent;
+
+  const map = L.map(place, {
+    crs: L.CRS.Simple, attributionControl: false, preferCanvas: true, zoomSnap: 0.25, zoomDelta: 0.75,
+    wheelPxPerZoomLevel: 90, minZoom: -4, maxZoom: 8,
+  });
+  L.control.scale({ imperial: false, maxWidth: 160 }).addTo(map);
+  ["base", "robots", "over"].forEach((name, index) => { map.createPane(name).style.zIndex = 210 + 10 * index; });
+  const whole = L.control({ position: "topleft" });
+  whole.onAdd = () => {
+    const box = make("div", { className: "leaflet-bar" });
+    const button = make("button", { type: "button", title: "Show the whole map", textContent: "⤢", id: "whole" });
+    button.addEventListener("click", () => fit());
+    box.append(button);
+    L.DomEvent.disableClickPropagation(box);
+    return box;
+  };
+  whole.addTo(map);
+
+  let current = null;   // the sheet that is shown
+  let shown = [];       // its layers: what the report says of each, Leaflet's layer, and its values once decoded
+
+  function make(tag, properties = {}, children = []) {
+    const element = Object.assign(document.createElement(tag), properties);
+    element.append(...children);
+    return element;
+  }
+
+  function drawn(layer, index) {
+    if (layer.kind === "raster") {
+      const pane = layer.only_one ? "base" : layer.column ? "robots" : "over";
+      const image = L.imageOverlay(layer.image, layer.bounds, { pane, opacity: layer.opacity, alt: layer.label });
+      image.on("add", () => { image.getElement().dataset.layer = index; });
+      return image;
+    }
+    const style = { color: layer.colour, interactive: false };
+    if (layer.kind === "line") return L.polyline(layer.points, { ...style, weight: 2, opacity: 0.9, smoothFactor: 0.5 });
+    if (layer.kind === "links") {
+      const pairs = [];
+      for (let k = 0; k + 1 < layer.points.length; k += 2) pairs.push([layer.points[k], layer.points[k + 1]]);
+      return L.polyline(pairs, { ...style, weight: 1.5, opacity: 0.75, dashArray: "4 3" });
+    }
+    const dots = layer.points.map((point) =>
+      L.circleMarker(point, { radius: 2.5, stroke: false, fillColor: layer.colour, fillOpacity: 0.9, interactive: false }));
+    return L.featureGroup(dots);
+  }
+
+  function input(entry) {
+    const { layer } = entry;
+    const box = make("input", {
+      type: layer.only_one ? "radio" : "checkbox", name: layer.only_one ? layer.group : "", checked: layer.shown,
+      title: layer.note,
+    });
+    box.dataset.layer = entry.index;
+    box.addEventListener("change", () => {
+      if (layer.only_one) shown.filter((other) => other.layer.group === layer.group).forEach((other) => other.drawing.remove());
+      if (box.checked) entry.drawing.addTo(map); else entry.drawing.remove();
+    });
+    return box;
+  }
+
+  function swatch(layer) {
+    if (layer.colours) {
+      const bar = make("i", { className: "bar" });
+      const some = layer.colours.map((rgb) => `rgb(${rgb.join()})`);
+      bar.style.background = `linear-gradient(90deg, ${some.join()})`;
+      return bar;
+    }
+    const square = make("i", { className: "swatch" });
+    square.style.background = layer.colour || `rgb(${(layer.colours || [[0, 0, 0]])[0].join()})`;
+    return square;
+  }
+
+  function asList(entries) {
+    return entries.map((entry) => make("label", { title: entry.layer.note }, [
+      input(entry), entry.layer.label, ...(entry.layer.colours || entry.layer.colour ? [swatch(entry.layer)] : [])]));
+  }
+
+  function asTable(entries) {
+    const columns = [...new Set(entries.map((entry) => entry.layer.column))];
+    const rows = [...new Set(entries.map((entry) => entry.layer.label))];
+    const heads = columns.map((column) => make("th", { textContent: column, scope: "col" }));
+    const lines = rows.map((row) => {
+      const own = entries.filter((entry) => entry.layer.label === row);
+      const line = own.find((entry) => entry.layer.colour);
+      const name = make("td", { title: row }, [...(line ? [swatch(line.layer)] : []), row]);
+      const cells = columns.map((column) => {
+        const entry = own.find((one) => one.layer.column === column);
+        if (!entry) return make("td");
+        const box = input(entry);
+        box.setAttribute("aria-label", `${row}: ${column}`);
+        return make("td", {}, [box]);
+      });
+      return make("tr", {}, [name, ...cells]);
+    });
+    return [make("table", {}, [
+      make("thead", {}, [make("tr", {}, [make("th"), ...heads])]), make("tbody", {}, lines)])];
+  }
+
+  function fit() {
+    const bounds = L.latLngBounds(current.layers.filter((layer) => layer.kind === "raster").flatMap((layer) => layer.bounds));
+    map.fitBounds(bounds, { padding: [12, 12], animate: false });
+  }
+
+  function show(number) {
+    shown.forEach((entry) => entry.drawing.remove());
+    current = sheets[number];
+    shown = current.layers.map((layer, index) => ({ layer, index, drawing: drawn(layer, index) }));
+    fit();
+    shown.filter((entry) => entry.layer.shown).forEach((entry) => entry.drawing.addTo(map));
+    const groups = [...new Set(current.layers.map((layer) => layer.group))];
+    document.getElementById("layers").replaceChildren(...groups.map((group) => {
+      const entries = shown.filter((entry) => entry.layer.group === group);
+      const body = entries.some((entry) => entry.layer.column) ? asTable(entries) : asList(entries);
+      return make("fieldset", {}, [make("legend", { textContent: group }), ...body]);
+    }));
+    document.querySelectorAll("[data-sheet]").forEach((tab) =>
+      tab.setAttribute("aria-selected", String(Number(tab.dataset.sheet) === number)));
+    document.querySelectorAll("[data-note]").forEach((note) => { note.hidden = Number(note.dataset.note) !== number; });
+    readout.textContent = hint;
+  }
+
+  // A colour of a picture tells the value that it stands for.
+  async function decode(entry) {
+    const { layer } = entry;
+    const image = new Image();
+    image.src = layer.image;
+    await image.decode();
+    const canvas = make("canvas", { width: image.width, height: image.height });
+    const context = canvas.getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0);
+    const pixels = context.getImageData(0, 0, image.width, image.height).data;
+    const levels = new Map(layer.colours.map(([red, green, blue], level) => [(red << 16) | (green << 8) | blue, level]));
+    const values = new Uint8Array(image.width * image.height);
+    for (let k = 0; k < values.length; k += 1) {
+      values[k] = pixels[4 * k + 3] ? levels.get((pixels[4 * k] << 16) | (pixels[4 * k + 1] << 8) | pixels[4 * k + 2]) : 0;
+    }
+    entry.values = { width: image.width, height: image.height, values };
+  }
+
+  function valueAt(entry, { lat, lng }) {
+    if (!entry.values) {
+      if (!entry.decoding) entry.decoding = decode(entry);
+      return null;
+    }
+    const [[bottom, left], [top, right]] = entry.layer.bounds;
+    const { width, height, values } = entry.values;
+    const col = Math.floor(((lng - left) / (right - left)) * width);
+    const row = Math.floor(((top - lat) / (top - bottom)) * height);
+    if (col < 0 || row < 0 || col >= width || row >= height) return null;
+    return values[row * width + col] * entry.layer.unit;
+  }
+
+  map.on("mousemove", ({ latlng }) => {
+    const parts = [`x ${latlng.lng.toFixed(2)} m   y ${latlng.lat.toFixed(2)} m`];
+    shown.filter((entry) => entry.layer.colours).forEach((entry) => {
+      const value = valueAt(entry, latlng);
+      if (value !== null) parts.push(`${entry.layer.label.toLowerCase()} ${entry.layer.unit < 1 ? value.toFixed(2) : value}`);
+    });
+    readout.textContent = parts.join("     ");
+  });
+  map.on("mouseout", () => { readout.textContent = hint; });
+  document.querySelectorAll("[data-sheet]").forEach((tab) =>
+    tab.addEventListener("click", () => show(Number(tab.dataset.sheet))));
+  show(0);
+})();

@@ -1,0 +1,109 @@
+"""The layers of a map: its masses, and the drives behind it."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
+from tbmslam.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.report.palette import Colour, Palette, levels_of
+from tbmslam.report.sheet import Kind, Marks, Raster, Switch
+from tbmslam.se2 import FloatArray
+from tbmslam.tbm_map import Drive
+
+ROBOT_COLOURS: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    (148, 103, 189),
+    (140, 86, 75),
+)
+"""Red, green, blue of each robot, repeated for more; most tell colour-blind readers apart too (Okabe and Ito)."""
+
+MOST_CELLS = 9_000_000
+"""Larger pictures are shown in coarser cells: a browser needs four bytes for each, in every layer."""
+
+_WHITE, _UNSEEN, _INK = (255, 255, 255), (204, 210, 217), (24, 28, 34)
+_STEP = 0.05
+_PIGNISTIC = Palette.ramp(_WHITE, _UNSEEN, _INK)
+_MASSES = (
+    ("occupied", OCCUPIED, Palette.ramp(_WHITE, (104, 124, 166), (16, 24, 60)), "mass on occupied: walls"),
+    ("free", FREE, Palette.ramp(_WHITE, (120, 190, 150), (0, 92, 56)), "mass on free"),
+    ("unknown", UNKNOWN, Palette.ramp(_WHITE, (226, 222, 210), (150, 140, 120)), "mass on unknown: nobody could tell"),
+    ("conflict", CONFLICT, Palette.ramp(_WHITE, (240, 140, 120), (160, 0, 20)), "mass on conflict: scans contradict"),
+)
+_LINE_STEP = 0.5
+"""Points of a trajectory nearer to each other than this share of a cell are left out."""
+
+MAP = "Map"
+
+
+def map_layers(grid: TbmGrid) -> list[Raster]:
+    """Return the pignistic picture and each mass, one of which is shown at a time."""
+    geometry, masses = for_display(grid.geometry, grid.masses)
+    switch = Switch(MAP, "pignistic", only_one=True, shown=True, note="probability of being occupied; 0.5 is unknown")
+    layers = [Raster(switch, geometry, levels_of(pignistic(masses)), _PIGNISTIC, _STEP)]
+    for name, subset, palette, note in _MASSES:
+        switch = Switch(MAP, name, only_one=True, note=note)
+        layers.append(Raster(switch, geometry, levels_of(masses[..., subset]), palette, _STEP))
+    return layers
+
+
+def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Masses]:
+    """Return cells (rows, cols, ...) averaged over blocks where there are too many to be shown one by one."""
+    block = int(np.ceil(np.sqrt(geometry.rows * geometry.cols / MOST_CELLS)))
+    if block <= 1:
+        return geometry, cells
+    rows, cols = -(-geometry.rows // block), -(-geometry.cols // block)
+    below, right = rows * block - geometry.rows, cols * block - geometry.cols
+    padded = cv2.copyMakeBorder(cells, 0, below, 0, right, cv2.BORDER_REPLICATE)
+    coarse = cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA)
+    return geometry._replace(resolution=geometry.resolution * block, rows=rows, cols=cols), np.asarray(
+        coarse, dtype=np.float32
+    )
+
+
+def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str, resolution: float) -> list[Marks]:
+    """Return every drive's way, keyframes and closed loops.
+
+    Parameters
+    ----------
+    drives, colours
+        The drives and a colour for each.
+    group
+        Heading under which they are switched.
+    resolution
+        Size of a cell of the map below them [m].
+    """
+    layers: list[Marks] = []
+    for drive, colour in zip(drives, colours, strict=True):
+        keyframes = drive.keyframes.poses[:, :2]
+        ways: list[tuple[str, Kind, FloatArray]] = [
+            ("drive", "line", _thinned(drive.trajectory.poses[:, :2], _LINE_STEP * resolution)),
+            ("key\u00adframes", "dots", keyframes),
+            ("loops", "links", keyframes[drive.closures].reshape(-1, 2)),
+        ]
+        for column, kind, points in ways:
+            switch = Switch(group, drive.name, column, shown=kind == "line", note=_NOTES[column])
+            layers.append(Marks(switch, kind, points, colour))
+    return layers
+
+
+_NOTES = {
+    "drive": "where the robot drove",
+    "key\u00adframes": "where the scans were taken that the map is made of",
+    "loops": "places found to be one, though they were seen at different times",
+}
+
+
+def _thinned(points: FloatArray, step: float) -> FloatArray:
+    """Return points (K, 2) that are at least about a step apart, the first and the last among them."""
+    if len(points) < 3:
+        return points
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    _, first = np.unique((travelled / step).astype(np.int64), return_index=True)
+    return np.asarray(points[np.union1d(first, [len(points) - 1])])

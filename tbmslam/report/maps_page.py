@@ -1,0 +1,134 @@
+"""The report of robots that were mapped, each in a frame of its own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tbmslam.report.making import Making
+from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers
+from tbmslam.report.page import Page, Table
+from tbmslam.report.sheet import Sheet
+from tbmslam.tbm_map import Drive, TbmMap
+
+_LARGE_CORRECTION_M = 1.0
+MOST_SHEETS = 30
+"""So many maps are shown; a page with hundreds would be too large to open."""
+
+
+@dataclass(frozen=True)
+class MappedRobot:
+    """A map and how it came about.
+
+    Parameters
+    ----------
+    tbm_map
+        The map.
+    run
+        What run.json says: recording, counts, warnings, versions, config, result.
+    """
+
+    tbm_map: TbmMap
+    run: Mapping[str, object] = field(default_factory=dict)
+
+    def said(self, *path: str) -> object:
+        """Return an entry of the run; None where there is none."""
+        value: object = self.run
+        for name in path:
+            value = value.get(name) if isinstance(value, Mapping) else None
+        return value
+
+    def warnings(self) -> list[str]:
+        """Return what was odd about the recording and the drive."""
+        odd = self.said("warnings")
+        said = [str(one) for one in odd] if isinstance(odd, list | tuple) else []
+        correction = self.said("result", "correction_m")
+        if isinstance(correction, float) and correction > _LARGE_CORRECTION_M:
+            said.append(f"closing loops moved the drive by up to {correction:.1f} m: it had drifted by so much")
+        length = sum(drive.trajectory.length() for drive in self.tbm_map.drives)
+        if length > 0.0 and not any(len(drive.closures) for drive in self.tbm_map.drives):
+            said.append(f"no loop was closed in {length:.0f} m, so nothing tells how far the drive drifted")
+        return said
+
+
+def maps_page(robots: Mapping[str, MappedRobot], making: Making) -> Page:
+    """Return the page on what build_maps made.
+
+    Parameters
+    ----------
+    robots
+        The maps by name.
+    making
+        What was typed, and how long it took.
+    """
+    colours = [ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index in range(len(robots))]
+    first = next(iter(robots.values()))
+    versions, config = first.said("versions"), first.said("config")
+    return Page(
+        title="Maps of " + (", ".join(robots) if len(robots) <= 3 else f"{len(robots)} robots"),
+        verdict="1 map was made" if len(robots) == 1 else f"{len(robots)} maps were made, each in a frame of its own",
+        figures=_figures([robot.tbm_map for robot in robots.values()]),
+        sheets=[
+            _sheet(name, robot.tbm_map, colour)
+            for (name, robot), colour in list(zip(robots.items(), colours, strict=True))[:MOST_SHEETS]
+        ],
+        warnings=[f"{name}: {warning}" for name, robot in robots.items() for warning in robot.warnings()],
+        tables=[_table(robots)],
+        seconds=making.seconds,
+        command=making.command,
+        versions={str(name): str(value) for name, value in versions.items()} if isinstance(versions, Mapping) else {},
+        config=config if isinstance(config, Mapping) else {},
+    )
+
+
+def known_m2(tbm_map: TbmMap) -> float:
+    """Return the area that a map knows something of [m^2]."""
+    return float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2
+
+
+def _sheet(name: str, tbm_map: TbmMap, colour: tuple[int, int, int]) -> Sheet:
+    drives, resolution = tbm_map.drives, tbm_map.grid.geometry.resolution
+    ways = drive_layers(drives, [colour] * len(drives), "Robot", resolution)
+    return Sheet(name, (*map_layers(tbm_map.grid), *ways))
+
+
+def _figures(maps: list[TbmMap]) -> dict[str, str]:
+    drives = [drive for one in maps for drive in one.drives]
+    return {
+        "scans": f"{sum(len(drive.trajectory) for drive in drives):,}",
+        "driven": f"{sum(drive.trajectory.length() for drive in drives):.0f} m",
+        "loops closed": f"{sum(len(drive.closures) for drive in drives):,}",
+        "known area": f"{sum(known_m2(one) for one in maps):.0f} m²",
+    }
+
+
+def _table(robots: Mapping[str, MappedRobot]) -> Table:
+    heads = (
+        *("robot", "recording", "#scans used", "#of", "#key-frames", "#driven [m]", "#duration [s]"),
+        *("#loops closed", "#moved by loops [m]", "#known [m²]", "#cell [m]"),
+    )
+    rows = [row for name, robot in robots.items() for row in _rows(name, robot)]
+    note = "“Moved by loops” is how far closing loops moved the drive at the most."
+    if len(robots) > MOST_SHEETS:
+        note += f" Shown above are the first {MOST_SHEETS} of {len(robots)} maps."
+    return Table("Robots", heads, rows, note)
+
+
+def _rows(name: str, robot: MappedRobot) -> list[list[str]]:
+    return [_row(name, robot, drive) for drive in robot.tbm_map.drives]
+
+
+def _row(name: str, robot: MappedRobot, drive: Drive) -> list[str]:
+    stamps = drive.trajectory.stamps
+    read, moved = robot.said("counts", "scans_read"), robot.said("result", "correction_m")
+    return [
+        name,
+        str(robot.said("recording", "name") or "–"),
+        str(len(drive.trajectory)),
+        str(read) if isinstance(read, int) else "–",
+        str(len(drive.keyframes)),
+        f"{drive.trajectory.length():.1f}",
+        f"{float(stamps.max() - stamps.min()):.1f}" if len(stamps) else "–",
+        str(len(drive.closures)),
+        f"{moved:.3f}" if isinstance(moved, float) else "–",
+        f"{known_m2(robot.tbm_map):.1f}",
+        f"{robot.tbm_map.grid.geometry.resolution:g}",
+    ]

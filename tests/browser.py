@@ -1,0 +1,46 @@
+"""A real browser without a window, for pages that people open."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+class OpenPage:
+    """A page from disk in a browser without a network, and everything it complained of or asked for."""
+
+    def __init__(self, page, path: Path) -> None:
+        self.page, self.complaints, self.requests = page, [], []
+        page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.goto(path.resolve().as_uri())
+
+    def asked_elsewhere(self) -> list[str]:
+        """Return what was requested beyond the file itself and what it holds."""
+        return [url for url in self.requests[1:] if not url.startswith("data:")]
+
+    def visible_rasters(self) -> list[str]:
+        """Return the labels of the pictures on the map."""
+        return [image.get_attribute("alt") for image in self.page.locator("#map img.leaflet-image-layer").all()]
+
+
+@contextmanager
+def browser_window(width: int = 1440, height: int = 900) -> Iterator[object]:
+    """Open a browser's window; skip the test where there is no browser.
+
+    The window is closed at the end since the library's event loop must not run while other tests use one.
+    """
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip(f"no browser is installed: none of {', '.join(NAMES)} is found, apt-get install chromium")
+    with playwright.sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=path)
+        context = browser.new_context(viewport={"width": width, "height": height}, offline=True)
+        yield context.new_page()
+        browser.close()

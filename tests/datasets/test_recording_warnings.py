@@ -1,0 +1,44 @@
+from datasets.counts import ReadingCounts
+from datasets.recording import Recording
+from datasets.recording_warnings import recording_warnings
+
+
+def recording(description=None, **counts):
+    made = Recording("r", lambda _: iter(()), description or {})
+    made.counts = ReadingCounts(scans_read=100, scans_used=90, **counts)
+    return made
+
+
+def test_a_recording_without_fault_has_nothing_to_be_said():
+    assert recording_warnings(recording(beams={"hit": 1000, "nan": 1}, description={"clock_warning": None})) == []
+
+
+def test_every_fault_is_a_sentence():
+    said = recording_warnings(
+        recording(
+            {"clock_warning": "the laser's clock is 82 s behind", "first_scan": {"angle_warning": "angles do not fit"}},
+            dropped={"no_odometry": 8, "something_new": 2},
+            beams={"hit": 80, "nan": 20},
+            backward_stamps=3,
+            same_stamps=1,
+            clock_disagreements=4,
+            extrapolated=5,
+            beam_count_changes=6,
+            gaps=2,
+            gap_seconds=9.0,
+            longest_gap_s=7.0,
+        )
+    )
+    assert said == [
+        "8 of 100 scans were dropped: they had no odometry",
+        "2 of 100 scans were dropped: something_new",
+        "3 scans are stamped earlier than the scan before: the clock stepped back",
+        "1 scans have the stamp of an earlier scan",
+        "4 scans are stamped by another clock than the rest of the recording",
+        "5 scans came after the last odometry, which was carried on for them",
+        "the number of beams changed 6 times",
+        "2 gaps without a scan, 9.0 s in all, the longest 7.0 s: what moved meanwhile nobody saw",
+        "20% of the beams are no number",
+        "the laser's clock is 82 s behind",
+        "angles do not fit",
+    ]

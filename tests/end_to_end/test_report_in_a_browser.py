@@ -1,0 +1,115 @@
+"""The reports of both programs as people open them: from disk, in a real browser, without a network."""
+
+import re
+
+import pytest
+
+from tbmslam.map_folder import load_map
+from tests.browser import OpenPage, browser_window
+from tests.end_to_end.programs import merge_maps
+
+pytestmark = pytest.mark.xdist_group("flat")
+
+
+@pytest.fixture(scope="module")
+def merged(flat_maps, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("merged")
+    merge_maps(folder, flat_maps / "robot_0", flat_maps / "robot_1")
+    return folder
+
+
+@pytest.fixture
+def window():
+    with browser_window() as page:
+        yield page
+
+
+def read_out(opened, number=0):
+    """Move over the map and return what is read there, by name."""
+    box = opened.page.locator("#map").bounding_box()
+    x, y = box["x"] + box["width"] / 2 + number, box["y"] + box["height"] / 2 + number
+    opened.page.mouse.move(x, y)
+    opened.page.wait_for_timeout(300)  # pictures are decoded at the first move
+    opened.page.mouse.move(x, y + 0.01)
+    text = opened.page.inner_text("#readout")
+    assert "x " in text
+    return {name: float(value) for name, value in re.findall(r"([a-z]+) (-?\d+(?:\.\d+)?)", text)}
+
+
+def test_the_merge_report_shows_the_map_and_switches_its_layers(merged, window):
+    opened = OpenPage(window, merged / "report.html")
+    page = opened.page
+    assert page.title() == "Merge of robot_0, robot_1"
+    assert "2 of 2 maps were merged." in page.inner_text("header")
+    assert opened.visible_rasters() == ["pignistic", "robot_0", "robot_1"]
+    page.get_by_label("conflict").check()
+    page.get_by_label("robot_1: map").uncheck()
+    page.get_by_label("overlap").check()
+    assert sorted(opened.visible_rasters()) == ["conflict", "overlap", "robot_0"]
+    drawn = "() => [...document.querySelectorAll('#map canvas')].map((canvas) => canvas.toDataURL()).join()"
+    with_drives = page.evaluate(drawn)
+    page.get_by_label("robot_0: drive").uncheck()
+    page.wait_for_timeout(200)
+    assert page.evaluate(drawn) != with_drives
+    for what in ("keyframes", "loops"):
+        before = page.evaluate(drawn)
+        page.get_by_label(re.compile(f"robot_1: {what[:3]}")).check()
+        page.wait_for_timeout(200)
+        assert page.evaluate(drawn) != before
+    assert page.locator(".leaflet-control-scale-line").inner_text().endswith(" m")
+    assert page.locator("article img").first.evaluate("(image) => image.decode().then(() => image.naturalWidth)") > 100
+    assert opened.complaints == []
+    assert opened.asked_elsewhere() == []
+
+
+def test_the_map_is_panned_and_zoomed_and_read_in_metres(merged, window):
+    opened = OpenPage(window, merged / "report.html")
+    page, grid = opened.page, load_map(merged).grid
+    for number in (0, 40, -70):
+        said = read_out(opened, number)
+        row, col = grid.geometry.cell_at(said["x"], said["y"])
+        # The position is told to the centimetre, so it may be the cell beside.
+        near = [
+            (r, c) for r in range(row - 1, row + 2) for c in range(col - 1, col + 2) if grid.geometry.contains(r, c)
+        ]
+        for name, subset in (("conflict", 0), ("free", 1), ("occupied", 2), ("unknown", 3)):
+            assert any(abs(grid.masses[cell][subset] - said[name]) <= 0.026 for cell in near)
+    start = read_out(opened)
+    scale = page.inner_text(".leaflet-control-scale-line")
+    page.mouse.wheel(0, -600)
+    page.wait_for_timeout(600)
+    assert page.inner_text(".leaflet-control-scale-line") != scale
+    box = page.locator("#map").bounding_box()
+    page.mouse.move(box["x"] + 500, box["y"] + 300)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 300, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(600)
+    assert read_out(opened)["x"] > start["x"] + 0.2
+    page.click("#whole")
+    page.wait_for_timeout(200)
+    assert read_out(opened)["x"] == pytest.approx(start["x"], abs=0.02)
+    assert opened.complaints == []
+
+
+def test_the_report_of_build_maps_has_a_sheet_for_every_robot(flat_maps, window):
+    opened = OpenPage(window, flat_maps / "report.html")
+    page = opened.page
+    assert page.get_by_role("tab").all_inner_texts() == ["robot_0", "robot_1"]
+    bounds = "() => document.querySelector('#map img').style.width"
+    first = page.evaluate(bounds)
+    page.get_by_role("tab", name="robot_1").click()
+    assert page.get_by_role("tab", selected=True).inner_text() == "robot_1"
+    assert page.evaluate(bounds) != first
+    assert opened.visible_rasters() == ["pignistic"]
+    page.get_by_label("unknown").check()
+    assert opened.visible_rasters() == ["unknown"]
+    for words in ("How it was made", "build_maps ", "Every parameter", "mapping", "numba"):
+        assert words in page.inner_text("main")
+    assert opened.complaints == []
+    assert opened.asked_elsewhere() == []
+
+
+def test_pages_are_of_a_reasonable_size(merged, flat_maps):
+    for folder in (merged, flat_maps):
+        assert 200_000 < (folder / "report.html").stat().st_size < 1_000_000

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from tbmslam.belief import OCCUPIED
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
+from tbmslam.report import map_layers
+from tbmslam.report.map_layers import drive_layers, for_display
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive
+from tbmslam.trajectory import Trajectory
+
+
+def test_every_mass_is_a_picture_and_one_is_shown_at_a_time():
+    masses = np.zeros((4, 5, 4), dtype=np.float32)
+    masses[...] = (0.1, 0.2, 0.3, 0.4)
+    layers = map_layers.map_layers(TbmGrid(GridGeometry(0.1, 0.0, 0.0, 4, 5), masses))
+    assert [layer.switch.label for layer in layers] == ["pignistic", "occupied", "free", "unknown", "conflict"]
+    assert all(layer.switch.only_one for layer in layers)
+    assert [layer.switch.shown for layer in layers] == [True, False, False, False, False]
+    values = [layer.levels[0, 0] * layer.unit for layer in layers]
+    assert values == pytest.approx([0.5 / 0.9, 0.3, 0.2, 0.4, 0.1], abs=0.025)
+
+
+def test_a_drive_is_its_way_its_keyframes_and_its_loops():
+    poses = np.zeros((1000, 3))
+    poses[:, 0] = np.linspace(0.0, 1.0, 1000)
+    scans = [LaserScan(float(k), 0.0, 0.1, 0.1, 10.0, np.array([2.0])) for k in range(3)]
+    keyframes = Keyframes.from_scans(scans, [SE2(0.1 * k, 0.0, 0.0) for k in range(3)], [SE2.identity()] * 3)
+    drive = Drive("r", Trajectory(np.arange(1000.0), poses), keyframes, np.array([[0, 2]]))
+    way, dots, links = drive_layers([drive], [(1, 2, 3)], "Robots", 0.1)
+    assert 15 <= len(way.points) <= 25
+    np.testing.assert_array_equal(way.points[[0, -1]], poses[[0, -1], :2])
+    np.testing.assert_allclose(dots.points[:, 0], [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(links.points[:, 0], [0.0, 0.2])
+    assert [layer.kind for layer in (way, dots, links)] == ["line", "dots", "links"]
+
+
+def test_large_maps_are_shown_in_coarser_cells_that_cover_the_same_place(monkeypatch):
+    monkeypatch.setattr(map_layers, "MOST_CELLS", 30)
+    cells = np.zeros((11, 10, 4), dtype=np.float32)
+    cells[..., OCCUPIED] = 1.0
+    geometry, coarse = for_display(GridGeometry(0.1, -1.0, 2.0, 11, 10), cells)
+    assert (geometry.rows, geometry.cols) == (6, 5)
+    assert geometry.resolution == pytest.approx(0.2)
+    assert coarse.shape == (6, 5, 4)
+    np.testing.assert_allclose(coarse[..., OCCUPIED], 1.0)
+    assert (geometry.origin_x, geometry.origin_y) == (-1.0, 2.0)

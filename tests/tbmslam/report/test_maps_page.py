@@ -1,0 +1,54 @@
+import numpy as np
+
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.report.making import Making
+from tbmslam.report.maps_page import MappedRobot, maps_page
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+
+def robot(run=None):
+    poses = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]])
+    drive = Drive("robot_0", Trajectory(np.array([10.0, 12.0]), poses), Keyframes.from_scans([], [], []))
+    grid = TbmGrid.unknown(GridGeometry(0.5, 0.0, 0.0, 4, 4))
+    grid.masses[0, 0] = (0.0, 1.0, 0.0, 0.0)
+    return MappedRobot(TbmMap(grid, (drive,)), run or {})
+
+
+RUN = {
+    "recording": {"name": "monday"},
+    "counts": {"scans_read": 7},
+    "warnings": ["5 of 7 scans were dropped: they were empty"],
+    "versions": {"python": "3.11"},
+    "config": {"map": {"resolution": 0.5}},
+    "result": {"correction_m": 2.5},
+}
+
+
+def test_every_robot_has_a_sheet_a_row_and_its_warnings():
+    page = maps_page({"a": robot(RUN), "b": robot()}, Making("build_maps x", {"mapping": 1.0}))
+    assert [sheet.title for sheet in page.sheets] == ["a", "b"]
+    assert page.tables[0].rows[0] == ["a", "monday", "2", "7", "0", "5.0", "2.0", "0", "2.500", "0.2", "0.5"]
+    assert page.tables[0].rows[1][:4] == ["b", "–", "2", "–"]
+    assert page.warnings == [
+        "a: 5 of 7 scans were dropped: they were empty",
+        "a: closing loops moved the drive by up to 2.5 m: it had drifted by so much",
+        "a: no loop was closed in 5 m, so nothing tells how far the drive drifted",
+        "b: no loop was closed in 5 m, so nothing tells how far the drive drifted",
+    ]
+    assert page.verdict == "2 maps were made, each in a frame of its own"
+    assert (page.command, page.versions, page.config) == ("build_maps x", RUN["versions"], RUN["config"])
+    assert page.figures["driven"] == "10 m"
+
+
+def test_of_very_many_maps_the_first_are_shown_and_all_are_told():
+    page = maps_page({f"robot_{k}": robot() for k in range(40)}, Making())
+    assert len(page.sheets) == 30
+    assert len(page.tables[0].rows) == 40
+    assert "Shown above are the first 30 of 40 maps." in page.tables[0].note
+
+
+def test_a_run_that_says_something_else_spoils_nothing():
+    odd = robot({"warnings": 3, "counts": "many", "result": None, "versions": [], "config": 1})
+    assert "1 map was made" in maps_page({"a": odd}, Making()).to_html()
