@@ -84,7 +84,8 @@ class Slam:
         poses = np.array(self._poses, dtype=np.float64).reshape(-1, 3)
         tracked = poses
         poses = self._close_loops(poses)
-        self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
+        if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
+            self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps), poses)
         keyframes = Keyframes.from_scans(
             [k.scan for k in self._keyframes],

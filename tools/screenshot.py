@@ -1,0 +1,77 @@
+"""Take a picture of a report as a browser shows it, for documentation."""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py merged/report.html -o docs/report.png
+      the first screen at a desktop's width
+  python tools/%(prog)s.py merged/report.html -o pairs.png --element .cards --on keyframes overlap
+      one part of the page, with further layers switched on
+
+needs playwright (pip install 'tbmslam[dev]') and an installed Chromium or Chrome
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="screenshot", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("page", type=Path, help="a report.html")
+    grammar.add_argument("-o", "--out", type=Path, required=True, metavar="PNG", help="where the picture goes")
+    grammar.add_argument(
+        "--size", type=int, nargs=2, default=(1440, 900), metavar=("W", "H"), help="of the window (1440 900)"
+    )
+    grammar.add_argument("--element", metavar="CSS", help="only the first part of the page that this selects")
+    grammar.add_argument("--on", nargs="+", default=[], metavar="LAYER", help="layers to switch on, by their labels")
+    grammar.add_argument("--off", nargs="+", default=[], metavar="LAYER", help="layers to switch off")
+    return grammar
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    options = parser().parse_args(arguments)
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        return _failed("no browser is installed: install chromium")
+    if not options.page.is_file():
+        return _failed(f"{options.page}: does not exist: give a report.html")
+    try:
+        from playwright.sync_api import Error, sync_playwright
+    except ImportError:
+        return _failed("playwright is not installed: pip install 'tbmslam[dev]'")
+    width, height = options.size
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with sync_playwright() as tool:
+            window = tool.chromium.launch(executable_path=browser).new_page(
+                viewport={"width": width, "height": height}, offline=True
+            )
+            window.goto(options.page.resolve().as_uri())
+            for label in options.on:
+                window.get_by_label(label).check()
+            for label in options.off:
+                window.get_by_label(label).uncheck()
+            window.wait_for_timeout(300)
+            pictured = window.locator(options.element).first if options.element else window
+            pictured.screenshot(path=options.out)
+    except Error as error:
+        return _failed(f"{options.page}: {error.message.splitlines()[0]}")
+    return 0
+
+
+def _failed(message: str) -> int:
+    print(f"screenshot: {message}", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
