@@ -3,7 +3,8 @@
 `slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
-is worth. `merge` prints what a merge costs by area, beside the paper's own program.
+is worth. `merge` prints what a merge costs by area, beside the paper's own program. `strangers` counts how often maps
+that do not belong together are merged all the same.
 """
 
 import argparse
@@ -29,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align|merge")
+    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align|merge|strangers")
     slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds")
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
@@ -65,7 +66,11 @@ def parser() -> argparse.ArgumentParser:
     merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
     merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
     merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
-    for command in (slam, scaling, align, merge):
+    strangers = commands.add_parser("strangers", help="how often maps that do not belong together are merged")
+    strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
+    strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
+    strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
+    for command in (slam, scaling, align, merge, strangers):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -110,6 +115,10 @@ def _check(args: argparse.Namespace) -> None:
         if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
             raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
         return
+    if args.command == "strangers":
+        if min(args.pairs, args.workers) < 1 or args.seed < 0:
+            raise ValueError("--pairs and --workers must be positive, --seed not negative")
+        return
     args.preset = args.preset.split(",")
     for name in args.preset:
         if name not in PRESETS:
@@ -141,6 +150,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.merge_benchmark import benchmark_merge
 
         benchmark_merge(args)
+    elif args.command == "strangers":
+        from tools.stranger_benchmark import benchmark_strangers
+
+        benchmark_strangers(args)
     else:
         from tools.scaling_benchmark import benchmark_scaling
 

@@ -1,0 +1,146 @@
+"""How often maps that do not belong together are merged all the same: simulated strangers by the thousand."""
+
+import argparse
+import dataclasses
+import json
+import multiprocessing
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.stats import binomtest
+from tqdm import tqdm
+
+from datasets.synthetic.map_pairs import (
+    Building,
+    MapPair,
+    building_of_world,
+    cut_pairs,
+    disjoint_pair,
+    foreign_pair,
+    mirrored,
+    room_of,
+)
+from merging import align
+from tbmslam.atomic_file import write_text
+from tools.machine import describe_machine
+from tools.pair_files import KnownPair
+from tools.text_table import number, text_table
+
+KINDS = {
+    "unrelated": "maps of two buildings, whole or in part",
+    "mirrored": "a building and its mirror image",
+    "far ends": "two ends of a building that share nothing",
+    "self-similar": "two parts of a corridor that looks the same everywhere; a place other than the true one counts",
+}
+HEAD = ("pairs", "", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
+
+_WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
+_PAIRS_A_BUILDING = 8
+_SMALLEST_M2, _LARGEST_M2 = 40.0, 400.0
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """One pair, and what the aligner made of it.
+
+    Parameters
+    ----------
+    kind
+        Of `KINDS`.
+    name
+        Of the pair; it tells the seeds.
+    is_wrong
+        Whether a false alignment was accepted.
+    is_ambiguous
+        Whether several places fitted about as well, and it was refused for that.
+    confidence
+        Of the best alignment.
+    """
+
+    kind: str
+    name: str
+    is_wrong: bool
+    is_ambiguous: bool
+    confidence: float
+
+
+def benchmark_strangers(args: argparse.Namespace) -> None:
+    """Align as many pairs as asked for and print the rates."""
+    machine = describe_machine()
+    encounters = sorted(_meet_all(args.pairs, args.seed, args.workers), key=lambda one: (one.kind, one.name))
+    rows = [_row(kind, about, [one for one in encounters if one.kind == kind]) for kind, about in KINDS.items()]
+    print(text_table(HEAD, [*rows, _row("all", "", encounters)]))
+    for one in encounters:
+        if one.is_wrong:
+            print(f"wrongly accepted: {one.name}, confidence {one.confidence:.3f}")
+    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    if args.json:
+        record = {"machine": machine, "encounters": [dataclasses.asdict(one) for one in encounters]}
+        write_text(args.json, json.dumps(record, indent=2) + "\n")
+
+
+def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
+    """Make a pair and align it; the same numbers make the same pair."""
+    pair = KnownPair.of(_pair(kind, number_of_pair, seed))
+    found = align(pair.target, pair.source)
+    is_wrong = found.accepted and not pair.is_right(found.T_target_source)
+    return Encounter(kind, f"{pair.name}_{number_of_pair}", is_wrong, found.ambiguous, found.confidence)
+
+
+def _meet_all(pairs: int, seed: int, workers: int) -> Iterable[Encounter]:
+    kinds = list(KINDS)
+    tasks = [(kinds[index % len(kinds)], index // len(kinds), seed) for index in range(pairs)]
+    if workers == 1:
+        return [meet(*task) for task in tqdm(tasks, disable=None)]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context) as pool:
+        # Neighbouring tasks share a building, so a worker gets many of them at a time.
+        done = pool.map(meet, *zip(*tasks, strict=True), chunksize=len(KINDS) * _PAIRS_A_BUILDING)
+        return list(tqdm(done, total=pairs, disable=None))
+
+
+def _pair(kind: str, index: int, seed: int) -> MapPair:
+    rng = np.random.default_rng([seed, index, list(KINDS).index(kind)])
+    draw = int(rng.integers(2**31))
+    family = seed * 10_000 + index // _PAIRS_A_BUILDING
+    if kind == "self-similar":
+        overlap = float(rng.choice([0.25, 0.5, 0.75]))
+        return next(iter(cut_pairs(_building("corridor", family), draw, [overlap])))
+    first = _part(_building(_WORLDS[index % len(_WORLDS)], family), rng)
+    if kind == "mirrored":
+        return foreign_pair(first, mirrored(first), draw)
+    if kind == "far ends":
+        return disjoint_pair(_building(_WORLDS[index % len(_WORLDS)], family), draw)
+    other = _WORLDS[int(rng.integers(len(_WORLDS)))]
+    return foreign_pair(first, _part(_building(other, family + 5_000), rng), draw)
+
+
+def _part(building: Building, rng: np.random.Generator) -> Building:
+    """Return all of a building, or, half of the time, the surroundings of one place."""
+    if rng.random() < 0.5:
+        return building
+    return room_of(building, float(rng.uniform(_SMALLEST_M2, _LARGEST_M2)), int(rng.integers(2**31)))
+
+
+@lru_cache(maxsize=32)
+def _building(world: str, seed: int) -> Building:
+    return building_of_world(world, seed)
+
+
+def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
+    tried, wrong = len(encounters), sum(one.is_wrong for one in encounters)
+    if not tried:
+        return [kind, about, "0", "0", "-", "-", "0"]
+    interval = binomtest(wrong, tried).proportion_ci(0.95)  # Clopper and Pearson 1934
+    return [
+        kind,
+        about,
+        str(tried),
+        str(wrong),
+        number(100.0 * wrong / tried, 2),
+        f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}",
+        str(sum(one.is_ambiguous for one in encounters)),
+    ]
