@@ -74,20 +74,26 @@ _VINY_MAP = MapConfig(
 )
 
 
-def _viny(name: str, matcher: MonteCarloConfig | HillClimbingConfig) -> SlamConfig:
-    """Return vinySLAM with one of its matchers: one hypothesis, every scan written, no loop closed."""
+_TINY_MAP = _VINY_MAP.model_copy(update={"sensor_model": SensorModelConfig(wall_blur=0.5, combination="mean")})
+_CREDIBILIST_MAP = _VINY_MAP.model_copy(update={"resolution": 0.05, "sensor_model": SensorModelConfig(wall_blur=0.1)})
+
+
+def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: MapConfig = _VINY_MAP) -> SlamConfig:
+    """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
     return SlamConfig(
         preset=name,
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
-        map=_VINY_MAP,
+        map=cells,
     )
 
 
 PRESETS: Mapping[str, SlamConfig] = {
     "default": SlamConfig(),
-    "viny": _viny("viny", MonteCarloConfig()),
-    "viny-hc": _viny("viny-hc", HillClimbingConfig()),
+    "viny": _on_grid("viny", MonteCarloConfig()),
+    "viny-hc": _on_grid("viny-hc", HillClimbingConfig()),
+    "tiny": _on_grid("tiny", MonteCarloConfig(weighting="even"), _TINY_MAP),
+    "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
 }
 
 

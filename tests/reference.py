@@ -32,6 +32,21 @@ def insert_beams(cells, resolution, start, ends, is_hit, model, quality):
             cells[cell] = dempster(cells.get(cell, VACUOUS), word)
 
 
+def insert_beams_as_means(cells, resolution, start, ends, is_hit, model, quality):
+    """Collect the probabilities that beams give to cells, in a dict (row, col) -> list, as tinySLAM does."""
+    radius = model.wall_blur / resolution
+    for end, hit in zip(ends, is_hit, strict=True):
+        path = walk(start, end, resolution)
+        for cell in path:
+            gap = squared_distance(cell, path[-1])
+            probability = model.miss_probability
+            if hit and cell == path[-1]:
+                probability = model.hit_probability
+            elif hit and gap < radius**2 < squared_distance(path[0], path[-1]):
+                probability = model.hit_probability * (1 - gap / radius**2)
+            cells.setdefault(cell, []).append(0.5 + (probability - 0.5) * quality)
+
+
 def insert_scan(cells, resolution, start, ends, is_hit, model, quality):
     """Combine a scan into a dict of cells, one word for each cell, hits first."""
     hits = {walk(start, end, resolution)[-1] for end, hit in zip(ends, is_hit, strict=True) if hit}

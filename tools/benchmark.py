@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset default,viny,viny-hc
+  python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
       two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
   python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
       bags of simulated drives (kind:seed:odometry and options of make_world), medians of three runs
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     )
     scaling.add_argument("--beams", type=int, default=180, help="beams of a scan (180)")
     for command in (slam, scaling):
-        command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run (default)")
+        command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
     align = commands.add_parser("align", help="how often pairs of maps are aligned rightly")
     align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
     align.add_argument("--method", choices=("correlation", "features"), default="correlation", help="(correlation)")
@@ -119,7 +119,7 @@ def _check(args: argparse.Namespace) -> None:
         if min(args.pairs, args.workers) < 1 or args.seed < 0:
             raise ValueError("--pairs and --workers must be positive, --seed not negative")
         return
-    args.preset = args.preset.split(",")
+    args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
     for name in args.preset:
         if name not in PRESETS:
             raise ValueError(f"--preset: there is no {name!r}; there are {', '.join(PRESETS)}")

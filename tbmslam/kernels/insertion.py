@@ -1,4 +1,4 @@
-"""Evidence of beams, multiplied into the cells they pass and end in.
+"""Evidence of beams, combined into the cells they pass and end in.
 
 Cells are counted on the lattice of `tbmslam.evidence_grid`: column floor(x / resolution), row floor(y / resolution).
 """
@@ -19,7 +19,7 @@ RATIO_LIMIT = 1e150
 
 
 class BeamFactors(NamedTuple):
-    """What one beam multiplies into a cell's evidence: first the factor of a_F, then that of a_O."""
+    """What one beam multiplies into a cell's evidence, or adds to it: first to a_F, then to a_O."""
 
     hit: FloatArray
     """(2,) for the cell a beam ends in."""
@@ -29,6 +29,8 @@ class BeamFactors(NamedTuple):
     """(B, 2) for a passed cell whose squared distance to the end cell is the index [cells^2]."""
     blur_radius_squared: float
     """The square of the blur's length [cells^2]; beams no longer than that are not blurred."""
+    adds: bool = False
+    """Whether the numbers are added, and not multiplied."""
 
 
 @kernel
@@ -101,7 +103,7 @@ def insert_beams(
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
 ) -> None:
-    """Multiply the evidence of beams into `ratios` (rows, cols, 2), which must contain all of them.
+    """Combine the evidence of beams into `ratios` (rows, cols, 2), which must contain all of them.
 
     Every beam updates each of its cells once: the end cell as hit (or as passed, for a beam that met nothing), the
     others as passed, blurred towards the wall where a hit lies behind them.
@@ -119,14 +121,14 @@ def insert_beams(
     cells = np.empty((ratios.shape[0] + ratios.shape[1] + 2, 2), dtype=np.int64)
     hit_free, hit_occupied = factors.hit[0], factors.hit[1]
     miss_free, miss_occupied = factors.miss[0], factors.miss[1]
-    blur_radius_squared = factors.blur_radius_squared
+    blur_radius_squared, adds = factors.blur_radius_squared, factors.adds
     for beam in range(len(ends)):
         count = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, cells)
         end_row, end_col = cells[count - 1, 0], cells[count - 1, 1]
         length_squared = (cells[0, 0] - end_row) ** 2 + (cells[0, 1] - end_col) ** 2
         blurred = count - 1
         if is_hit[beam]:
-            _multiply(ratios, end_row - first_row, end_col - first_col, hit_free, hit_occupied)
+            _combine(ratios, end_row - first_row, end_col - first_col, hit_free, hit_occupied, adds)
             if blur_radius_squared < length_squared:
                 # The walk only comes nearer to its end, so the blurred cells are the last ones.
                 while blurred > 0:
@@ -134,17 +136,18 @@ def insert_beams(
                     if distance_squared >= blur_radius_squared:
                         break
                     blurred -= 1
-                    _multiply(
+                    _combine(
                         ratios,
                         cells[blurred, 0] - first_row,
                         cells[blurred, 1] - first_col,
                         factors.blur[distance_squared, 0],
                         factors.blur[distance_squared, 1],
+                        adds,
                     )
         else:
-            _multiply(ratios, end_row - first_row, end_col - first_col, miss_free, miss_occupied)
+            _combine(ratios, end_row - first_row, end_col - first_col, miss_free, miss_occupied, adds)
         for i in range(blurred):
-            _multiply(ratios, cells[i, 0] - first_row, cells[i, 1] - first_col, miss_free, miss_occupied)
+            _combine(ratios, cells[i, 0] - first_row, cells[i, 1] - first_col, miss_free, miss_occupied, adds)
 
 
 @kernel
@@ -156,12 +159,29 @@ def insert_scan(
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
 ) -> None:
-    """Multiply the evidence of a scan into `ratios`, once a cell: as hit if any beam ended there, or as passed.
+    """Combine the evidence of a scan into `ratios`, once a cell: as hit if any beam ended there, or as passed.
 
     Neighbouring beams are not independent witnesses of the cell they share, and beams that graze a wall must not erase
     it. Parameters as of `insert_beams`; nothing is blurred.
     """
-    resolution, first_row, first_col = lattice
+    cells, is_end = touched_cells(start, ends, is_hit, lattice.resolution)
+    hit, miss, adds = factors.hit, factors.miss, factors.adds
+    for i in range(len(cells)):
+        row, col = cells[i, 0] - lattice.first_row, cells[i, 1] - lattice.first_col
+        if is_end[i]:
+            _combine(ratios, row, col, hit[0], hit[1], adds)
+        else:
+            _combine(ratios, row, col, miss[0], miss[1], adds)
+
+
+@kernel
+def touched_cells(
+    start: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+    """Return the lattice cells (M, 2) as (row, col) that a scan speaks of, each once, and whether (M,) it was hit.
+
+    Cells that beams ended in come first; `start`, `ends` and `is_hit` as of `insert_beams`.
+    """
     low_x, low_y, high_x, high_y = start[0], start[1], start[0], start[1]
     for beam in range(len(ends)):
         low_x, high_x = min(low_x, ends[beam, 0]), max(high_x, ends[beam, 0])
@@ -169,25 +189,35 @@ def insert_scan(
     row0, col0 = math.floor(low_y / resolution), math.floor(low_x / resolution)
     rows, cols = math.floor(high_y / resolution) - row0 + 1, math.floor(high_x / resolution) - col0 + 1
     spoken = np.zeros((rows, cols), dtype=np.bool_)
-    cells = np.empty((rows + cols + 2, 2), dtype=np.int64)
+    walk = np.empty((rows + cols + 2, 2), dtype=np.int64)
+    touched = np.empty((rows * cols, 2), dtype=np.int32)
+    count = 0
     for beam in range(len(ends)):
         if not is_hit[beam]:
             continue
         row, col = math.floor(ends[beam, 1] / resolution), math.floor(ends[beam, 0] / resolution)
         if not spoken[row - row0, col - col0]:
             spoken[row - row0, col - col0] = True
-            _multiply(ratios, row - first_row, col - first_col, factors.hit[0], factors.hit[1])
+            touched[count, 0], touched[count, 1] = row, col
+            count += 1
+    hits = count
     for beam in range(len(ends)):
-        count = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, cells)
-        for i in range(count):
-            row, col = cells[i, 0], cells[i, 1]
+        length = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, walk)
+        for i in range(length):
+            row, col = walk[i, 0], walk[i, 1]
             if not spoken[row - row0, col - col0]:
                 spoken[row - row0, col - col0] = True
-                _multiply(ratios, row - first_row, col - first_col, factors.miss[0], factors.miss[1])
+                touched[count, 0], touched[count, 1] = row, col
+                count += 1
+    return touched[:count], np.arange(count) < hits
 
 
 @kernel
-def _multiply(ratios: FloatArray, row: int, col: int, free_factor: float, occupied_factor: float) -> None:
+def _combine(ratios: FloatArray, row: int, col: int, free_factor: float, occupied_factor: float, adds: bool) -> None:
+    if adds:
+        ratios[row, col, 0] += free_factor
+        ratios[row, col, 1] += occupied_factor
+        return
     free, occupied = ratios[row, col, 0] * free_factor, ratios[row, col, 1] * occupied_factor
     if free > RATIO_LIMIT or occupied > RATIO_LIMIT:
         free, occupied = max(free * 1e-50, 1.0), max(occupied * 1e-50, 1.0)

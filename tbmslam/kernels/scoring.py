@@ -14,17 +14,20 @@ Pose = tuple[float, float, float]
 
 
 @kernel
-def impact_at(ratios: FloatArray, row: int, col: int) -> float:
-    """Return how well a cell agrees with a certain hit, in [0, 1]: 0.5 where nothing is known (vinySLAM).
+def impact_at(ratios: FloatArray, row: int, col: int, disjunctive: bool = False) -> float:
+    """Return how well a cell agrees with a certain hit, in [0, 1].
 
     With masses u, f, o it is 1 - (u/4 + (1 - u/2) (f + 1 - o)/2): the ignorance, and the conflict and difference that
-    combining the cell with a certain hit would give.
+    combining the cell with a certain hit would give (vinySLAM); 0.5 where nothing is known. `disjunctive`: it is o, the
+    mass that both give to OCCUPIED by the disjunctive rule; 0 where nothing is known.
     """
     if row < 0 or col < 0 or row >= ratios.shape[0] or col >= ratios.shape[1]:
-        return 0.5
+        return 0.0 if disjunctive else 0.5
     free_ratio, occupied_ratio = float(ratios[row, col, 0]), float(ratios[row, col, 1])
     unknown = 1.0 / (free_ratio + occupied_ratio - 1.0)
     free, occupied = (free_ratio - 1.0) * unknown, (occupied_ratio - 1.0) * unknown
+    if disjunctive:
+        return occupied
     return 1.0 - (0.25 * unknown + (1.0 - 0.5 * unknown) * 0.5 * (free + 1.0 - occupied))
 
 
@@ -35,6 +38,7 @@ def weighted_impact(
     points: FloatArray,
     weights: FloatArray,
     pose: Pose,
+    disjunctive: bool = False,
 ) -> float:
     """Return the weighted sum of `impact_at` over points (N, 2) [m] placed by the pose of their frame."""
     resolution, first_row, first_col = lattice
@@ -45,7 +49,7 @@ def weighted_impact(
         px, py = points[i, 0], points[i, 1]
         col = math.floor((x + cosine * px - sine * py) / resolution) - first_col
         row = math.floor((y + sine * px + cosine * py) / resolution) - first_row
-        total += weights[i] * impact_at(ratios, row, col)
+        total += weights[i] * impact_at(ratios, row, col, disjunctive)
     return total
 
 
@@ -58,12 +62,13 @@ def search_monte_carlo(
     pose: Pose,
     best_score: float,
     offsets: FloatArray,
+    disjunctive: bool = False,
 ) -> tuple[int, float]:
     """Return the index of the first of `pose` + `offsets` (K, 3) that scores better, and its score; -1 if none."""
     x, y, theta = pose
     for k in range(len(offsets)):
         candidate = (x + offsets[k, 0], y + offsets[k, 1], theta + offsets[k, 2])
-        score = weighted_impact(ratios, lattice, points, weights, candidate)
+        score = weighted_impact(ratios, lattice, points, weights, candidate, disjunctive)
         if score > best_score:
             return k, score
     return -1, best_score
@@ -79,6 +84,7 @@ def climb_hill(
     steps: tuple[float, float],
     halvings: int,
     try_once_more: bool,
+    disjunctive: bool = False,
 ) -> tuple[float, float, float, float, int]:
     """Climb to a local maximum along the axes; return x, y, theta, score and the number of poses scored.
 
@@ -87,7 +93,7 @@ def climb_hill(
     `try_once_more` scores one more candidate, +x, after that, as the original program does.
     """
     best_x, best_y, best_theta = pose
-    best_score = weighted_impact(ratios, lattice, points, weights, pose)
+    best_score = weighted_impact(ratios, lattice, points, weights, pose, disjunctive)
     length, angle = steps
     failures, scored = 0, 1
     while failures < halvings:
@@ -101,7 +107,7 @@ def climb_hill(
                 base_y + (sign * length if axis == 1 else 0.0),
                 base_theta + (sign * angle if axis == 2 else 0.0),
             )
-            score = weighted_impact(ratios, lattice, points, weights, trial)
+            score = weighted_impact(ratios, lattice, points, weights, trial, disjunctive)
             scored += 1
             if score > best_score:
                 best_score = score
@@ -112,7 +118,7 @@ def climb_hill(
             length, angle = 0.5 * length, 0.5 * angle
     if try_once_more:
         trial = (best_x + length, best_y, best_theta)
-        score = weighted_impact(ratios, lattice, points, weights, trial)
+        score = weighted_impact(ratios, lattice, points, weights, trial, disjunctive)
         scored += 1
         if score > best_score:
             best_score = score

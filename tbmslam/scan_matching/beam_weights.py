@@ -1,4 +1,4 @@
-"""How much each beam counts in a scan's score."""
+"""What a scan's score asks of a cell, and how much each beam counts in it."""
 
 from typing import Literal
 
@@ -8,6 +8,9 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import FloatArray
 
 BeamWeighting = Literal["even", "viny"]
+CellScore = Literal["discrepancy", "disjunctive"]
+"""vinySLAM's discrepancy to a certain hit, or the consistency of the credibilist SLAM: what the disjunctive rule leaves
+on OCCUPIED (Trehard et al., "Credibilist simultaneous localization and mapping with a lidar", IROS 2014)."""
 
 
 def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.scoring import climb_hill
 from tbmslam.laser_scan import LaserScan
-from tbmslam.scan_matching.beam_weights import BeamWeighting, beam_weights
+from tbmslam.scan_matching.beam_weights import BeamWeighting, CellScore, beam_weights
 from tbmslam.scan_matching.scan_match import ScanMatch, moved_from
 from tbmslam.se2 import SE2
 
@@ -23,6 +23,7 @@ class HillClimbingConfig(BaseModel):
     halvings: int = Field(6, ge=1, description="rounds without improvement that end the search")
     extra_candidate: bool = Field(False, description="score one more candidate at the end, as the original does")
     weighting: BeamWeighting = "viny"
+    score: CellScore = "discrepancy"
 
 
 class HillClimbingMatcher:
@@ -43,6 +44,7 @@ class HillClimbingMatcher:
             (config.position_step, config.heading_step),
             config.halvings,
             config.extra_candidate,
+            config.score == "disjunctive",
         )
         pose = SE2(x, y, theta)
         return ScanMatch(pose, score, moved_from(initial_guess, pose))

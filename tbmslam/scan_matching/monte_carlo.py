@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.scoring import search_monte_carlo, weighted_impact
 from tbmslam.laser_scan import LaserScan
-from tbmslam.scan_matching.beam_weights import BeamWeighting, beam_weights
+from tbmslam.scan_matching.beam_weights import BeamWeighting, CellScore, beam_weights
 from tbmslam.scan_matching.scan_match import ScanMatch, moved_from
 from tbmslam.se2 import SE2, FloatArray
 
@@ -28,6 +28,7 @@ class MonteCarloConfig(BaseModel):
     max_failures: int = Field(20, ge=1, description="candidates in vain, at one deviation, that end the search")
     max_candidates: int = Field(100, ge=1, description="candidates that end the search in any case")
     weighting: BeamWeighting = "viny"
+    score: CellScore = "discrepancy"
 
 
 class MonteCarloMatcher:
@@ -56,14 +57,15 @@ class MonteCarloMatcher:
         config = self._config
         cells = (grid.ratios, grid.lattice)
         points, weights = scan.hit_points(), beam_weights(scan, config.weighting)
+        disjunctive = config.score == "disjunctive"
         deviation = np.array([config.position_deviation, config.position_deviation, config.heading_deviation])
-        pose, score = initial_guess, weighted_impact(*cells, points, weights, initial_guess)
+        pose, score = initial_guess, weighted_impact(*cells, points, weights, initial_guess, disjunctive)
         failures, candidates = 0, 0
         while failures < config.max_failures and candidates < config.max_candidates:
             offsets = deviation * self._draw_normals(
                 min(config.max_failures - failures, config.max_candidates - candidates)
             )
-            better, score = search_monte_carlo(*cells, points, weights, pose, score, offsets)
+            better, score = search_monte_carlo(*cells, points, weights, pose, score, offsets, disjunctive)
             if better < 0:
                 failures += len(offsets)
                 candidates += len(offsets)

@@ -10,9 +10,7 @@ def test_presets_survive_a_round_trip(name):
 
 
 def test_unknown_preset():
-    with pytest.raises(
-        ConfigError, match=r"no preset 'vinny'; there are default, viny, viny-hc: did you mean 'viny'\?"
-    ):
+    with pytest.raises(ConfigError, match=r"no preset 'vinny'; there are default, viny, .*: did you mean 'viny'\?"):
         preset("vinny")
 
 

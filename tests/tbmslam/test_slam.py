@@ -50,13 +50,22 @@ def test_it_needs_no_odometry(drive_in):
     assert ate(robot, mapped([replace(r, T_odom_robot=None) for r in robot.readings])) < 0.1
 
 
-@pytest.mark.parametrize("name", ["viny", "viny-hc"])
-def test_the_original_maps_too(drive_in, name):
+@pytest.mark.parametrize(
+    ("name", "resolution"), [("viny", 0.1), ("viny-hc", 0.1), ("tiny", 0.1), ("credibilist", 0.05)]
+)
+def test_the_original_and_its_relatives_map_too(drive_in, name, resolution):
     robot = drive_in("apartment", 30.0, odometry="good")
     tbm_map = mapped(robot.readings, preset(name))
     assert ate(robot, tbm_map) < 0.15
     assert tbm_map.grid.masses[..., 0].max() == 0.0
-    assert tbm_map.grid.geometry.resolution == 0.1
+    assert tbm_map.grid.geometry.resolution == resolution
+
+
+def test_means_know_no_ignorance(drive_in):
+    masses = mapped(drive_in("apartment", 15.0).readings, preset("tiny")).grid.masses
+    known = masses[..., 3] < 1.0
+    assert known.any()
+    assert masses[known][:, 3].max() < 1e-8
 
 
 def test_same_readings_same_map(drive_in):

@@ -6,6 +6,7 @@ import pytest
 from tbmslam.belief import normalise
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.insertion import RATIO_LIMIT, insert_beams, insert_scan, walk_beam
+from tbmslam.kernels.scoring import impact_at
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
 from tests import reference
 
@@ -44,6 +45,20 @@ def test_beams_are_combined_by_dempsters_rule(seed):
     cells = {}
     reference.insert_beams(cells, RESOLUTION, start, ends, is_hit, MODEL, 0.9)
     assert_grid_holds(grid, cells)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_added_evidence_is_the_mean_of_what_a_cell_was_given(seed):
+    model = SensorModelConfig(wall_blur=0.5, combination="mean")
+    start, ends, is_hit = beams(seed)
+    grid = filled_grid(insert_beams, start, ends, is_hit, model, 0.6)
+    cells = {}
+    reference.insert_beams_as_means(cells, RESOLUTION, start, ends, is_hit, model, 0.6)
+    means = {cell: [0.0, 1.0 - np.mean(given), np.mean(given), 0.0] for cell, given in cells.items()}
+    assert_grid_holds(grid, means)
+    cell = next(iter(cells))
+    score = impact_at(grid.ratios, cell[0] - grid.first_row, cell[1] - grid.first_col)
+    assert score == pytest.approx(np.mean(cells[cell]), abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tbmslam.belief import OCCUPIED, disjunctive
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.scoring import climb_hill, search_monte_carlo, weighted_impact
 from tests import reference
@@ -29,6 +30,16 @@ def test_score_is_the_plain_one(world):
     for pose in [(0.0, 0.0, 0.0), (0.13, -0.4, 0.7), (5.0, 5.0, 1.0)]:
         score = weighted_impact(grid.ratios, grid.lattice, points, weights, pose)
         assert score == pytest.approx(reference.weighted_impact(cells, 0.1, points, weights, pose), abs=1e-6)
+
+
+def test_the_disjunctive_score_is_the_mass_that_both_give_to_occupied(world):
+    grid, cells, points, weights = world
+    inside = points[np.abs(points).max(axis=1) < 1.9]
+    score = weighted_impact(grid.ratios, grid.lattice, inside, weights[: len(inside)], (0.0, 0.0, 0.0), True)
+    rows_cols = np.floor(inside[:, ::-1] / 0.1).astype(int)
+    both = [disjunctive(cells[tuple(cell)], [0.0, 0.0, 1.0, 0.0])[OCCUPIED] for cell in rows_cols]
+    assert score == pytest.approx(weights[: len(inside)] @ both, abs=1e-6)
+    assert weighted_impact(grid.ratios, grid.lattice, points, weights, (50.0, 0.0, 0.0), True) == 0.0
 
 
 def test_outside_the_map_nothing_is_known(world):
