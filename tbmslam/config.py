@@ -13,6 +13,7 @@ from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.motion import MotionConfig
+from tbmslam.particle_tracker import ParticleTrackerConfig
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
 from tbmslam.scan_matching.monte_carlo import MonteCarloConfig
 from tbmslam.sensor_model import SensorModelConfig
@@ -37,9 +38,11 @@ class MapConfig(BaseModel):
     keep_conflict: bool = Field(True, description="keep the conflict of hits and misses as the fourth mass")
 
     @model_validator(mode="after")
-    def _check_blur(self) -> Self:
+    def _check_once_per_scan(self) -> Self:
         if self.insertion.once_per_scan and self.sensor_model.wall_blur > 0.0:
             raise ValueError("sensor_model.wall_blur must be 0 where insertion.once_per_scan is on")
+        if self.insertion.once_per_scan and self.sensor_model.combination == "mean":
+            raise ValueError("sensor_model.combination must be 'conjunctive' where insertion.once_per_scan is on")
         return self
 
 
@@ -60,7 +63,9 @@ class SlamConfig(BaseModel):
     preset: str = "default"
     seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")
     motion: MotionConfig = MotionConfig()
-    tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig, Field(discriminator="kind")] = SurfelTrackerConfig()
+    tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (
+        SurfelTrackerConfig()
+    )
     keyframes: KeyframeConfig = KeyframeConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
     map: MapConfig = MapConfig()
@@ -94,6 +99,12 @@ PRESETS: Mapping[str, SlamConfig] = {
     "viny-hc": _on_grid("viny-hc", HillClimbingConfig()),
     "tiny": _on_grid("tiny", MonteCarloConfig(weighting="even"), _TINY_MAP),
     "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
+    "particles": SlamConfig(
+        preset="particles",
+        tracker=ParticleTrackerConfig(),
+        keyframes=KeyframeConfig(distance=0.5, angle=0.35),
+        loop_closing=LoopClosingConfig(enabled=False),
+    ),
 }
 
 

@@ -38,9 +38,10 @@ def beam_factors(config: SensorModelConfig, resolution: float, scan_quality: flo
     """Turn the model into factors for cells of a size and scans of a quality.
 
     By the conjunctive rule, an observation with probability p and quality w has masses m(OCCUPIED) = p w,
-    m(FREE) = (1 - p) w and m(UNKNOWN) = 1 - w; the factors are its commonalities divided by m(UNKNOWN). Where a cell shall hold the mean of its
-    observations, K p is added to a_O and K (1 - p) to a_F with a large K: after n of them m(OCCUPIED) is the mean of p
-    but for 1 / (K n), which is m(UNKNOWN). A scan's quality then draws p towards 0.5.
+    m(FREE) = (1 - p) w and m(UNKNOWN) = 1 - w; the factors are its commonalities divided by m(UNKNOWN).
+
+    Where a cell shall hold the mean of its observations, K p is added to a_O and K (1 - p) to a_F with a large K: after
+    n of them m(OCCUPIED) is the mean of p but for 1 / (K n), which is m(UNKNOWN). A scan's quality draws p towards 0.5.
     """
     factors = _factors if config.combination == "conjunctive" else _addends
     radius_squared = (config.wall_blur / resolution) ** 2

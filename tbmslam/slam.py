@@ -15,10 +15,13 @@ from tbmslam.laser_scan import Reading
 from tbmslam.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.motion import MotionModel
+from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.rendering import render
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.surfel_tracker import SurfelTracker
+from tbmslam.sensor_model import beam_factors
+from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.tile_maps import TileMaps
 from tbmslam.tracked_keyframe import TrackedKeyframe, chain
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
@@ -99,11 +102,13 @@ class Slam:
     def _close_loops(self, poses: FloatArray) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
         kept = self._keyframes
-        if self._closer is None or len(kept) < 2:
+        closed = self._tracker.revised_poses()
+        if closed is None and self._closer is not None and len(kept) >= 2:
+            tracked = np.array([k.match.T_map_sensor for k in kept])
+            closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
+            self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
+        if closed is None:
             return poses
-        tracked = np.array([k.match.T_map_sensor for k in kept])
-        closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
-        self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         moved = [SE2.from_array(pose) @ k.T_robot_sensor.inverse() for pose, k in zip(closed, kept, strict=True)]
         return spread_corrections(poses, np.array([k.index for k in kept]), np.array(moved))
 
@@ -128,10 +133,15 @@ class Slam:
         config = self.config.tracker
         if isinstance(config, GridTrackerConfig):
             return GridTracker(config, self._empty_grid(), self._inserter, self.config.seed)
+        if isinstance(config, ParticleTrackerConfig):
+            cells = self.config.map
+            maps = TileMaps(config.particles, cells.resolution, cells.max_cells)
+            factors = beam_factors(cells.sensor_model, cells.resolution, scan_quality=1.0)
+            return ParticleTracker(config, maps, factors, self.config.seed)
         return SurfelTracker(config)
 
     def _make_closer(self) -> LoopCloser | None:
         tracker, closing = self.config.tracker, self.config.loop_closing
-        if not closing.enabled or isinstance(tracker, GridTrackerConfig):
+        if not closing.enabled or not isinstance(tracker, SurfelTrackerConfig):
             return None
         return LoopCloser(closing, tracker.surfels)

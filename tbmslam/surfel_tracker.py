@@ -93,6 +93,10 @@ class SurfelTracker:
         weights = np.full(len(hits.points), config.independent_points / len(hits.points))
         return self._map.register(hits.points, hits.normals, weights, guess, prior, self._tolerances, config.iterations)
 
+    def revised_poses(self) -> FloatArray | None:
+        """Leave what was tracked as it is."""
+        return None
+
     def is_novel(self, match: ScanMatch) -> bool:
         """Tell whether much of the scan lies where no surface is known yet."""
         return match.score < self._config.novel

@@ -70,6 +70,7 @@ class _TimedTracker:
         self._clock = clock
         self.grid = tracker.grid
         self.is_novel = tracker.is_novel
+        self.revised_poses = tracker.revised_poses
 
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)

@@ -40,6 +40,10 @@ class Tracker(Protocol):
         """Let later scans be placed by this one too."""
         ...
 
+    def revised_poses(self) -> FloatArray | None:
+        """Return where the laser was (K, 3) at everything learnt, as it looks now; None where it never looks back."""
+        ...
+
     def is_novel(self, match: ScanMatch) -> bool:
         """Tell whether to learn from a scan however little the robot moved since the last one."""
         ...

@@ -55,11 +55,7 @@ def parser() -> argparse.ArgumentParser:
         help="turn and shift each robot's frame at random, or keep the odometry's (private)",
     )
     slam = grammar.add_argument_group("SLAM")
-    slam.add_argument(
-        "--preset",
-        default="default",
-        help="default, or a method to compare with: viny, viny-hc, tiny, credibilist, particles",
-    )
+    slam.add_argument("--preset", default="default", help="default, viny, viny-hc, tiny, credibilist or particles")
     slam.add_argument("--config", type=Path, metavar="TOML", help="parameters that differ from the preset's")
     slam.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help="one parameter, e.g. map.resolution=0.1"

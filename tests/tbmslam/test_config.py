@@ -21,10 +21,12 @@ def test_unknown_key_and_wrong_value():
         config_from_dict({"map": {"resolution": -1}})
 
 
-def test_blur_and_once_per_scan_exclude_each_other():
+def test_once_per_scan_excludes_blur_and_means():
     values = preset("default").model_dump()
     with pytest.raises(ConfigError, match=r"wall_blur must be 0 where insertion.once_per_scan is on"):
         config_from_dict(with_setting(values, "map.sensor_model.wall_blur=0.3"))
+    with pytest.raises(ConfigError, match=r"combination must be 'conjunctive' where insertion.once_per_scan is on"):
+        config_from_dict(with_setting(values, "map.sensor_model.combination=mean"))
 
 
 def test_settings():
