@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test slow check install clean
+.PHONY: demo docs test slow check install clean
 
 install: .venv/installed
 
@@ -40,6 +40,15 @@ docs/merged-office.png: demo
 	x, y, w, h = cv2.boundingRect((panels[0][..., 0] != 128).astype('uint8')); \
 	row = cv2.hconcat([panel[y : y + h, x : x + w] for panel in panels]); \
 	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"
+
+# The README's pictures of a report, as a browser shows it; needs Chromium.
+docs/report.png: demo
+	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@
+
+docs/pairs.png: demo
+	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@ --element .cards
+
+docs: docs/merged-office.png docs/report.png docs/pairs.png
 
 test: install
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from tbmslam.atomic_file import write_bytes
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
 EXAMPLES = """examples:
@@ -49,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError:
         return _failed("playwright is not installed: pip install 'tbmslam[dev]'")
     width, height = options.size
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     try:
         with sync_playwright() as tool:
             window = tool.chromium.launch(executable_path=browser).new_page(
@@ -62,10 +63,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 window.get_by_label(label).uncheck()
             window.wait_for_timeout(300)
             pictured = window.locator(options.element).first if options.element else window
-            pictured.screenshot(path=options.out)
+            _save(pictured.screenshot(), options.out)
     except Error as error:
         return _failed(f"{options.page}: {error.message.splitlines()[0]}")
     return 0
+
+
+def _save(png: bytes, path: Path) -> None:
+    """Write a picture with 256 colours, which are enough for a page and make a small file."""
+    import io
+
+    from PIL import Image
+
+    content = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(content, "png", optimize=True)
+    write_bytes(path, content.getvalue())
 
 
 def _failed(message: str) -> int:
