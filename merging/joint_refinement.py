@@ -17,8 +17,8 @@ from merging.config import JointConfig
 from merging.consensus import fit_rigid
 from tbmslam.config import MapConfig
 from tbmslam.drive_correction import spread_corrections
+from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import Hits
 from tbmslam.pose_graph import MotionEdge, optimise, relative_pose
 from tbmslam.rendering import render
 from tbmslam.se2 import SE2, FloatArray
@@ -71,7 +71,8 @@ def refine_jointly(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config:
     -------
     None where a map has no keyframes, or too few closures between the robots were found to do better than rigidly.
     """
-    tracks = [_Track(name, drive, poses[name]) for name in poses for drive in maps[name].drives]
+    reach = config.submap.max_range
+    tracks = [_Track(name, drive, poses[name], reach) for name in poses for drive in maps[name].drives]
     if {track.map_name for track in tracks} != set(poses) or any(len(track.keyframes) < 2 for track in tracks):
         return None
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))
@@ -108,14 +109,12 @@ def _rigid(before: TbmMap, after: TbmMap) -> SE2:
 class _Track:
     """One robot's laser along its drive, in the merged frame."""
 
-    def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2) -> None:
+    def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2, max_range: float) -> None:
         self.map_name, self.drive = map_name, drive
         self.keyframes: Keyframes = drive.keyframes.transformed(T_merged_map)
-        self.scans = [self.keyframes.scan(index) for index in range(len(self.keyframes))]
-        self.sensors = np.array([self.keyframes.sensor_pose(index) for index in range(len(self.keyframes))]).reshape(
-            -1, 3
-        )
-        self.travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.sensors[:, :2], axis=0).T))))
+        self.sensors = self.keyframes.all_sensor_poses()
+        scans = [self.keyframes.scan(index) for index in range(len(self.keyframes))]
+        self.hits = DriveHits(scans, self.sensors, max_range)
 
     def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:
         """Return the drive's own motions: stiff from keyframe to keyframe, and less so where it crosses its way."""
@@ -136,21 +135,13 @@ class _Track:
 
     def stops(self, step: float) -> list[int]:
         """Return keyframes at least about `step` metres apart."""
-        _, first = np.unique((self.travelled / step).astype(np.int64), return_index=True)
+        _, first = np.unique((self.hits.travelled / step).astype(np.int64), return_index=True)
         return [int(index) for index in first]
 
     def submaps(self, config: SubmapConfig) -> list[Submap]:
         """Return stretches of the drive as submaps."""
         stretches = split_into_submaps(self.sensors, config.length)
-        return [Submap(first, last, self.sensors, self.scans, config, SurfelConfig()) for first, last in stretches]
-
-    def bundle(self, index: int, reach: float, max_range: float) -> Hits:
-        """Return the hits of a keyframe and its neighbours in its laser's frame."""
-        near = np.flatnonzero(np.abs(self.travelled - self.travelled[index]) <= reach)
-        chosen = [index, *near[:: max(len(near) // 8, 1)].tolist()]
-        return Hits.joined(
-            [self.scans[other].hits(max_range).placed(relative_pose(self.sensors, index, other)) for other in chosen]
-        )
+        return [Submap(first, last, self.hits, config, SurfelConfig()) for first, last in stretches]
 
 
 def _closures(
@@ -193,14 +184,14 @@ def _closure(
 ) -> MotionEdge | None:
     """Return where a bundle lies in another robot's submap, if it fits there and nowhere else near by."""
     here, offset = places
-    bundle = track.bundle(index, config.bundle_m, config.submap.max_range)
+    bundle = track.hits.bundle(index, config.bundle_m, config.match_points)
     if len(bundle.points) < config.search_points // 2:
         return None
     guess = relative_pose(poses, offset + submap.anchor, here)
     find = submap.search(bundle.thinned(config.search_points).points, guess, shift, config.turn_rad)
     if find.ambiguity > config.max_ambiguity:
         return None
-    fit = submap.fit(bundle.thinned(config.match_points), find.pose)
+    fit = submap.fit(bundle, find.pose)
     if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
         return None
     eigenvalues = np.linalg.eigvalsh(fit.hessian[:2, :2])

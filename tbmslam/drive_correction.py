@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import FloatArray, compose, interpolate, inverse
 
 
 def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:
@@ -20,17 +20,10 @@ def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor
     """
     if len(anchors) == 0:
         return poses.copy()
-    moved = np.empty_like(poses)
-    corrections = [
-        SE2.from_array(new) @ SE2.from_array(poses[index]).inverse()
-        for index, new in zip(anchors, anchor_poses, strict=True)
-    ]
+    corrections = compose(anchor_poses, inverse(poses[anchors]))
     after = np.searchsorted(anchors, np.arange(len(poses)), side="right")
-    for index, following in enumerate(after):
-        before = max(int(following) - 1, 0)
-        correction = corrections[before]
-        if 0 < following < len(anchors):
-            span = anchors[following] - anchors[before]
-            correction = correction.interpolate(corrections[following], float(index - anchors[before]) / float(span))
-        moved[index] = correction @ SE2.from_array(poses[index])
-    return moved
+    before, after = np.maximum(after - 1, 0), np.minimum(after, len(anchors) - 1)
+    spans = anchors[after] - anchors[before]
+    shares = np.where(spans > 0, (np.arange(len(poses)) - anchors[before]) / np.maximum(spans, 1), 0.0)
+    between = interpolate(corrections[before], corrections[after], shares)
+    return compose(between, poses)

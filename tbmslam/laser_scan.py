@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels.hits import facing_normals, hit_points
+from tbmslam.kernels.hits import hit_points, hits_of_scan
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -90,10 +90,9 @@ class LaserScan:
         A normal is square to the line between the neighbours on both sides; where those lie on something else, beyond
         half a metre, the surface is taken to face the laser.
         """
-        points = self.hit_points(max_range)
         # Dense beams are closer together than their noise, so neighbours further away tell the direction better.
         apart = max(len(self.ranges) // 180, 1)
-        return Hits(points, facing_normals(points, apart, 0.5))
+        return Hits(*hits_of_scan(self.ranges, self.angle_min, self.angle_increment, max_range, apart, 0.5))
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,16 @@ leaves open, as along a corridor, stays open. Accepted closures enter a robust p
 import logging
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from tbmslam.drive_correction import spread_corrections
-from tbmslam.laser_scan import Hits, LaserScan
+from tbmslam.drive_hits import DriveHits
+from tbmslam.kernels.ways import distances_to_stretches, shortest_ways
+from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import Skeleton
@@ -57,6 +58,15 @@ class LoopClosingConfig(BaseModel):
     heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
     max_contradiction: float = Field(4.0, gt=0, description="deviations from the solution that end a closure")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
+
+
+class _PlacedBundle(NamedTuple):
+    """Where a keyframe's bundle lies in a submap, and the curvature there of the directions that are determined."""
+
+    keyframe: int
+    submap: int
+    pose: SE2
+    hessian: FloatArray
 
 
 class LoopCloser:
@@ -112,39 +122,36 @@ class _Drive:
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
-        self._scans = scans
-        self._travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+        self._hits = DriveHits(scans, poses, config.submap.max_range)
+        self._travelled = self._hits.travelled
         stretches = split_into_submaps(poses, config.submap.length)
-        self._submaps = [Submap(first, last, poses, scans, config.submap, surfels) for first, last in stretches]
-        self._ends = self._travelled[[last for _, last in stretches]]
-        self._stretches = np.array([(first, last + 1) for first, last in stretches]).reshape(-1)
-        self._bundles: dict[int, Hits] = {}
+        self._submaps = [Submap(first, last, self._hits, config.submap, surfels) for first, last in stretches]
+        self._firsts, self._lasts = np.array(stretches).T.copy()
+        self._ends = self._travelled[self._lasts]
         anchors = [submap.anchor for submap in self._submaps]
         nodes = np.unique(np.concatenate(([0], self._stops(config.step), self._stops(0.5 * config.step), anchors)))
         self._skeleton = Skeleton(chain, nodes, poses)
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
-        for keyframe in self._stops(self.config.step):
-            surprised = False
-            for submap, shift, turn in self._candidates(keyframe):
-                edge = self._closure(keyframe, submap, shift, turn)
-                if edge is not None:
-                    self.closures[keyframe, submap] = edge
-                    surprised = surprised or self._is_surprising(edge)
-            if surprised:
+        for keyframe in self._stops(self.config.step).tolist():
+            fits = [self._fit(keyframe, *candidate) for candidate in self._candidates(keyframe)]
+            found = self._add_closures([fit for fit in fits if fit is not None])
+            if any(map(self._is_surprising, found)):
                 self._optimise()
         self._optimise()
 
     def tighten(self) -> None:
         """Lay every keyframe near an old submap onto it once more, now that the poses are nearly right."""
-        for keyframe in self._stops(0.5 * self.config.step):
+        fits = []
+        for keyframe in self._stops(0.5 * self.config.step).tolist():
             distances = np.where(self._is_old(keyframe), self._distances_to_submaps(keyframe), np.inf)
             nearest = np.argsort(distances, kind="stable")[: self.config.submaps_per_step]
             for submap in nearest[distances[nearest] <= 0.5].tolist():
-                edge = self._closure(keyframe, submap, 0.0, 0.0)
-                if edge is not None:
-                    self.closures[keyframe, submap] = edge
+                fit = self._fit(keyframe, submap, 0.0, 0.0)
+                if fit is not None:
+                    fits.append(fit)
+        self._add_closures(fits)
         self._optimise()
 
     def drop_contradictions(self) -> None:
@@ -198,24 +205,17 @@ class _Drive:
 
     def _distances_to_submaps(self, keyframe: int) -> FloatArray:
         """Return how far a keyframe is from the way of every submap [m]."""
-        distances = np.append(np.hypot(*(self.poses[:, :2] - self.poses[keyframe, :2]).T), np.inf)
-        return np.minimum.reduceat(distances, self._stretches)[::2]
+        return distances_to_stretches(self.poses, keyframe, self._firsts, self._lasts)
 
     def _ways(self, keyframe: int) -> FloatArray:
         """Return the length of the shortest way from a keyframe to all others, over closures too [m]."""
-        count = len(self.poses)
-        closures = list(self.closures.values())
-        sources = np.concatenate((np.arange(count - 1), [e.source for e in closures])).astype(np.int64)
-        targets = np.concatenate((np.arange(1, count), [e.target for e in closures])).astype(np.int64)
-        lengths = np.concatenate((np.diff(self._travelled) + 1e-9, np.full(len(closures), 0.5)))
-        graph = coo_array((lengths, (sources, targets)), shape=(count, count)).tocsr()
-        ways: FloatArray = dijkstra(graph, directed=False, indices=[keyframe])[0]
-        return ways
+        bridges = np.array([(e.source, e.target) for e in self.closures.values()], dtype=np.int64).reshape(-1, 2)
+        return shortest_ways(self._travelled, bridges, 0.5, keyframe)
 
-    def _closure(self, keyframe: int, number: int, shift: float, turn: float) -> MotionEdge | None:
-        """Search a keyframe's bundle in a submap; return the motion that places it, if it can be trusted."""
+    def _fit(self, keyframe: int, number: int, shift: float, turn: float) -> _PlacedBundle | None:
+        """Search a keyframe's bundle in a submap; return where it lies, if it can be trusted."""
         config, submap = self.config, self._submaps[number]
-        bundle = self._bundle(keyframe)
+        bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
         if len(bundle.points) < config.search_points // 2:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
@@ -226,45 +226,46 @@ class _Drive:
                 return None
             rival = found.rival if found.ambiguity > config.max_ambiguity else None
             guess = found.pose
-        fit = submap.fit(bundle.thinned(config.match_points), guess)
+        fit = submap.fit(bundle, guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
         hessian = self._determined(fit.hessian, rival)
         if hessian is None or math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
-        return MotionEdge(submap.anchor, keyframe, fit.pose, self._information(hessian, fit.pose))
+        return _PlacedBundle(keyframe, number, fit.pose, hessian)
+
+    def _add_closures(self, found: Sequence[_PlacedBundle]) -> list[MotionEdge]:
+        """Add what bundles say to the closures, and return it.
+
+        A closure's information, in the keyframe's frame, is its curvature and what submaps bend at best.
+        """
+        if not found:
+            return []
+        config = self.config
+        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
+        informations = np.linalg.inv(np.linalg.inv([one.hessian + np.eye(3) * 1e-3 for one in found]) + floor)
+        edges = []
+        for one, information in zip(found, informations, strict=True):
+            rotation = SE2(0.0, 0.0, one.pose.theta).matrix()
+            anchor = self._submaps[one.submap].anchor
+            edges.append(MotionEdge(anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
+            self.closures[one.keyframe, one.submap] = edges[-1]
+        return edges
 
     def _determined(self, hessian: FloatArray, rival: FloatArray | None) -> FloatArray | None:
         """Return the curvature without the direction that a fit leaves open; None where a rival lies across.
 
         Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
         """
-        strengths, directions = np.linalg.eigh(hessian[:2, :2])
-        open_direction = directions[:, 0]
+        middle, half = 0.5 * (hessian[0, 0] + hessian[1, 1]), 0.5 * (hessian[0, 0] - hessian[1, 1])
+        spread = math.hypot(half, hessian[0, 1])
+        weak = 0.5 * math.atan2(hessian[0, 1], half) + 0.5 * math.pi
+        open_direction = np.array([math.cos(weak), math.sin(weak)])
         if rival is not None and abs(rival @ open_direction) < 0.9 * np.hypot(*rival):
             return None
-        if rival is None and strengths[0] >= self.config.min_determined * strengths[1]:
+        if rival is None and middle - spread >= self.config.min_determined * (middle + spread):
             return hessian
         kept = np.eye(3)
         kept[:2, :2] -= np.outer(open_direction, open_direction)
         closed: FloatArray = kept @ hessian @ kept
         return closed
-
-    def _information(self, hessian: FloatArray, pose: SE2) -> FloatArray:
-        """Return a closure's information in the keyframe's frame: its curvature, and what submaps bend at best."""
-        config = self.config
-        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
-        information = np.linalg.inv(np.linalg.inv(hessian + np.eye(3) * 1e-3) + floor)
-        rotation = SE2(0.0, 0.0, pose.theta).matrix()
-        return np.asarray(rotation.T @ information @ rotation)
-
-    def _bundle(self, keyframe: int) -> Hits:
-        """Return the hits of a keyframe and its neighbours in the keyframe's frame."""
-        if keyframe not in self._bundles:
-            near = np.flatnonzero(np.abs(self._travelled - self._travelled[keyframe]) <= self.config.bundle)
-            chosen = [keyframe, *near[:: max(len(near) // 8, 1)].tolist()]
-            limit = self.config.submap.max_range
-            self._bundles[keyframe] = Hits.joined(
-                [self._scans[k].hits(limit).placed(relative_pose(self._tracked, keyframe, k)) for k in chosen]
-            )
-        return self._bundles[keyframe]

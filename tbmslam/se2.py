@@ -36,8 +36,8 @@ class SE2(NamedTuple):
     @classmethod
     def from_array(cls, values: npt.ArrayLike) -> "SE2":
         """Read x, y, theta from anything of length three."""
-        x, y, theta = np.asarray(values, dtype=np.float64)
-        return cls(float(x), float(y), float(theta))
+        x, y, theta = np.asarray(values, dtype=np.float64).tolist()
+        return cls(x, y, theta)
 
     @classmethod
     def exp(cls, vx: float, vy: float, omega: float) -> "SE2":
@@ -114,6 +114,20 @@ def inverse(motions: FloatArray) -> FloatArray:
     cosine, sine = np.cos(motions[..., 2]), np.sin(motions[..., 2])
     x, y = motions[..., 0], motions[..., 1]
     return np.stack((-cosine * x - sine * y, sine * x - cosine * y, wrap_angles(-motions[..., 2])), axis=-1)
+
+
+def interpolate(begins: FloatArray, ends: FloatArray, shares: FloatArray) -> FloatArray:
+    """Return the poses at shares (N,) of the constant-twist motions from some poses (N, 3) to others."""
+    motion = compose(inverse(begins), ends)
+    half = 0.5 * motion[:, 2]
+    # log and exp of one motion need half the turn's cotangent; Sola et al., eq. 156 to 158
+    cotangent = np.where(np.abs(half) < 1e-4, 1.0 - half**2 / 3.0, half / np.tan(np.where(half == 0.0, 1.0, half)))
+    vx = cotangent * motion[:, 0] + half * motion[:, 1]
+    vy = cotangent * motion[:, 1] - half * motion[:, 0]
+    turn = shares * motion[:, 2]
+    along, across = np.sinc(turn / np.pi), 0.5 * turn * np.sinc(0.5 * turn / np.pi) ** 2
+    step = np.column_stack((shares * (along * vx - across * vy), shares * (across * vx + along * vy), turn))
+    return compose(begins, step)
 
 
 def _sine_ratios(omega: float) -> tuple[float, float]:

@@ -1,11 +1,11 @@
 """A chain of poses thinned to those that matter, without losing what the others know."""
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.kernels.chains import compose_chain
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.se2 import SE2, FloatArray
 
@@ -29,10 +29,8 @@ class Skeleton:
 
     def __init__(self, chain: Sequence[MotionEdge], nodes: npt.NDArray[np.int64], poses: FloatArray) -> None:
         self.nodes = nodes
-        self._number = {int(index): number for number, index in enumerate(nodes)}
-        self.chain = [
-            _composed(chain[first:last], number) for number, (first, last) in enumerate(itertools.pairwise(nodes))
-        ]
+        self._number = {index: number for number, index in enumerate(nodes.tolist())}
+        self.chain = _composed(chain, nodes)
         self._node_of = np.searchsorted(nodes, np.arange(len(poses)), side="right") - 1
         base = poses[nodes][self._node_of]
         cosine, sine = np.cos(base[:, 2]), np.sin(base[:, 2])
@@ -58,18 +56,14 @@ class Skeleton:
         )
 
 
-def _composed(edges: Sequence[MotionEdge], number: int) -> MotionEdge:
-    motion, covariance = SE2.identity(), np.zeros((3, 3))
-    for edge in edges:
-        step = edge.T_source_target
-        carried = _adjoint(step.inverse())
-        covariance = carried @ covariance @ carried.T + np.linalg.inv(edge.information)
-        motion = motion @ step
-    return MotionEdge(number, number + 1, motion, np.asarray(np.linalg.inv(covariance), dtype=np.float64))
-
-
-def _adjoint(motion: SE2) -> FloatArray:
-    """Return the matrix (3, 3) that carries a small motion from one frame to another; Sola et al., eq. 159."""
-    adjoint = motion.matrix()
-    adjoint[0, 2], adjoint[1, 2] = motion.y, -motion.x
-    return adjoint
+def _composed(chain: Sequence[MotionEdge], nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
+    """Return the motions from each node to the next."""
+    if len(nodes) < 2:
+        return []
+    motions = np.array([edge.T_source_target for edge in chain])
+    covariances = np.linalg.inv(np.array([edge.information for edge in chain]))
+    steps, summed = compose_chain(motions, covariances, nodes)
+    return [
+        MotionEdge(number, number + 1, SE2(*step), information)
+        for number, (step, information) in enumerate(zip(steps.tolist(), np.linalg.inv(summed), strict=True))
+    ]

@@ -1,19 +1,18 @@
 """A stretch of a drive as one piece: what other scans, of this robot or another, can be laid onto."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.kernels.correlation import correlate
+from tbmslam.drive_hits import DriveHits
+from tbmslam.kernels.correlation import WALL, GainField, best_places, correlate, search_field, share_in_free_space
+from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.laser_scan import Hits, LaserScan
-from tbmslam.mapping import InsertionConfig, ScanInserter
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.sensor_model import SensorModelConfig
+from tbmslam.laser_scan import Hits
+from tbmslam.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.surfel_map import SurfelConfig, SurfelMap
 
 
@@ -25,7 +24,9 @@ class SubmapConfig(BaseModel):
     length: float = Field(8.0, gt=0, description="travelled length; neighbours overlap by half [m]")
     resolution: float = Field(0.2, gt=0, description="side of a cell of the field that is searched [m]")
     max_range: float = Field(40.0, gt=0, description="hits beyond this are not used [m]")
-    free_penalty: float = Field(0.5, ge=0, description="what a hit in free space costs, where one on a wall gains 1")
+    free_penalty: float = Field(
+        0.5, ge=0, le=1, description="what a hit in free space costs, where one on a wall gains 1"
+    )
     shift_cost: float = Field(0.03, ge=0, description="share of all hits that a metre from the guess must win [1/m]")
     same_place: float = Field(0.8, gt=0, description="places further apart are different ones [m]")
     turn_step: float = Field(0.025, gt=0, description="step of the heading in a search [rad]")
@@ -87,30 +88,19 @@ class Submap:
     """
 
     _TOLERANCES = np.array([20.0, 8.0, 3.0])
+    _DEVIATIONS = np.array([0.5, 0.5, 0.2])
+    _SAY = 40.0
 
-    def __init__(
-        self,
-        first: int,
-        last: int,
-        poses: FloatArray,
-        scans: Sequence[LaserScan],
-        config: SubmapConfig,
-        surfels: SurfelConfig,
-    ) -> None:
+    def __init__(self, first: int, last: int, drive: DriveHits, config: SubmapConfig, surfels: SurfelConfig) -> None:
         self.first, self.last, self.anchor = first, last, (first + last) // 2
         self._config = config
-        self._surfaces = SurfelMap(surfels)
-        grid = EvidenceGrid(config.resolution)
-        inserter = ScanInserter(_SENSOR, InsertionConfig(max_range=config.max_range, once_per_scan=True))
-        T_anchor_map = SE2.from_array(poses[self.anchor]).inverse()
-        for index in range(first, last + 1):
-            T_anchor_sensor = T_anchor_map @ SE2.from_array(poses[index])
-            hits = scans[index].hits(config.max_range).placed(T_anchor_sensor)
-            self._surfaces.insert(hits.points, hits.normals, renew=False)
-            inserter.insert(scans[index], T_anchor_sensor, grid)
-        self._surfaces.freeze()
-        self._lattice: Lattice = grid.lattice
-        self._field = _search_field(grid, config.free_penalty)
+        chosen = np.arange(first, last + 1)
+        hits = drive.placed(chosen, self.anchor)
+        self._surfaces = SurfelMap(surfels, spare=0.0)
+        self._surfaces.insert(hits.points, hits.normals)
+        T_map_anchor = drive.poses[None, self.anchor]
+        lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
+        self._field, self._lattice = _search_field(lasers, hits.points, drive.begins(chosen), config)
 
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
         """Find where points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad] of a guess.
@@ -122,52 +112,37 @@ class Submap:
         reach = math.ceil(shift / config.resolution)
         count = math.ceil(turn / config.turn_step)
         turns = np.arange(-count, count + 1, dtype=np.float64) * config.turn_step
+        cost = config.shift_cost * config.resolution * WALL * len(points)
+        clear = math.ceil(config.same_place / config.resolution)
         sums = correlate(self._field, self._lattice, points, guess, turns, reach)
-        offsets = np.arange(-reach, reach + 1) * config.resolution
-        sums -= (config.shift_cost * len(points) * np.hypot(offsets[:, None], offsets)).astype(np.float32)
-        k, row, col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
-        best = float(sums[k, row, col])
+        best, (k, row, col), rival, (rival_row, rival_col) = best_places(sums, cost, clear)
         pose = SE2(
             guess.x + (col - reach) * config.resolution,
             guess.y + (row - reach) * config.resolution,
             guess.theta + float(turns[k]),
         )
-        here = math.ceil(config.same_place / config.resolution)
-        sums[:, max(row - here, 0) : row + here + 1, max(col - here, 0) : col + here + 1] = -np.inf
-        _, other_row, other_col = (int(index) for index in np.unravel_index(int(np.argmax(sums)), sums.shape))
-        elsewhere = max(float(sums.max()), 0.0)
-        rival = np.array([other_col - col, other_row - row], dtype=np.float64) * config.resolution
+        apart = np.array([rival_col - col, rival_row - row], dtype=np.float64) * config.resolution
         at_border = reach > 2 and max(abs(row - reach), abs(col - reach)) == reach
-        return Find(pose, elsewhere / best if best > 0.0 else 1.0, rival, at_border)
+        return Find(pose, max(rival, 0.0) / best if best > 0.0 else 1.0, apart, at_border)
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Lay hits onto the surfaces near a guess, and tell how well they fit there."""
-        points = hits.points
-        weights = np.full(len(points), 40.0 / len(points))
-        prior = np.diag([4.0, 4.0, 25.0])
-        laid = self._surfaces.register(points, hits.normals, weights, guess, prior, self._TOLERANCES, 10)
-        resolution, first_row, first_col = self._lattice
-        col, row = np.floor(laid.pose.apply(points) / resolution).astype(np.int64).T - [[first_col], [first_row]]
-        rows, cols = self._field.shape
-        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-        violated = float((self._field[row[inside], col[inside]] < 0.0).sum()) / len(points)
+        laid = self._surfaces.register(hits, guess, self._DEVIATIONS, self._SAY, self._TOLERANCES, 10)
+        violated = share_in_free_space(self._field, self._lattice, hits.points, laid.pose)
         return Fit(laid.pose, laid.hessian, laid.matched, violated)
 
 
-_SENSOR = SensorModelConfig(hit_probability=0.95, hit_quality=0.5, miss_probability=0.02, miss_quality=0.3, wall_blur=0)
-
-
-def _search_field(grid: EvidenceGrid, free_penalty: float) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """Return 1 on walls and next to them, `-free_penalty` where it is free, 0 where nothing is known."""
-    free_ratio, occupied_ratio = grid.ratios[..., 0], grid.ratios[..., 1]
-    wall = np.pad(occupied_ratio > 1.5, 1)
-    near = wall.copy()
-    near[1:] |= wall[:-1]
-    near[:-1] |= wall[1:]
-    near[:, 1:] |= near[:, :-1].copy()
-    near[:, :-1] |= near[:, 1:].copy()
-    field = np.where(near[1:-1, 1:-1], 1.0, np.where(free_ratio > 1.5, -free_penalty, 0.0))
-    return field.astype(np.float32)
+def _search_field(
+    lasers: FloatArray, ends: FloatArray, begins: npt.NDArray[np.int64], config: SubmapConfig
+) -> tuple[GainField, Lattice]:
+    """Return what points gain in each cell, and where the cells lie; ends (N, 2) of scans from lasers (K, 3)."""
+    low = np.minimum(lasers[:, :2].min(axis=0), ends.min(axis=0, initial=np.inf))
+    high = np.maximum(lasers[:, :2].max(axis=0), ends.max(axis=0, initial=-np.inf))
+    (left, bottom), (right, top) = (np.floor(corner / config.resolution).astype(int) for corner in (low, high))
+    lattice = Lattice(config.resolution, int(bottom) - 1, int(left) - 1)
+    counts = np.zeros((3, top - bottom + 3, right - left + 3), dtype=np.int32)
+    count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins)
+    return search_field(counts, config.free_penalty), lattice
 
 
 def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:

@@ -55,8 +55,7 @@ class SurfelTracker:
         self._travelled = 0.0
         self._last: SE2 | None = None
         self._tolerances = np.array(config.tolerances)
-        steps = np.arange(-config.search_shift, config.search_shift + 1e-9, config.surfels.resolution)
-        self._search_shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        self._reach = round(config.search_shift / config.surfels.resolution)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
 
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
@@ -65,11 +64,10 @@ class SurfelTracker:
         hits = scan.hits(config.max_range).thinned(config.max_points)
         if not len(hits.points) or not deviations.any():
             return ScanMatch(guess, 0.0, moved=False)
-        prior = np.diag(deviations**-2.0)
-        result = self._register(hits, guess, prior)
+        result = self._register(hits, guess, deviations)
         if result.matched < config.doubtful:
             for start in (guess,) if self._is_near(guess, other_guess) else (guess, other_guess):
-                other = self._register(hits, self._search(hits, start), prior)
+                other = self._register(hits, self._search(hits, start), deviations)
                 if other.matched > result.matched + config.search_gain:
                     result = other
         if result.matched < config.min_matched:
@@ -85,13 +83,13 @@ class SurfelTracker:
     def _search(self, hits: Hits, guess: SE2) -> SE2:
         config = self._config
         few = hits.thinned(config.search_points)
-        window = (self._search_shifts, self._search_turns)
-        return self._map.search(few.points, few.normals, guess, *window, config.tolerances[0], config.search_costs)
+        turns, tolerance = self._search_turns, config.tolerances[0]
+        return self._map.search(few, guess, self._reach, turns, tolerance, config.search_costs)
 
-    def _register(self, hits: Hits, guess: SE2, prior: FloatArray) -> Registration:
+    def _register(self, hits: Hits, guess: SE2, deviations: FloatArray) -> Registration:
         config = self._config
-        weights = np.full(len(hits.points), config.independent_points / len(hits.points))
-        return self._map.register(hits.points, hits.normals, weights, guess, prior, self._tolerances, config.iterations)
+        say = config.independent_points
+        return self._map.register(hits, guess, deviations, say, self._tolerances, config.iterations)
 
     def revised_poses(self) -> FloatArray | None:
         """Leave what was tracked as it is."""

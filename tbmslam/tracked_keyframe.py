@@ -1,6 +1,5 @@
 """A keyframe as the tracker left it, and what is known of the motion from one to the next."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +8,7 @@ import numpy as np
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, compose, inverse
 
 
 @dataclass(frozen=True)
@@ -38,23 +37,28 @@ class TrackedKeyframe:
 
 
 def chain(keyframes: Sequence[TrackedKeyframe]) -> list[MotionEdge]:
-    """Return the tracked motions between consecutive keyframes."""
-    return [_edge(number, before, after) for number, (before, after) in enumerate(itertools.pairwise(keyframes))]
+    """Return the tracked motions between consecutive keyframes.
 
-
-def _edge(number: int, before: TrackedKeyframe, after: TrackedKeyframe) -> MotionEdge:
-    """Combine what the surfaces and the odometry know of a step, in the later keyframe's frame.
-
-    Both know the pose in the map's frame; a floor stands for what laying scans onto surfaces gets wrong systematically.
+    Combines what the surfaces and the odometry know of a step. Both know the pose in the map's frame; an edge says it
+    in the later keyframe's. A floor stands for what laying scans onto surfaces gets wrong systematically.
     """
-    pose = after.match.T_map_sensor
-    step = before.match.T_map_sensor.inverse() @ pose
-    known = np.diag(1.0 / np.maximum(after.variances, 1e-8))
-    if after.match.information is not None:
-        known = known + after.match.information
-    rotation = SE2(0.0, 0.0, pose.theta).matrix()
-    covariance = rotation.T @ np.linalg.inv(known) @ rotation
-    distance, turn = np.hypot(step.x, step.y), abs(step.theta)
+    if len(keyframes) < 2:
+        return []
+    poses = np.array([k.match.T_map_sensor for k in keyframes])
+    steps = compose(inverse(poses[:-1]), poses[1:])
+    seen = np.array([np.zeros((3, 3)) if k.match.information is None else k.match.information for k in keyframes[1:]])
+    wheels = 1.0 / np.maximum([k.variances for k in keyframes[1:]], 1e-8)
+    rotations = np.zeros_like(seen)
+    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(poses[1:, 2])
+    rotations[:, 1, 0] = np.sin(poses[1:, 2])
+    rotations[:, 0, 1] = -rotations[:, 1, 0]
+    rotations[:, 2, 2] = 1.0
+    known = seen + wheels[:, :, None] * np.eye(3)
+    distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     position, heading = 0.002 + 0.004 * distance, 0.001 + 0.004 * turn
-    covariance = covariance + np.diag([position**2, position**2, heading**2])
-    return MotionEdge(number, number + 1, step, np.asarray(np.linalg.inv(covariance), dtype=np.float64))
+    floor = np.column_stack((position, position, heading))[:, :, None] ** 2 * np.eye(3)
+    covariances = np.swapaxes(rotations, 1, 2) @ np.linalg.inv(known) @ rotations + floor
+    return [
+        MotionEdge(number, number + 1, SE2(*step), information)
+        for number, (step, information) in enumerate(zip(steps.tolist(), np.linalg.inv(covariances), strict=True))
+    ]

@@ -1,4 +1,4 @@
-"""Every shift and turn of a scan over a field at once."""
+"""Every shift and turn of points over a field of what they gain in each cell, at once."""
 
 import math
 
@@ -9,12 +9,85 @@ from tbmslam.kernels import kernel
 from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
-Field = npt.NDArray[np.float32]
+GainField = npt.NDArray[np.int8]
+Sums = npt.NDArray[np.int32]
+Counts = npt.NDArray[np.int32]
 Pose = tuple[float, float, float]
 
 
+WALL = 100
+"""What a point on a wall gains."""
+
+
 @kernel
-def correlate(field: Field, lattice: Lattice, points: FloatArray, guess: Pose, turns: FloatArray, reach: int) -> Field:
+def search_field(counts: Counts, free_penalty: float) -> GainField:
+    """Return what a point gains in every cell (rows, cols): `WALL` on walls and next to them, less where it is free.
+
+    A cell is a wall where any scan hit it, and free where two scans passed it: counts as in `count_scans`. A point in
+    free space loses `free_penalty` times what it gains on a wall; where nothing is known it gains nothing.
+    """
+    _, rows, cols = counts.shape
+    field = np.zeros((rows, cols), dtype=np.int8)
+    free = np.int8(-round(free_penalty * WALL))
+    for row in range(rows):
+        for col in range(cols):
+            if counts[2, row, col] > 1:
+                field[row, col] = free
+    for row in range(rows):
+        for col in range(cols):
+            if counts[1, row, col] > 0:
+                field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = np.int8(WALL)
+    return field
+
+
+@kernel
+def share_in_free_space(field: GainField, lattice: Lattice, points: FloatArray, pose: Pose) -> float:
+    """Return the share of points (N, 2) placed by a pose that lie where the field is negative."""
+    resolution, first_row, first_col = lattice
+    rows, cols = field.shape
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    free = 0
+    for i in range(len(points)):
+        col = math.floor((pose[0] + cosine * points[i, 0] - sine * points[i, 1]) / resolution) - first_col
+        row = math.floor((pose[1] + sine * points[i, 0] + cosine * points[i, 1]) / resolution) - first_row
+        if 0 <= row < rows and 0 <= col < cols and field[row, col] < 0:
+            free += 1
+    return free / max(len(points), 1)
+
+
+@kernel
+def best_places(sums: Sums, cost: float, clear: int) -> tuple[float, tuple[int, int, int], float, tuple[int, int]]:
+    """Return the best sum and its place (turn, row, column), and the best one elsewhere and its (row, column).
+
+    Each cell away from the centre costs `cost`. Elsewhere is more than `clear` cells away along an axis.
+    """
+    turns, width, _ = sums.shape
+    reach = width // 2
+    top = np.full((width, width), -np.inf)
+    turn = np.zeros((width, width), dtype=np.int64)
+    for k in range(turns):
+        for row in range(width):
+            for col in range(width):
+                if sums[k, row, col] > top[row, col]:
+                    top[row, col], turn[row, col] = sums[k, row, col], k
+    best, rival = -math.inf, -math.inf
+    best_row, best_col, rival_row, rival_col = 0, 0, 0, 0
+    for row in range(width):
+        for col in range(width):
+            top[row, col] -= cost * math.hypot(row - reach, col - reach)
+            if top[row, col] > best:
+                best, best_row, best_col = top[row, col], row, col
+    for row in range(width):
+        for col in range(width):
+            if (abs(row - best_row) > clear or abs(col - best_col) > clear) and top[row, col] > rival:
+                rival, rival_row, rival_col = top[row, col], row, col
+    return best, (turn[best_row, best_col], best_row, best_col), rival, (rival_row, rival_col)
+
+
+@kernel
+def correlate(
+    field: GainField, lattice: Lattice, points: FloatArray, guess: Pose, turns: FloatArray, reach: int
+) -> Sums:
     """Return the sum of the field under points (N, 2) for every turn and every shift by whole cells.
 
     Outside the field counts as zero.
@@ -37,7 +110,7 @@ def correlate(field: Field, lattice: Lattice, points: FloatArray, guess: Pose, t
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
     width = 2 * reach + 1
-    sums = np.zeros((len(turns), width, width), dtype=np.float32)
+    sums = np.zeros((len(turns), width, width), dtype=np.int32)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]
         cosine, sine = math.cos(theta), math.sin(theta)

@@ -46,3 +46,61 @@ def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray
                 nx, ny = dy, -dx
         normals[i, 0], normals[i, 1] = nx / length, ny / length
     return normals
+
+
+@kernel
+def hits_of_scan(
+    ranges: FloatArray, angle_min: float, angle_increment: float, max_range: float, apart: int, longest: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return `hit_points` and their `facing_normals` in one call."""
+    points = hit_points(ranges, angle_min, angle_increment, max_range)
+    return points, facing_normals(points, apart, longest)
+
+
+@kernel
+def place_hits(
+    points: npt.NDArray[np.float32],
+    normals: npt.NDArray[np.float32],
+    offsets: npt.NDArray[np.int64],
+    chosen: npt.NDArray[np.int64],
+    poses: FloatArray,
+    frame: tuple[float, float, float],
+    step: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return every `step`-th hit of chosen scans and its normal, (M, 2) each, in a frame.
+
+    Parameters
+    ----------
+    points, normals
+        Hits (P, 2) of all scans in the sensor's frame, and the normals of what was hit.
+    offsets
+        Where each scan begins in them, and where the last one ends (K + 1,).
+    chosen
+        Which scans.
+    poses
+        Poses (K, 3) of the sensor.
+    frame
+        Pose of the frame that the hits are wanted in.
+    step
+        One says all.
+    """
+    total = 0
+    for k in chosen:
+        total += offsets[k + 1] - offsets[k]
+    placed, facing = np.empty((-(-total // step), 2)), np.empty((-(-total // step), 2))
+    fx, fy, heading = frame
+    fc, fs = math.cos(heading), math.sin(heading)
+    count, skipped = 0, 0
+    for k in chosen:
+        cosine, sine = math.cos(poses[k, 2] - heading), math.sin(poses[k, 2] - heading)
+        dx, dy = poses[k, 0] - fx, poses[k, 1] - fy
+        x, y = fc * dx + fs * dy, fc * dy - fs * dx
+        i = offsets[k] + skipped
+        while i < offsets[k + 1]:
+            px, py, nx, ny = float(points[i, 0]), float(points[i, 1]), float(normals[i, 0]), float(normals[i, 1])
+            placed[count, 0], placed[count, 1] = x + cosine * px - sine * py, y + sine * px + cosine * py
+            facing[count, 0], facing[count, 1] = cosine * nx - sine * ny, sine * nx + cosine * ny
+            count += 1
+            i += step
+        skipped = i - offsets[k + 1]
+    return placed, facing

@@ -1,13 +1,12 @@
 """Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
 
 The two faces of a thin wall must not be taken for each other, so surfaces are kept in two layers by the way they face.
-Most cells of a map hold no wall, so an index (2, rows, cols) names the slot of each cell's moments and surfel; slot 0
-is nobody's and stays empty. Moments (slots, 6) of a cell are its hits' count, sums of x and y, and sums of x^2, x y and
-y^2, relative to the cell's centre in units of cells. Surfels (slots, 6) are mean x and y [m], and the information
-matrix xx, xy, yy of a point's offset from the mean [1/m^2], then a weight in [0, 1], zero where there is no surface.
+Most cells of a map hold no wall, so an array names the slot of each cell's moments and surfel; slot 0 is nobody's and
+stays empty. Hits only add to the moments; a surfel is fitted when it is asked for.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +24,22 @@ Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 
+class Surfels(NamedTuple):
+    """The arrays of a surfel map; a cell with hits has two more cells on every side."""
+
+    slots: SlotIndex
+    """(2, rows, cols): the slot of each layer's cell."""
+    moments: SurfelArray
+    """(slots, 6): count of a cell's hits, sums of x and y, and of x^2, x y and y^2, from its centre [cells]."""
+    fits: SurfelArray
+    """(slots, 6): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from it
+    [1/m^2], and a weight: in [0, 1], zero where there is no surface, negative where hits came after the fit."""
+    lattice: Lattice
+    limits: tuple[float, float, float, float]
+    """Noise of a hit [m], size up to which an element counts as a point [m], thickness beyond which it is clutter [m],
+    and number of hits that make an element certain."""
+
+
 @kernel
 def _layer(normal_x: float, normal_y: float) -> int:
     """Return the layer of a surface by its normal in the map's frame."""
@@ -32,105 +47,62 @@ def _layer(normal_x: float, normal_y: float) -> int:
 
 
 @kernel
-def add_hits(
-    index: SlotIndex,
-    moments: SurfelArray,
-    surfels: SurfelArray,
-    used: int,
-    lattice: Lattice,
-    points: FloatArray,
-    normals: FloatArray,
-    limits: tuple[float, float, float, float],
-    renew: bool,
-) -> int:
-    """Add hits (N, 2) [m], all inside with a cell to spare, renew the surfels around them, return the slots in use.
+def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray) -> int:
+    """Add hits (N, 2) [m], and return the slots in use; there must be room for nine more slots a hit.
 
     `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
-
-    There must be room for nine more slots a hit. `limits` are the noise of a hit [m], the size up to which an element
-    counts as a point [m], the thickness beyond which it is clutter [m], and the number of hits that make an element
-    certain. Without `renew` the surfels are left for `renew_all`.
     """
+    slots, moments, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
-    cells = np.empty((len(points), 3), dtype=np.int64)
+    last_row, last_col, last_layer = -1, -1, -1
     for i in range(len(points)):
         gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
         lattice_col, lattice_row = math.floor(gx), math.floor(gy)
         row, col = lattice_row - first_row, lattice_col - first_col
         layer = _layer(normals[i, 0], normals[i, 1])
-        cells[i, 0], cells[i, 1], cells[i, 2] = row, col, layer
-        for r in range(row - 1, row + 2):
-            for c in range(col - 1, col + 2):
-                if index[layer, r, c] == 0:
-                    index[layer, r, c] = used
-                    used += 1
+        if row != last_row or col != last_col or layer != last_layer:
+            last_row, last_col, last_layer = row, col, layer
+            for r in range(row - 1, row + 2):
+                for c in range(col - 1, col + 2):
+                    if slots[layer, r, c] == 0:
+                        slots[layer, r, c] = used
+                        used += 1
+                    fits[slots[layer, r, c], 5] = -1.0
         dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
-        cell = moments[index[layer, row, col]]
-        cell[0] += 1.0
-        cell[1] += dx
-        cell[2] += dy
-        cell[3] += dx * dx
-        cell[4] += dx * dy
-        cell[5] += dy * dy
-    if not renew:
-        return used
-    for i in range(len(points)):
-        row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
-        if i > 0 and row == cells[i - 1, 0] and col == cells[i - 1, 1] and layer == cells[i - 1, 2]:
-            continue
-        for r in range(max(row - 1, 1), min(row + 2, index.shape[1] - 1)):
-            for c in range(max(col - 1, 1), min(col + 2, index.shape[2] - 1)):
-                _renew(index[layer], moments, surfels, r, c, lattice, limits)
+        slot = slots[layer, row, col]
+        moments[slot, 0] += np.float32(1.0)
+        moments[slot, 1] += np.float32(dx)
+        moments[slot, 2] += np.float32(dy)
+        moments[slot, 3] += np.float32(dx * dx)
+        moments[slot, 4] += np.float32(dx * dy)
+        moments[slot, 5] += np.float32(dy * dy)
     return used
 
 
 @kernel
-def renew_all(
-    index: SlotIndex,
-    moments: SurfelArray,
-    surfels: SurfelArray,
-    lattice: Lattice,
-    limits: tuple[float, float, float, float],
-) -> None:
-    """Fit every surfel anew."""
-    for layer in range(2):
-        for row in range(1, index.shape[1] - 1):
-            for col in range(1, index.shape[2] - 1):
-                if index[layer, row, col] != 0:
-                    _renew(index[layer], moments, surfels, row, col, lattice, limits)
-
-
-@kernel
-def _renew(
-    index: SlotIndex,
-    moments: SurfelArray,
-    surfels: SurfelArray,
-    row: int,
-    col: int,
-    lattice: Lattice,
-    limits: tuple[float, float, float, float],
-) -> None:
-    """Fit one surfel to the hits of its cell and the eight around it, in one layer's index (rows, cols)."""
+def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
+    """Fit one surfel to the hits of its cell and the eight around it."""
+    slots, moments, fits, lattice, limits = surfels
     resolution, first_row, first_col = lattice
     noise, point_size, clutter, certain_count = limits
     count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for r in range(row - 1, row + 2):
         for c in range(col - 1, col + 2):
-            cell = moments[index[r, c]]
-            n = float(cell[0])
+            slot = slots[layer, r, c]
+            n = float(moments[slot, 0])
             if n == 0.0:
                 continue
             ox, oy = float(c - col), float(r - row)
-            mx, my = float(cell[1]), float(cell[2])
+            mx, my = float(moments[slot, 1]), float(moments[slot, 2])
             count += n
             sx += mx + n * ox
             sy += my + n * oy
-            sxx += cell[3] + 2.0 * ox * mx + n * ox * ox
-            sxy += cell[4] + ox * my + oy * mx + n * ox * oy
-            syy += cell[5] + 2.0 * oy * my + n * oy * oy
-    surfel = surfels[index[row, col]]
+            sxx += moments[slot, 3] + 2.0 * ox * mx + n * ox * ox
+            sxy += moments[slot, 4] + ox * my + oy * mx + n * ox * oy
+            syy += moments[slot, 5] + 2.0 * oy * my + n * oy * oy
+    fit = fits[slots[layer, row, col]]
     if count < 3.0:
-        surfel[5] = 0.0
+        fit[5] = 0.0
         return
     mx, my = sx / count, sy / count
     scale = resolution * resolution
@@ -139,186 +111,226 @@ def _renew(
         (sxy / count - mx * my) * scale,
         (syy / count - my * my) * scale,
     )
-    middle, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    middle, half, spread = 0.5 * (xx + yy), 0.5 * (xx - yy), math.hypot(0.5 * (xx - yy), xy)
     thick, thin = max(middle + spread, 0.0), max(middle - spread, 0.0)
-    # The direction of the larger variance runs along the wall; the normal is across.
-    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    tx, ty = math.cos(angle), math.sin(angle)
     across = 1.0 / (thin + noise * noise)
     along = 1.0 / (thick + noise * noise) if thick < point_size * point_size else 0.0
-    surfel[0] = (first_col + col + 0.5 + mx) * resolution
-    surfel[1] = (first_row + row + 0.5 + my) * resolution
-    surfel[2] = across * ty * ty + along * tx * tx
-    surfel[3] = -across * tx * ty + along * tx * ty
-    surfel[4] = across * tx * tx + along * ty * ty
-    surfel[5] = min(count / certain_count, 1.0) / (1.0 + thin / (clutter * clutter))
+    # The larger variance runs along the wall: t t^T = (1 + D) / 2 with D = (C - middle) / spread, n n^T = (1 - D) / 2.
+    cosine, sine = (half / spread, xy / spread) if spread > 0.0 else (1.0, 0.0)
+    mean, difference = 0.5 * (across + along), 0.5 * (across - along)
+    fit[0] = (first_col + col + 0.5 + mx) * resolution
+    fit[1] = (first_row + row + 0.5 + my) * resolution
+    fit[2] = mean - difference * cosine
+    fit[3] = -difference * sine
+    fit[4] = mean + difference * cosine
+    fit[5] = min(count / certain_count, 1.0) / (1.0 + thin / (clutter * clutter))
 
 
 @kernel
 def linearise(
-    index: SlotIndex,
-    surfels: SurfelArray,
-    lattice: Lattice,
+    surfels: Surfels,
     points: FloatArray,
     normals: FloatArray,
-    weights: FloatArray,
     pose: Pose,
     tolerance: float,
     hessian: FloatArray,
     gradient: FloatArray,
-) -> tuple[float, float, float]:
-    """Fill the normal equations of a scan's distance to the surfels; return cost, matched weight and total weight.
+) -> tuple[float, float]:
+    """Fill the normal equations of a scan's mean distance to the surfels; return that cost and the matched share.
 
     The cost of a point is Geman and McClure's t^2 d^2 / (t^2 + d^2) of its Mahalanobis distance d, with the tolerance t
     in standard deviations: far points lose their say. The pose is perturbed in the map's frame, its rotation about the
     sensor.
     """
+    slots, _, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
+    rows, cols = slots.shape[1:]
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
-    hessian[:] = 0.0
-    gradient[:] = 0.0
-    cost, matched, total = 0.0, 0.0, 0.0
+    cost, matched = 0.0, 0.0
+    xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    sum_x, sum_y, sum_t = 0.0, 0.0, 0.0
     tolerance_squared = tolerance * tolerance
     inverse = 1.0 / resolution
     for i in range(len(points)):
-        rx = cosine * points[i, 0] - sine * points[i, 1]
-        ry = sine * points[i, 0] + cosine * points[i, 1]
+        rx, ry = cosine * points[i, 0] - sine * points[i, 1], sine * points[i, 0] + cosine * points[i, 1]
         px, py = x + rx, y + ry
         col = math.floor(px * inverse) - first_col
         row = math.floor(py * inverse) - first_row
-        total += weights[i]
-        if row < 0 or col < 0 or row >= index.shape[1] or col >= index.shape[2]:
+        if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
         layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
-        surfel = surfels[index[layer, row, col]]
-        if surfel[5] <= 0.0:
+        slot = slots[layer, row, col]
+        if fits[slot, 5] < 0.0:
+            fit_surfel(surfels, layer, row, col)
+        weight = float(fits[slot, 5])
+        if weight == 0.0:
             continue
-        dx, dy = px - surfel[0], py - surfel[1]
-        gx, gy = surfel[2] * dx + surfel[3] * dy, surfel[3] * dx + surfel[4] * dy
+        dx, dy = px - fits[slot, 0], py - fits[slot, 1]
+        ixx, ixy, iyy = fits[slot, 2], fits[slot, 3], fits[slot, 4]
+        gx, gy = ixx * dx + ixy * dy, ixy * dx + iyy * dy
         distance = dx * gx + dy * gy
         share = tolerance_squared / (tolerance_squared + distance)
-        weight = weights[i] * surfel[5]
-        cost += weight * share * distance
         matched += weight * share
+        cost += weight * share * distance
         weight *= share * share
         # d(point)/d(theta) = (-ry, rx)
-        jx = -surfel[2] * ry + surfel[3] * rx
-        jy = -surfel[3] * ry + surfel[4] * rx
-        hessian[0, 0] += weight * surfel[2]
-        hessian[0, 1] += weight * surfel[3]
-        hessian[1, 1] += weight * surfel[4]
-        hessian[0, 2] += weight * jx
-        hessian[1, 2] += weight * jy
-        hessian[2, 2] += weight * (-ry * jx + rx * jy)
-        gradient[0] += weight * gx
-        gradient[1] += weight * gy
-        gradient[2] += weight * (-ry * gx + rx * gy)
-    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
-    return cost, matched, total
+        jx = -ixx * ry + ixy * rx
+        jy = -ixy * ry + iyy * rx
+        xx += weight * ixx
+        xy += weight * ixy
+        yy += weight * iyy
+        xt += weight * jx
+        yt += weight * jy
+        tt += weight * (-ry * jx + rx * jy)
+        sum_x += weight * gx
+        sum_y += weight * gy
+        sum_t += weight * (-ry * gx + rx * gy)
+    each = 1.0 / max(len(points), 1)
+    hessian[0, 0], hessian[1, 1], hessian[2, 2] = xx * each, yy * each, tt * each
+    hessian[0, 1] = hessian[1, 0] = xy * each
+    hessian[0, 2] = hessian[2, 0] = xt * each
+    hessian[1, 2] = hessian[2, 1] = yt * each
+    gradient[0], gradient[1], gradient[2] = sum_x * each, sum_y * each, sum_t * each
+    return cost * each, matched * each
 
 
 @kernel
 def align(
-    index: SlotIndex,
-    surfels: SurfelArray,
-    lattice: Lattice,
+    surfels: Surfels,
     points: FloatArray,
     normals: FloatArray,
-    weights: FloatArray,
     guess: Pose,
-    prior: FloatArray,
+    deviations: FloatArray,
+    say: float,
     tolerances: FloatArray,
     iterations: int,
 ) -> tuple[Pose, FloatArray, float, float]:
     """Move a scan onto the surfels by Gauss-Newton; return its pose, the Hessian, the matched share and the cost.
 
-    `prior` (3, 3) is the information of the guess in the map's frame: a direction that the surfels do not determine
-    keeps it. `tolerances` are worked through from wide to narrow, `iterations` steps each at the most.
+    `deviations` (3,) are the guess's in the map's frame: a direction that the surfels do not determine keeps it. All
+    points together count as `say` independent ones. `tolerances` are worked through from wide to narrow, `iterations`
+    steps each at the most.
     """
     x, y, theta = guess
+    prior = (deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0)
     hessian, gradient = np.zeros((3, 3)), np.zeros(3)
     system, step = np.zeros((3, 3)), np.zeros(3)
-    cost, matched, total = 0.0, 0.0, 0.0
-    for level in range(len(tolerances)):
+    cost, matched = 0.0, 0.0
+    for tolerance in tolerances:
         for _ in range(iterations):
-            cost, matched, total = linearise(
-                index,
-                surfels,
-                lattice,
-                points,
-                normals,
-                weights,
-                (x, y, theta),
-                tolerances[level],
-                hessian,
-                gradient,
-            )
+            cost, matched = linearise(surfels, points, normals, (x, y, theta), tolerance, hessian, gradient)
+            hessian *= say
+            gradient *= say
             _drop_weak_direction(hessian, gradient)
-            ox, oy, ot = x - guess[0], y - guess[1], theta - guess[2]
+            system[:] = hessian
+            gradient[0] += prior[0] * (x - guess[0])
+            gradient[1] += prior[1] * (y - guess[1])
+            gradient[2] += prior[2] * (theta - guess[2])
             for a in range(3):
-                gradient[a] += prior[a, 0] * ox + prior[a, 1] * oy + prior[a, 2] * ot
-                for b in range(3):
-                    system[a, b] = hessian[a, b] + prior[a, b]
+                system[a, a] += prior[a]
             _solve(system, gradient, step)
             x, y, theta = x - step[0], y - step[1], theta - step[2]
             if abs(step[0]) < 1e-4 and abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
                 break
-    return (x, y, theta), hessian, (matched / total if total > 0.0 else 0.0), cost
+    return (x, y, theta), hessian, matched, cost * say
 
 
 @kernel
 def search(
-    index: SlotIndex,
-    surfels: SurfelArray,
-    lattice: Lattice,
+    surfels: Surfels,
     points: FloatArray,
     normals: FloatArray,
     guess: Pose,
-    shifts: FloatArray,
+    reach: int,
     turns: FloatArray,
     tolerance: float,
     costs: tuple[float, float],
 ) -> Pose:
-    """Try every turn (K,) [rad] about the guess and every shift (M, 2) [m]; return the pose that matches best.
+    """Try every turn (K,) [rad] about the guess and every shift by up to `reach` cells; return the best pose.
 
     A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d; `costs` are the share of all points that a metre and
-    a radian away from the guess must win, so that the nearest of equals is taken.
+    a radian away from the guess must win, so that the nearest of equals is taken. A pose whose points do not even lie
+    in enough cells with surfaces is not looked at more closely.
     """
-    resolution, first_row, first_col = lattice
-    tolerance_squared = tolerance * tolerance
-    best_score = -math.inf
-    best = (guess[0], guess[1], guess[2])
-    rotated = np.empty_like(points)
-    layers = np.empty(len(points), dtype=np.int64)
+    resolution = surfels.lattice.resolution
+    bounds = _bounds(surfels, points, normals, guess, reach, turns)
     for k in range(len(turns)):
-        theta = guess[2] + turns[k]
-        cosine, sine = math.cos(theta), math.sin(theta)
-        for i in range(len(points)):
-            rotated[i, 0] = cosine * points[i, 0] - sine * points[i, 1]
-            rotated[i, 1] = sine * points[i, 0] + cosine * points[i, 1]
-            layers[i] = _layer(
-                cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1]
-            )
-        for m in range(len(shifts)):
-            x, y = guess[0] + shifts[m, 0], guess[1] + shifts[m, 1]
-            away = costs[0] * math.hypot(shifts[m, 0], shifts[m, 1]) + costs[1] * abs(turns[k])
-            score = -away * len(points)
-            for i in range(len(points)):
-                px, py = x + rotated[i, 0], y + rotated[i, 1]
-                col = math.floor(px / resolution) - first_col
-                row = math.floor(py / resolution) - first_row
-                if row < 0 or col < 0 or row >= index.shape[1] or col >= index.shape[2]:
-                    continue
-                surfel = surfels[index[layers[i], row, col]]
-                if surfel[5] > 0.0:
-                    dx, dy = px - surfel[0], py - surfel[1]
-                    distance = dx * (surfel[2] * dx + 2.0 * surfel[3] * dy) + surfel[4] * dy * dy
-                    score += surfel[5] * tolerance_squared / (tolerance_squared + distance)
-            if score > best_score:
-                best_score = score
-                best = (x, y, theta)
+        for r in range(-reach, reach + 1):
+            for c in range(-reach, reach + 1):
+                away = costs[0] * resolution * math.hypot(r, c) + costs[1] * abs(turns[k])
+                bounds[k, r + reach, c + reach] -= np.float32(away * len(points))
+    first = int(np.argmax(bounds))
+    best_score, best = -math.inf, (guess[0], guess[1], guess[2])
+    flat, width = bounds.reshape(-1), 2 * reach + 1
+    for number in range(-1, len(flat)):
+        # The most promising one first: it rules most of the others out.
+        candidate = first if number < 0 else number
+        if number == first or flat[candidate] <= best_score:
+            continue
+        k, place = candidate // (width * width), candidate % (width * width)
+        pose = (
+            guess[0] + (place % width - reach) * resolution,
+            guess[1] + (place // width - reach) * resolution,
+            guess[2] + turns[k],
+        )
+        away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
+        score = _matched(surfels, points, normals, pose, tolerance) - away * len(points)
+        if score > best_score:
+            best_score, best = score, pose
     return best
+
+
+@kernel
+def _bounds(
+    surfels: Surfels, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
+) -> SurfelArray:
+    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1): turns, rows, columns.
+
+    The inner loop runs along memory on both sides.
+    """
+    slots, _, _, lattice, _ = surfels
+    resolution, first_row, first_col = lattice
+    rows, cols = slots.shape[1:]
+    width = 2 * reach + 1
+    bounds = np.zeros((len(turns), width, width), dtype=np.float32)
+    for k in range(len(turns)):
+        cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
+        for i in range(len(points)):
+            px = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
+            py = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
+            layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
+            row = math.floor(py / resolution) - first_row - reach
+            col = math.floor(px / resolution) - first_col - reach
+            start, stop = max(0, -col), min(width, cols - col)
+            for r in range(max(0, -row), min(width, rows - row)):
+                for c in range(start, stop):
+                    bounds[k, r, c] += np.float32(slots[layer, row + r, col + c] != 0)
+    return bounds
+
+
+@kernel
+def _matched(surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float) -> float:
+    """Return the sum of what points at a pose count."""
+    slots, _, fits, lattice, _ = surfels
+    resolution, first_row, first_col = lattice
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    matched = 0.0
+    for i in range(len(points)):
+        px = pose[0] + cosine * points[i, 0] - sine * points[i, 1]
+        py = pose[1] + sine * points[i, 0] + cosine * points[i, 1]
+        col = math.floor(px / resolution) - first_col
+        row = math.floor(py / resolution) - first_row
+        if row < 0 or col < 0 or row >= slots.shape[1] or col >= slots.shape[2]:
+            continue
+        layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
+        slot = slots[layer, row, col]
+        if fits[slot, 5] < 0.0:
+            fit_surfel(surfels, layer, row, col)
+        dx, dy = px - fits[slot, 0], py - fits[slot, 1]
+        distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
+        matched += fits[slot, 5] * tolerance * tolerance / (tolerance * tolerance + distance)
+    return matched
 
 
 @kernel

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.se2 import SE2, compose, inverse, wrap_angle, wrap_angles
+from tbmslam.se2 import SE2, compose, interpolate, inverse, wrap_angle, wrap_angles
 
 QUARTER = math.pi / 2
 
@@ -59,3 +59,14 @@ def test_arrays_of_motions_are_composed_one_by_one():
     np.testing.assert_allclose(np.exp(1j * compose(first, second)[:, 2]), np.exp(1j * np.array(each)[:, 2]))
     np.testing.assert_allclose(compose(first, second)[:, :2], np.array(each)[:, :2])
     np.testing.assert_allclose(compose(first, inverse(first)), 0.0, atol=1e-12)
+
+
+def test_arrays_of_motions_are_interpolated_one_by_one():
+    generator = np.random.default_rng(1)
+    begins, ends = generator.normal(0.0, 3.0, (2, 30, 3))
+    ends[:5, 2] = begins[:5, 2] + [0.0, 1e-9, -1e-5, 1e-3, 1e-4]
+    shares = generator.random(30)
+    each = [SE2.from_array(a).interpolate(SE2.from_array(b), s) for a, b, s in zip(begins, ends, shares, strict=True)]
+    found = interpolate(begins, ends, shares)
+    np.testing.assert_allclose(found[:, :2], np.array(each)[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap_angles(found[:, 2] - np.array(each)[:, 2]), 0.0, atol=1e-9)

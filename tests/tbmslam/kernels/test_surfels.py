@@ -1,10 +1,11 @@
+import itertools
 import math
 
 import numpy as np
 import pytest
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import add_hits, align, linearise, renew_all, search
+from tbmslam.kernels.surfels import Surfels, add_hits, align, fit_surfel, linearise, search
 from tests import reference
 
 RESOLUTION = 0.1
@@ -28,35 +29,45 @@ def facing_origin(points):
 
 
 def surfels_of(points, normals=None):
-    """Return index and surfels of points inserted in several parts."""
+    """Return a surfel map's arrays with points inserted in several parts."""
     normals = facing_origin(points) if normals is None else normals
-    index = np.zeros((2, 120, 120), dtype=np.int32)
-    moments = np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32)
-    surfels = np.zeros_like(moments)
+    surfels = Surfels(
+        slots=np.zeros((2, 120, 120), dtype=np.int32),
+        moments=np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32),
+        fits=np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32),
+        lattice=LATTICE,
+        limits=LIMITS,
+    )
     used = 1
     for part in np.array_split(np.arange(len(points)), 7):
-        used = add_hits(index, moments, surfels, used, LATTICE, points[part], normals[part], LIMITS, True)
-    assert used == index.max() + 1
-    assert not moments[0].any()
-    return index, surfels
+        used = add_hits(surfels, used, points[part], normals[part])
+    assert used == surfels.slots.max() + 1
+    assert not surfels.moments[0].any()
+    return surfels
 
 
-NOTHING = np.zeros((2, 120, 120), dtype=np.int32), np.zeros((1, 6), dtype=np.float32)
+NOTHING = Surfels(
+    np.zeros((2, 120, 120), dtype=np.int32), *np.zeros((2, 1, 6), dtype=np.float32), lattice=LATTICE, limits=LIMITS
+)
 
 
 def test_surfels_are_the_plain_fit():
     points = room_walls(np.random.default_rng(0), 400)
     front = np.full((len(points), 2), 1.0)
-    index, surfels = surfels_of(points, front)
-    assert not index[0].any()
+    surfels = surfels_of(points, front)
+    assert not surfels.slots[0].any()
     for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
         cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
         expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
+        slot = surfels.slots[1, row, col]
+        if slot != 0:
+            assert surfels.fits[slot, 5] < 0.0
+            fit_surfel(surfels, 1, row, col)
         if expected is None:
-            assert surfels[index[1, row, col], 5] == 0.0
+            assert surfels.fits[slot, 5] == 0.0
             continue
         mean, information, weight = expected
-        x, y, xx, xy, yy, fitted_weight = surfels[index[1, row, col]]
+        x, y, xx, xy, yy, fitted_weight = surfels.fits[slot]
         np.testing.assert_allclose((x, y), mean, atol=1e-5)
         fitted = [[xx, xy], [xy, yy]]
         np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
@@ -67,16 +78,13 @@ def test_gradient_and_curvature_are_those_of_the_cost():
     generator = np.random.default_rng(2)
     surfels = surfels_of(room_walls(generator))
     points = room_walls(generator, 300)
-    weights = np.ones(len(points))
     hessian, gradient = np.zeros((3, 3)), np.zeros(3)
 
     def cost(pose):
-        return linearise(
-            *surfels, LATTICE, points, facing_origin(points), weights, pose, 50.0, np.zeros((3, 3)), np.zeros(3)
-        )[0]
+        return linearise(surfels, points, facing_origin(points), pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
 
     pose = (0.004, -0.003, 0.001)
-    linearise(*surfels, LATTICE, points, facing_origin(points), weights, pose, 50.0, hessian, gradient)
+    linearise(surfels, points, facing_origin(points), pose, 50.0, hessian, gradient)
     step = 1e-6
     for axis in range(3):
         ahead, behind = list(pose), list(pose)
@@ -87,11 +95,9 @@ def test_gradient_and_curvature_are_those_of_the_cost():
     assert np.linalg.eigvalsh(hessian).min() > 0.0
 
 
-def aligned(points, guess, prior=0.0, surfels=None):
-    weights = np.full(len(points), 1.0)
-    return align(
-        *surfels, LATTICE, points, facing_origin(points), weights, guess, np.eye(3) * prior, np.array([8.0, 3.0]), 10
-    )
+def aligned(points, guess, deviation=np.inf, surfels=None):
+    deviations, say, tolerances = np.full(3, deviation), float(len(points)), np.array([8.0, 3.0])
+    return align(surfels, points, facing_origin(points), guess, deviations, say, tolerances, 10)
 
 
 def test_a_scan_finds_its_place_to_millimetres():
@@ -109,37 +115,50 @@ def test_along_a_corridor_the_guess_stays():
     walls = np.column_stack((generator.uniform(-4.0, 4.0, 3000), np.where(generator.random(3000) < 0.5, -1.0, 1.0)))
     walls[:, 1] += generator.normal(0.0, 0.01, 3000)
     scan = walls[np.abs(walls[:, 0]) < 2.5][:300]
-    pose, hessian, _, _ = aligned(scan, (0.3, 0.04, 0.01), prior=100.0, surfels=surfels_of(walls))
+    pose, hessian, _, _ = aligned(scan, (0.3, 0.04, 0.01), deviation=0.1, surfels=surfels_of(walls))
     assert pose[0] == pytest.approx(0.3, abs=0.02)
     assert pose[1] == pytest.approx(0.0, abs=0.005)
     assert hessian[0, 0] < 0.02 * hessian[1, 1]
 
 
 def test_nothing_known_leaves_the_guess():
-    pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), prior=1.0, surfels=NOTHING)
+    pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), deviation=1.0, surfels=NOTHING)
     assert pose == pytest.approx((1.0, 2.0, 0.5))
     assert (matched, cost) == (0.0, 0.0)
+
+
+def test_search_is_trying_every_pose():
+    generator = np.random.default_rng(6)
+    surfels = surfels_of(room_walls(generator))
+    turns = np.arange(-0.3, 0.31, 0.1)
+    scan = room_walls(generator, 60)
+    normals, guess, costs = facing_origin(scan), (0.213, -0.134, 0.151), (0.2, 0.05)
+    found = search(surfels, scan, normals, guess, 3, turns, 8.0, costs)
+    scores = {}
+    for turn, row, col in itertools.product(turns, range(-3, 4), range(-3, 4)):
+        pose = (guess[0] + col * RESOLUTION, guess[1] + row * RESOLUTION, guess[2] + turn)
+        away = costs[0] * RESOLUTION * math.hypot(row, col) + costs[1] * abs(turn)
+        matched = linearise(surfels, scan, normals, pose, 8.0, np.zeros((3, 3)), np.zeros(3))[1]
+        scores[pose] = matched - away
+    assert found == pytest.approx(max(scores, key=scores.get))
 
 
 def test_search_finds_a_far_place():
     generator = np.random.default_rng(6)
     surfels = surfels_of(room_walls(generator))
-    steps = np.arange(-0.5, 0.51, 0.1)
-    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     turns = np.arange(-1.0, 1.01, 0.03)
     scan = room_walls(generator, 150)
-    found = search(*surfels, LATTICE, scan, facing_origin(scan), (0.4, -0.3, 0.75), shifts, turns, 8.0, (0.0, 0.0))
+    found = search(surfels, scan, facing_origin(scan), (0.4, -0.3, 0.75), 5, turns, 8.0, (0.0, 0.0))
     assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
 
 
 def test_search_takes_the_nearest_of_equals():
     generator = np.random.default_rng(7)
     wall = np.column_stack((generator.uniform(-5.0, 5.0, 3000), generator.normal(0.0, 0.01, 3000)))
-    shifts = np.array([[x, 0.0] for x in np.arange(-1.0, 1.01, 0.1)])
     scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
     normals = np.full((len(scan), 2), 1.0)
     surfels = surfels_of(wall, np.full((len(wall), 2), 1.0))
-    near = search(*surfels, LATTICE, scan, normals, (0.05, 0.0, 0.0), shifts, np.zeros(1), 8.0, (0.2, 0.0))
+    near = search(surfels, scan, normals, (0.05, 0.0, 0.0), 10, np.zeros(1), 8.0, (0.2, 0.0))
     assert near[0] == pytest.approx(0.05)
 
 
@@ -151,23 +170,25 @@ def test_the_far_face_of_a_thin_wall_is_another_surface():
     towards, away = np.full((4000, 2), [0.0, -1.0]), np.full((4000, 2), [0.0, 1.0])
     surfels = surfels_of(np.vstack((near_face, far_face)), np.vstack((towards, away)))
     for face, normals in ((near_face, towards), (far_face, away)):
-        scan, weights = face[:300], np.ones(300)
         tolerances = np.array([8.0, 3.0])
         pose, _, matched, _ = align(
-            *surfels, LATTICE, scan, normals[:300], weights, (0.0, 0.05, 0.0), np.eye(3), tolerances, 10
+            surfels, face[:300], normals[:300], (0.0, 0.05, 0.0), np.ones(3), 300.0, tolerances, 10
         )
         assert pose[1] == pytest.approx(0.0, abs=0.003)
         assert matched > 0.9
 
 
-def test_fitting_at_the_end_is_fitting_all_along():
+def test_surfaces_are_fitted_anew_where_hits_came_after():
     points = room_walls(np.random.default_rng(9), 500)
-    index, surfels = surfels_of(points)
-    late_index = np.zeros_like(index)
-    moments, late = np.zeros_like(surfels), np.zeros_like(surfels)
-    used = add_hits(late_index, moments, late, 1, LATTICE, points, facing_origin(points), LIMITS, False)
-    assert not late.any()
-    renew_all(late_index, moments, late, LATTICE, LIMITS)
-    assert used == late_index.max() + 1
-    np.testing.assert_array_equal(index != 0, late_index != 0)
-    np.testing.assert_allclose(surfels[index[index != 0]], late[late_index[index != 0]], rtol=1e-4, atol=1e-4)
+    fitted, late = surfels_of(points[:300]), surfels_of(points)
+    for cell in np.argwhere(fitted.slots):
+        fit_surfel(fitted, *cell)
+    used = add_hits(fitted, int(fitted.slots.max()) + 1, points[300:], facing_origin(points[300:]))
+    assert used == late.slots.max() + 1
+    for cell in np.argwhere(late.slots):
+        assert fitted.slots[tuple(cell)] > 0
+        mine, theirs = fitted.fits[fitted.slots[tuple(cell)]], late.fits[late.slots[tuple(cell)]]
+        if mine[5] < 0.0:
+            fit_surfel(fitted, *cell)
+        fit_surfel(late, *cell)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)

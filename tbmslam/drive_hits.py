@@ -1,0 +1,78 @@
+"""What a whole drive's keyframes hit, in one piece that kernels go over."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels.hits import place_hits
+from tbmslam.laser_scan import Hits, LaserScan
+from tbmslam.se2 import SE2, FloatArray
+
+
+class DriveHits:
+    """The hits of all keyframes of a drive, each in its sensor's frame.
+
+    Parameters
+    ----------
+    scans
+        The keyframes' scans.
+    poses
+        Poses (K, 3) of the laser as tracked: x [m], y [m], theta [rad].
+    max_range
+        Hits beyond this are left out [m].
+
+    Attributes
+    ----------
+    poses
+        As given.
+    travelled
+        Length of the way up to each keyframe (K,) [m].
+    """
+
+    def __init__(self, scans: Sequence[LaserScan], poses: FloatArray, max_range: float) -> None:
+        if len(scans) != len(poses):
+            raise ValueError(f"scans must be as many as poses, got {len(scans)} and {len(poses)}")
+        self.poses = poses
+        self.travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+        hits = [_small(scan.hits(max_range)) for scan in scans]
+        self._offsets = np.concatenate(([0], np.cumsum([len(points) for points, _ in hits]))).astype(np.int64)
+        self._points = np.concatenate([points for points, _ in hits])
+        self._normals = np.concatenate([normals for _, normals in hits])
+
+    def count(self, chosen: npt.NDArray[np.int64]) -> int:
+        """Return how many hits some keyframes have."""
+        return int((self._offsets[chosen + 1] - self._offsets[chosen]).sum())
+
+    def begins(self, chosen: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return where the hits of each of some keyframes begin among all of theirs, and where the last ones end."""
+        counts = self._offsets[chosen + 1] - self._offsets[chosen]
+        return np.concatenate(([0], np.cumsum(counts)))
+
+    def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int | None = None) -> Hits:
+        """Return hits of some keyframes in the frame of one.
+
+        Parameters
+        ----------
+        chosen
+            Indices of the keyframes.
+        frame
+            Index of the one.
+        at_least
+            Every n-th hit is enough, as long as this many are left, where there are as many; None for all.
+        """
+        step = 1 if at_least is None else max(self.count(chosen) // at_least, 1)
+        pose = SE2.from_array(self.poses[frame])
+        return Hits(*place_hits(self._points, self._normals, self._offsets, chosen, self.poses, pose, step))
+
+    def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
+        """Return hits of a keyframe and some within a travelled length before and after, in its frame."""
+        here = self.travelled[keyframe]
+        first, stop = np.searchsorted(self.travelled, (here - reach, here + reach + 1e-9))
+        near = np.arange(first, stop)[:: max((stop - first) // 8, 1)]
+        return self.placed(np.append(keyframe, near), keyframe, at_least)
+
+
+def _small(hits: Hits) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return points and normals in half the memory; to a micrometre."""
+    return hits.points.astype(np.float32), hits.normals.astype(np.float32)
