@@ -9,7 +9,17 @@ from tbmslam.wall_limits import FACING, Limits
 
 Method = Literal["correlation", "features"]
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
-Rule = Literal["disjunctive", "conjunctive", "dempster", "dubois-prade", "yager", "average"]
+Rule = Literal[
+    "disjunctive",
+    "conjunctive",
+    "dempster",
+    "dubois-prade",
+    "yager",
+    "average",
+    "unanimous",
+    "log-odds",
+    "entropy-filter",
+]
 Coverage = Literal["union", "overlap"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Metres = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -295,7 +305,7 @@ class MergeConfig(_Config):
         How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's.
     rule
         How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
-        `dubois-prade`, `yager` or `average`; see `merging.fusion.fuse`.
+        `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`.
     coverage
         `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
     reliability

@@ -51,7 +51,9 @@ def fuse(
         The grids, of any size, as `merging.warping.warp` makes them.
     rule
         `disjunctive` (eq. 6), `conjunctive` (eq. 5, which keeps its conflict), `dempster` (which normalises it),
-        `dubois-prade` and `yager` (which make ignorance of it), or the `average` of the masses.
+        `dubois-prade` and `yager` (which make ignorance of it), or the `average` of the masses; and without masses
+        `unanimous` (disagreeing cells become unknown), `log-odds` (which add up) and `entropy-filter` (the same, less
+        what would make a cell less certain).
     coverage
         `union` keeps the cells that only some sources saw as those fuse them; `overlap`, the paper's strict reading,
         keeps only what every source saw.

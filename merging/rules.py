@@ -1,7 +1,9 @@
 """Rules by which the beliefs of any number of sources about a cell become one.
 
 Every rule here takes its sources in any order: those that are not associative in pairs (Dubois and Prade, Yager, the
-average) are computed for all sources at once, from sums and products that can be kept as sources come.
+average) are computed for all sources at once, from sums and products that can be kept as sources come. The rules of
+programs that hold no masses read a belief as its pignistic probability, and give back the least committed belief with
+the probability that they come to.
 """
 
 from typing import NamedTuple
@@ -38,4 +40,11 @@ RULES: dict[Rule, FusionRule] = {
     "yager": FusionRule(fusion.YAGER, 4),
     # The mean of the masses (Howard 2006; Li, Hao et al. average probabilities likewise).
     "average": FusionRule(fusion.AVERAGE, 4),
+    # Cells are free, occupied or unknown; where sources differ nothing is known (Birk and Carpin 2006).
+    "unanimous": FusionRule(fusion.UNANIMOUS, 6),
+    # Sources are independent: log odds add up (Saeedi et al. 2012; Moravec 1988).
+    "log-odds": FusionRule(fusion.LOG_ODDS, 6),
+    # The same, but a sum less certain than its surest source is rejected and that source believed (Saeedi et al.
+    # compare with the first map; the surest one makes the order of the maps not matter).
+    "entropy-filter": FusionRule(fusion.ENTROPY_FILTER, 6),
 }

@@ -18,7 +18,17 @@ DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
 METHODS = ("correlation", "features")
-RULES = ("disjunctive", "conjunctive", "dempster", "dubois-prade", "yager", "average")
+RULES = (
+    "disjunctive",
+    "conjunctive",
+    "dempster",
+    "dubois-prade",
+    "yager",
+    "average",
+    "unanimous",
+    "log-odds",
+    "entropy-filter",
+)
 COVERAGES = ("union", "overlap")
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 

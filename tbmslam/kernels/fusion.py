@@ -1,16 +1,21 @@
 """One more source's masses added to what is kept of every cell, by each rule of fusion.
 
 Masses are a tuple (conflict, free, occupied, unknown) within this file. What is kept of a cell (its `width`) differs by
-by rule: four masses; for Dubois and Prade also the disjunction (4), and the products of what they put on free and on
-occupied (2).
+rule: four masses; for Dubois and Prade also the disjunction (4), and the products of what they put on free and on
+occupied (2); for the rules that know no masses, the first source's belief (4) and two numbers of their own.
 """
+
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel
 
-DISJUNCTIVE, CONJUNCTIVE, DEMPSTER, DUBOIS_PRADE, YAGER, AVERAGE = range(6)
+DISJUNCTIVE, CONJUNCTIVE, DEMPSTER, DUBOIS_PRADE, YAGER, AVERAGE, UNANIMOUS, LOG_ODDS, ENTROPY_FILTER = range(9)
+
+_SUREST = 0.998
+"""Most that a probability may lean to one side, 0.999 against 0.001: the log odds of certainty are infinite."""
 
 Belief = tuple[float, float, float, float]
 Cells = npt.NDArray[np.float32]
@@ -64,11 +69,19 @@ def _start(rule: int, belief: Belief, kept: Cells) -> None:
     if rule == DUBOIS_PRADE:
         _store(kept[4:], belief)
         kept[8], kept[9] = belief[1], belief[2]
+    elif rule == UNANIMOUS:
+        kept[4] = 1.0 if belief[1] > belief[2] else 0.0
+        kept[5] = 1.0 if belief[2] > belief[1] else 0.0
+    elif rule in {LOG_ODDS, ENTROPY_FILTER}:
+        kept[4] = kept[5] = _log_odds(belief)
 
 
 @kernel
 def _add(rule: int, belief: Belief, kept: Cells) -> None:
     before = _read(kept)
+    if rule >= UNANIMOUS:
+        _add_evidence(rule, belief, kept)
+        return
     if rule == AVERAGE:
         _store(kept, (before[0] + belief[0], before[1] + belief[1], before[2] + belief[2], before[3] + belief[3]))
     elif rule == DISJUNCTIVE:
@@ -87,8 +100,23 @@ def _add(rule: int, belief: Belief, kept: Cells) -> None:
 
 
 @kernel
+def _add_evidence(rule: int, belief: Belief, kept: Cells) -> None:
+    if rule == UNANIMOUS:
+        kept[4] += 1.0 if belief[1] > belief[2] else 0.0
+        kept[5] += 1.0 if belief[2] > belief[1] else 0.0
+        return
+    odds = _log_odds(belief)
+    kept[4] += odds
+    # Of two equally sure sources either may come first, and the order of the sources must not matter.
+    if abs(odds) > abs(kept[5]) or (abs(odds) == abs(kept[5]) and odds < kept[5]):
+        kept[5] = odds
+
+
+@kernel
 def _finished(rule: int, kept: Cells, count: int) -> Belief:
     m = _read(kept)
+    if rule >= UNANIMOUS:
+        return m if count < 2 else _weighed(rule, kept[4], kept[5])
     if rule == AVERAGE:
         return (m[0] / count, m[1] / count, m[2] / count, m[3] / count)
     if rule == YAGER:
@@ -106,6 +134,26 @@ def _finished(rule: int, kept: Cells, count: int) -> Belief:
             max(either[3] - mixed, 0.0),
         )
     return m
+
+
+@kernel
+def _weighed(rule: int, first: float, second: float) -> Belief:
+    """Return the belief that the two numbers of a rule without masses stand for."""
+    if rule == UNANIMOUS:
+        lean = 1.0 if first == 0.0 and second > 0.0 else (-1.0 if second == 0.0 and first > 0.0 else 0.0)
+    elif rule == ENTROPY_FILTER and abs(first) < abs(second):
+        lean = math.tanh(second / 2.0)
+    else:
+        lean = math.tanh(first / 2.0)
+    return (0.0, max(-lean, 0.0), max(lean, 0.0), 1.0 - abs(lean))
+
+
+@kernel
+def _log_odds(m: Belief) -> float:
+    """Return the log odds of being occupied; with P the pignistic probability, atanh(2 P - 1) is half of them."""
+    rest = m[1] + m[2] + m[3]
+    lean = (m[2] - m[1]) / rest if rest > 0.0 else 0.0
+    return 2.0 * math.atanh(min(max(lean, -_SUREST), _SUREST))
 
 
 @kernel
