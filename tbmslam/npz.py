@@ -20,6 +20,8 @@ Array = npt.NDArray[Any]
 _DEFLATE_LIMIT = 1040
 """Deflate never packs more bytes than this into one: a file that claims it lies about its sizes."""
 
+_LONGEST_REASON = 120
+
 
 class NpzError(TbmSlamError):
     """A file is no zip of arrays, or not of those expected."""
@@ -58,7 +60,7 @@ class ArrayZip:
         except OSError as error:
             raise NpzError(f"it cannot be read ({error.strerror or error})") from error
         except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
-            raise NpzError(f"it is no zip file ({error})") from error
+            raise NpzError(f"it is no zip file ({_shortened(error)})") from error
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -112,7 +114,12 @@ class ArrayZip:
             raise
         # Damaged zips and headers raise nearly anything: tokenize.TokenError and SystemError were seen too.
         except Exception as error:
-            raise NpzError(f"{name} cannot be read ({error})") from error
+            raise NpzError(f"{name} cannot be read ({_shortened(error)})") from error
+
+
+def _shortened(error: Exception) -> str:
+    """Return an error's text: libraries quote what they could not read, and that may be the rest of the file."""
+    return " ".join(str(error).split())[:_LONGEST_REASON]
 
 
 def _checked_shape(

@@ -1,0 +1,172 @@
+"""Where bytes of strangers come in: for each border how they are read, and healthy bytes to begin with.
+
+Whatever the bytes, a border answers with a good value or with a `TbmSlamError` of one line. `fuzz.py` looks for bytes
+that make it do something else; what was ever found lies in corpus/ and is tried by every test run.
+"""
+
+import json
+import tempfile
+import tomllib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from datasets import RecordingOptions, open_recording
+from merging.config import MergeConfig
+from tbmslam.config import config_from_dict
+from tbmslam.errors import TbmSlamError
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.map_folder import load_map, save_map
+from tbmslam.relations import read_relations
+from tbmslam.tbm_dump import write_tbm_dump
+from tbmslam.tbm_map import TbmMap
+from tbmslam.tum import read_tum
+
+ROOT = Path(__file__).resolve().parents[2]
+CORPUS = Path(__file__).parent / "corpus"
+
+CARMEN = """# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp
+PARAM robot_frontlaser_offset 0.1 1.0 host 1.0
+FLASER 4 1.0 2.0 2.5 81.91 0.0 0.0 0.0 0.0 0.0 0.0 1.0 host 1.0
+ODOM 0.1 0.0 0.0 0.0 0.0 0.0 1.1 host 1.1
+FLASER 4 1.0 2.0 2.5 3.0 0.1 0.0 0.0 0.1 0.0 0.0 1.2 host 1.2
+"""
+
+
+class Border(NamedTuple):
+    """How bytes are read.
+
+    Parameters
+    ----------
+    file
+        Name that a file of these bytes has.
+    read
+        Reads the file, to the end.
+    seeds
+        Makes healthy bytes.
+    """
+
+    file: str
+    read: Callable[[Path], object]
+    seeds: Callable[[], list[bytes]]
+
+
+def cross(name: str, content: bytes) -> bool:
+    """Bring bytes over a border; tell whether they were taken.
+
+    Raises
+    ------
+    AssertionError
+        The refusal was not one line that names the file, or what was taken is no map.
+    """
+    border = BORDERS[name]
+    with tempfile.TemporaryDirectory(dir=_memory()) as folder:
+        path = Path(folder) / border.file
+        path.write_bytes(content)
+        if name == "yaml":
+            (Path(folder) / "map.pgm").write_bytes(b"P5\n2 1\n255\n\x00\xfe")
+        if name == "picture":
+            (Path(folder) / "map.yaml").write_text(_YAML.format(image=border.file))
+            path = Path(folder) / "map.yaml"
+        refusal = None
+        try:
+            border.read(path)
+        except TbmSlamError as error:
+            refusal = str(error)
+    assert refusal is None or (len(refusal) < 1000 and len(refusal.splitlines()) == 1), refusal
+    return refusal is None
+
+
+def _map(path: Path) -> None:
+    grid = load_map(path).grid
+    assert grid.fault() is None
+
+
+def _recording(path: Path) -> None:
+    for _ in open_recording([path], RecordingOptions(odometry="none")):
+        pass
+
+
+def _config(path: Path) -> None:
+    try:
+        values = tomllib.loads(path.read_bytes().decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError):
+        return  # tomllib's own border; programs turn it into a line
+    with suppress(ValueError):  # what programs print as a line
+        config_from_dict(values)
+    with suppress(ValidationError):
+        MergeConfig.model_validate(values)
+
+
+_YAML = """image: {image}
+resolution: 0.05
+origin: [-1.0, 2.0, 0.1]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+
+
+def _saved(name: str) -> Callable[[], list[bytes]]:
+    def seeds() -> list[bytes]:
+        masses = np.random.default_rng(3).dirichlet(np.ones(4), size=(3, 4)).astype(np.float32)
+        grid = TbmGrid(GridGeometry(0.1, -0.2, 0.3, 3, 4), masses)
+        with tempfile.TemporaryDirectory() as folder:
+            save_map(folder, TbmMap(grid, (), {"seed": 1}))
+            write_tbm_dump(Path(folder) / "slam.tbm_map", grid, "slam")
+            write_tbm_dump(Path(folder) / "merging.tbm_map", grid, "merging")
+            return [path.read_bytes() for path in sorted(Path(folder).glob(name))]
+
+    return seeds
+
+
+def _broken_bags() -> list[bytes]:
+    """Return small bags: made here, and, where they are at hand, the damaged ones of the shared data."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    scan = types["sensor_msgs/msg/LaserScan"]
+    header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scan.bag"
+        with Writer(path) as writer:
+            connection = writer.add_connection("/scan", scan.__msgtype__, typestore=store)
+            for second in range(3):
+                ranges = np.array([1.0, 2.0, np.inf, 3.0], dtype=np.float32)
+                head = header(second, stamp(second, 0), "laser")
+                message = scan(head, -1.0, 1.0, 0.5, 0.0, 0.0, 0.1, 30.0, ranges, np.zeros(0, dtype=np.float32))
+                data = store.serialize_ros1(message, scan.__msgtype__)
+                writer.write(connection, second * 10**9, data)
+        return [path.read_bytes()]
+
+
+def _memory() -> str | None:
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None  # noqa: S108 - a disk would wear out
+
+
+BORDERS: dict[str, Border] = {
+    "npz": Border("map.npz", _map, _saved("map.npz")),
+    "yaml": Border("map.yaml", _map, lambda: [_YAML.format(image="map.pgm").encode()]),
+    "picture": Border("map.pgm", _map, lambda: [*_saved("*.pgm")(), *_saved("pignistic.png")()]),
+    "tbm_map": Border("map.tbm_map", _map, _saved("*.tbm_map")),
+    "beesoft": Border(
+        "map.dat", _map, lambda: [b"robot_specifications->resolution 10\nglobal_map[0]: 1 2\n1.0 -1.0\n"]
+    ),
+    "bag": Border("drive.bag", _recording, _broken_bags),
+    "carmen": Border("drive.log", _recording, lambda: [CARMEN.encode()]),
+    "tum": Border(
+        "drive.tum", read_tum, lambda: [b"# stamp x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"]
+    ),
+    "relations": Border("drive.relations", read_relations, lambda: [b"1.0 2.0 0.1 0.2 0 0 0 0.3\n"]),
+    "config": Border(
+        "config.toml",
+        _config,
+        lambda: [b"[tracker]\nkind = 'surfels'\n", json.dumps({"map": {"resolution": 0.1}}).encode()],
+    ),
+}

@@ -1,0 +1,45 @@
+"""Search for bytes that a border does not survive, guided by the lines of code that they reach.
+
+python tests/fuzzing/fuzz.py npz --seconds 600      needs `pip install -e .[fuzz]` (atheris: Linux and macOS)
+
+Bytes that break something are written beside this file as found-*; mend the code and move them to corpus/BORDER/.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import atheris
+
+with atheris.instrument_imports(include=["tbmslam", "datasets", "merging", "rosbags", "yaml"]):
+    from tests.fuzzing.borders import BORDERS, CORPUS, cross
+
+
+def main() -> None:
+    """Fuzz until the time is over or something is found."""
+    grammar = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    grammar.add_argument("border", choices=BORDERS)
+    grammar.add_argument("--seconds", type=int, default=60)
+    args = grammar.parse_args()
+    with tempfile.TemporaryDirectory() as seeds:
+        for number, seed in enumerate(BORDERS[args.border].seeds()):
+            (Path(seeds) / str(number)).write_bytes(seed)
+        found = Path(__file__).parent / f"found-{args.border}-"
+        options = [
+            f"-max_total_time={args.seconds}",
+            "-rss_limit_mb=3000",
+            "-timeout=20",
+            "-max_len=16384",
+            f"-artifact_prefix={found}",
+        ]
+        known = CORPUS / args.border
+        folders = [seeds, *([str(known)] if known.is_dir() else [])]
+        atheris.Setup([sys.argv[0], *options, *folders], lambda content: cross(args.border, content))
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
