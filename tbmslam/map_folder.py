@@ -76,6 +76,8 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
         path = _map_in(path)
     if not path.exists():
         raise MapFileError(f"{path}: does not exist: give a map's folder or file")
+    if not path.is_file():  # reading a pipe or a device might never end
+        raise MapFileError(f"{path}: is no file but a device or a pipe: give a map's folder or file")
     name = path.name.lower()
     if name.endswith(".npz"):
         return read_map_file(path)

@@ -53,6 +53,8 @@ def read_image(path: Path) -> MapImage:
     MapFileError
         If the file is missing, damaged, too large, or no picture of 8 or 16 bits.
     """
+    if path.exists() and not path.is_file():
+        raise MapFileError(f"{path}: the map's image is no file but a folder or a device: name a picture")
     try:
         content = path.read_bytes()
     except OSError as error:

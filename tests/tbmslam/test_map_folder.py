@@ -1,5 +1,6 @@
 """A robot's folder: what is in it, and that it comes back."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -177,3 +178,9 @@ def test_provenance_that_json_cannot_hold_is_a_wrong_argument(tmp_path):
     with pytest.raises(ValueError, match="provenance"):
         save_map(tmp_path, TbmMap(some_grid(), (), {"when": object()}))
     assert names(tmp_path) == set()
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "map.npz")
+    with pytest.raises(MapFileError, match="is no file but a device or a pipe"):
+        load_map(tmp_path / "map.npz")

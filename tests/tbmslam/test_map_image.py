@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -100,3 +102,10 @@ def test_what_is_no_picture_is_told_in_one_line(tmp_path, content, message, capf
 def test_a_missing_picture_is_named(tmp_path):
     with pytest.raises(MapFileError, match=r"none\.pgm: the map's image cannot be read: No such file"):
         read_image(tmp_path / "none.pgm")
+
+
+def test_a_device_in_the_place_of_a_picture_is_not_read(tmp_path):
+    for name, target in (("endless.pgm", Path("/dev/zero")), ("folder.pgm", tmp_path)):
+        (tmp_path / name).symlink_to(target)
+        with pytest.raises(MapFileError, match=r"the map's image is no file but a folder or a device: name a picture"):
+            read_image(tmp_path / name)
