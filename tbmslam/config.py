@@ -1,27 +1,23 @@
 """Every parameter of the SLAM, and the presets that people choose by name."""
 
-import copy
 import difflib
-import tomllib
 from collections.abc import Mapping
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from tbmslam.errors import TbmSlamError
 from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.motion import MotionConfig
+from tbmslam.parameters import ConfigError, changed
 from tbmslam.particle_tracker import ParticleTrackerConfig
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
 from tbmslam.scan_matching.monte_carlo import MonteCarloConfig
 from tbmslam.sensor_model import SensorModelConfig
 from tbmslam.surfel_tracker import SurfelTrackerConfig
 
-
-class ConfigError(TbmSlamError):
-    """A configuration that cannot be used."""
+__all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "MapConfig", "SlamConfig", "config_from_dict", "preset"]
 
 
 class MapConfig(BaseModel):
@@ -60,7 +56,7 @@ class SlamConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    preset: str = "default"
+    preset: str = Field("default", description="what the values below began as; --preset chooses another")
     seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")
     motion: MotionConfig = MotionConfig()
     tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (
@@ -117,56 +113,18 @@ def preset(name: str) -> SlamConfig:
         When there is none of that name.
     """
     if name not in PRESETS:
-        raise ConfigError(f"there is no preset {name!r}; there are {', '.join(PRESETS)}{_suggestion(name, PRESETS)}")
+        near = difflib.get_close_matches(name, PRESETS, n=1)
+        meant = f": did you mean {near[0]!r}?" if near else ""
+        raise ConfigError(f"there is no preset {name!r}; there are {', '.join(PRESETS)}{meant}")
     return PRESETS[name]
 
 
 def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
-    """Read a configuration; what is not given keeps its default.
+    """Read a configuration; what is not given keeps its default, or that of the preset it names.
 
     Raises
     ------
     ConfigError
-        When a key is unknown or a value does not fit, in one line with the key's place.
+        When a key is unknown, with the nearest one, or a value does not fit, in one line with the key's place.
     """
-    try:
-        return SlamConfig.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"configuration: {place}: {first['msg']} (got {first['input']!r})") from None
-
-
-def with_setting(values: Mapping[str, object], setting: str) -> dict[str, object]:
-    """Return a configuration's values with one changed by a text like ``map.resolution=0.1``, its value as in TOML.
-
-    Raises
-    ------
-    ConfigError
-        When the text is not of that form or the key does not exist.
-    """
-    path, equals, text = setting.partition("=")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text
-    if not equals or not path:
-        raise ConfigError(f"setting {setting!r} must look like map.resolution=0.1")
-    changed = copy.deepcopy(dict(values))
-    place: dict[str, object] = changed
-    *parents, key = path.split(".")
-    for depth, parent in enumerate([*parents, key]):
-        if parent not in place:
-            raise ConfigError(f"there is no parameter {path!r}{_suggestion(parent, place)}")
-        if depth < len(parents):
-            below = place[parent]
-            if not isinstance(below, dict):
-                raise ConfigError(f"there is no parameter {path!r}: {'.'.join(parents[: depth + 1])} is a value")
-            place = below
-    place[key] = value
-    return changed
-
-
-def _suggestion(name: str, known: Mapping[str, object]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    return f": did you mean {near[0]!r}?" if near else ""
+    return changed(preset(str(values.get("preset", "default"))), values)

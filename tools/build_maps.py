@@ -7,8 +7,13 @@ a frame that no other robot knows.
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from tools.recording_options import add_recording_options, options_from
+from tools.configuration_options import add_configuration_options
+from tools.recording_options import add_recording_options, given_options
+
+if TYPE_CHECKING:
+    from tools.configuration import Configuration
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
@@ -25,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    grammar.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help="bags or logs")
+    grammar.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="bags or logs")
     grammar.add_argument("-o", "--out", type=Path, default=Path("maps"), help="where the robots' folders go (maps)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     robots = grammar.add_argument_group("robots")
@@ -54,13 +59,10 @@ def parser() -> argparse.ArgumentParser:
         default="private",
         help="turn and shift each robot's frame at random, or keep the odometry's (private)",
     )
-    slam = grammar.add_argument_group("SLAM")
-    slam.add_argument("--preset", default="default", help="default, viny, viny-hc, tiny, credibilist or particles")
-    slam.add_argument("--config", type=Path, metavar="TOML", help="parameters that differ from the preset's")
-    slam.add_argument(
-        "--set", action="append", default=[], metavar="A.B=C", help="one parameter, e.g. map.resolution=0.1"
+    robots.add_argument(
+        "--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)"
     )
-    slam.add_argument("--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)")
+    add_configuration_options(grammar, "map.resolution=0.1")
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference",
@@ -78,6 +80,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = parser()
     args = grammar.parse_args(argv)
+    if not args.recordings and not args.print_config:
+        grammar.error("the following arguments are required: RECORDING")
     if args.reference and len(args.reference) != (len(args.recordings) if args.separate else 1):
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
@@ -85,21 +89,46 @@ def main(argv: list[str] | None = None) -> int:
     if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
         grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
     from tbmslam.errors import TbmSlamError
+    from tools.configuration import whole_text
     from tools.mapping_run import build_maps
     from tools.typed_command import typed_command
 
     try:
-        options = options_from(args)
-    except ValueError as error:
-        grammar.error(str(error))
-    try:
-        build_maps(args, options, typed_command("build_maps", argv))
+        _check_recording_options(grammar, args)
+        config = _configuration(args)
+        if args.print_config:
+            print(whole_text(config), end="")
+        else:
+            build_maps(args, config, typed_command("build_maps", argv))
     except TbmSlamError as error:
         if args.debug:
             raise
         sys.stderr.write(f"build_maps: {error}\n")
         return 1
     return 0
+
+
+def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    from datasets import RecordingOptions
+
+    try:
+        RecordingOptions(**given_options(args))
+    except ValueError as error:
+        grammar.error(str(error))
+
+
+def _configuration(args: argparse.Namespace) -> "Configuration":
+    """Return preset, file, settings and options, the later the stronger."""
+    from tbmslam.parameters import changed
+    from tools.configuration import read_configuration
+
+    config = read_configuration(args.preset, args.config).with_settings(args.set)
+    changes: dict[str, object] = {"recording": given_options(args)}
+    if args.no_return is not None:
+        changes["map"] = {"insertion": {"no_return": "free" if args.no_return == "free" else "ignore"}}
+    if args.seed is not None:
+        changes["seed"] = args.seed
+    return changed(config, changes, "command line")
 
 
 if __name__ == "__main__":

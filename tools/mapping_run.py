@@ -3,7 +3,6 @@
 import argparse
 import json
 import time
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -11,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import Recording, RecordingOptions, open_recording
+from datasets import Recording, open_recording
 from datasets.cached import cached
 from datasets.recording_warnings import recording_warnings
 from tbmslam.atomic_file import write_text
-from tbmslam.config import ConfigError, SlamConfig, config_from_dict, preset, with_setting
+from tbmslam.config import SlamConfig, preset
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import Reading
 from tbmslam.map_folder import save_map
@@ -38,6 +37,7 @@ from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
+from tools.configuration import Configuration, mapping_text
 from tools.progress import ProgressBars
 
 
@@ -56,10 +56,10 @@ class Robot:
     reference: Path | None
 
 
-def build_maps(args: argparse.Namespace, options: RecordingOptions, command: str) -> None:
+def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
     """Map every robot and save its folder, then a report and the truth beside them."""
-    config, watch = _config(args), ProgressBars()
-    robots = _robots(args, options, config.seed, watch)
+    watch = ProgressBars()
+    robots = _robots(args, config, watch)
     _refuse_stale_robots(args.out, [robot.name for robot in robots])
     made: dict[str, MappedRobot] = {}
     for robot in robots:
@@ -71,44 +71,20 @@ def build_maps(args: argparse.Namespace, options: RecordingOptions, command: str
     print(f"report -> {args.out / 'report.html'}")
 
 
-def _config(args: argparse.Namespace) -> SlamConfig:
-    values = preset(args.preset).model_dump()
-    if args.config is not None:
-        try:
-            values = _merged(values, tomllib.loads(args.config.read_text(encoding="utf-8")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ConfigError(f"{args.config}: cannot be read as TOML: {error}") from None
-    for setting in args.set:
-        values = with_setting(values, setting)
-    if args.no_return is not None:
-        values["map"]["insertion"]["no_return"] = "free" if args.no_return == "free" else "ignore"
-    if args.seed is not None:
-        values["seed"] = args.seed
-    return config_from_dict(values)
-
-
-def _merged(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    merged = dict(values)
-    for key, change in changes.items():
-        old = merged.get(key)
-        merged[key] = _merged(old, change) if isinstance(old, Mapping) and isinstance(change, Mapping) else change
-    return merged
-
-
-def _robots(args: argparse.Namespace, options: RecordingOptions, seed: int, watch: Watch) -> list[Robot]:
+def _robots(args: argparse.Namespace, config: Configuration, watch: Watch) -> list[Robot]:
     groups = [[path] for path in args.recordings] if args.separate else [args.recordings]
     robots: list[Robot] = []
     for number, paths in enumerate(groups):
-        recording = cached(open_recording(paths, options))
+        recording = cached(open_recording(paths, config.recording))
         reference = args.reference[number] if args.reference else None
-        for segment in _segments(args, recording, watch):
+        for segment in _segments(args, config.recording.gap_s, recording, watch):
             index = len(robots)
-            T_own_start = private_frame(seed, index) if args.frames == "private" else None
+            T_own_start = private_frame(config.seed, index) if args.frames == "private" else None
             robots.append(Robot(f"robot_{index}", recording, segment, T_own_start, reference))
     return robots
 
 
-def _segments(args: argparse.Namespace, recording: Recording, watch: Watch) -> Sequence[Segment | None]:
+def _segments(args: argparse.Namespace, gap_s: float, recording: Recording, watch: Watch) -> Sequence[Segment | None]:
     if args.robots == 1 and not args.interval and args.split != "gaps":
         return [None]
     stamps, poses = [], []
@@ -119,19 +95,19 @@ def _segments(args: argparse.Namespace, recording: Recording, watch: Watch) -> S
     if args.interval:
         return split_at_intervals(itinerary, [(begin, end) for begin, end in args.interval])
     if args.split == "gaps":
-        return split_at_gaps(itinerary, args.gap)
+        return split_at_gaps(itinerary, gap_s)
     split = split_by_distance if args.split == "distance" else split_by_time
     return split(itinerary, args.robots, args.overlap)
 
 
-def _map_robot(robot: Robot, config: SlamConfig, folder: Path, watch: Watch) -> MappedRobot:
+def _map_robot(robot: Robot, config: Configuration, folder: Path, watch: Watch) -> MappedRobot:
     began = time.perf_counter()
-    slam = Slam(config, robot.name)
+    slam = Slam(config.slam, robot.name)
     scans = 0
     for reading in watch.each(_readings(robot), "mapping", _length(robot), "scans", robot.name):
         slam.process(reading)
         scans += 1
-    run = _run_record(robot, config)
+    run = _run_record(robot, config.slam)
     with watch.during("finishing"):
         tbm_map = slam.finish(run)
     with watch.during("saving"):
@@ -148,6 +124,7 @@ def _map_robot(robot: Robot, config: SlamConfig, folder: Path, watch: Watch) -> 
         "correction_m": slam.correction_m,
     }
     run |= {"result": result}
+    write_text(folder / "config.toml", mapping_text(config))
     write_text(folder / "run.json", json.dumps(run, indent=2) + "\n")
     seconds = time.perf_counter() - began
     print(

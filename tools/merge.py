@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
+from tools.configuration_options import add_configuration_options
 from tools.typed_command import typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from merging.merger import Merge
+    from tools.configuration import Configuration
 
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
@@ -47,27 +49,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    if not options.print_config:
+        _check(parser, options)
+    logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
+    from tools.configuration import whole_text
+
+    try:
+        config = _configuration(parser, options)
+        if options.print_config:
+            print(whole_text(config), end="")
+            return DONE
+        command = typed_command("merge", arguments)
+        return _merge(options.maps, options.out, config.merging, options.workers, command)
+    except TbmSlamError as error:
+        if options.debug:
+            raise
+        print(f"merge: {error}", file=sys.stderr)
+        return FAILED
+
+
+def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    if options.out is None:
+        parser.error("the following arguments are required: -o/--out")
     if len(options.maps) < 2:
         parser.error(f"two maps or more are needed, got {len(options.maps)}")
     if options.workers < 1:
         parser.error(f"--workers must be at least 1, got {options.workers}")
     if any(_lies_in(path, options.out) for path in options.maps):
         parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
-    logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
-    from pydantic import ValidationError
-
-    try:
-        config = _config(options)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        parser.error(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}, got {fault['input']!r}")
-    try:
-        return _merge(options.maps, options.out, config, options.workers, typed_command("merge", arguments))
-    except TbmSlamError as error:
-        if options.debug:
-            raise
-        print(f"merge: {error}", file=sys.stderr)
-        return FAILED
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
@@ -104,12 +113,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "maps",
-        nargs="+",
+        nargs="*",
         type=Path,
         metavar="MAP",
         help="a folder of build_maps or merge, or a .npz, .yaml or .tbm_map",
     )
-    parser.add_argument("-o", "--out", required=True, type=Path, metavar="FOLDER", help="where the merged map goes")
+    parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="where the merged map goes")
     finding = parser.add_argument_group("how maps find each other")
     finding.add_argument(
         "--method",
@@ -141,14 +150,18 @@ def _parser() -> argparse.ArgumentParser:
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
     )
+    add_configuration_options(parser, "merging.verification.min_confidence=0.8")
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
     parser.add_argument("--debug", action="store_true", help="show where an error came from")
     return parser
 
 
-def _config(options: argparse.Namespace) -> "MergeConfig":
-    from merging.config import MergeConfig
+def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
+    """Return file, settings and options, the later the stronger."""
+    from tbmslam.parameters import ConfigError, changed
+    from tools.configuration import read_configuration
 
+    config = read_configuration(options.preset, options.config).with_settings(options.set)
     chosen = {
         "method": options.method,
         "rule": options.rule,
@@ -160,7 +173,10 @@ def _config(options: argparse.Namespace) -> "MergeConfig":
         "features": _given(keypoints=options.keypoints, ratio=options.ratio, descriptor=options.descriptor),
         "consensus": _given(min_inliers=options.min_inliers),
     }
-    return MergeConfig.model_validate(_given(**chosen))
+    try:
+        return changed(config, {"merging": _given(**chosen)}, "options")
+    except ConfigError as error:
+        parser.error(str(error))
 
 
 def _given(**values: object) -> dict[str, object]:
@@ -170,8 +186,10 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int, command: str) -> int:
     from merging.merger import merge
     from merging.report import write_report
+    from tbmslam.atomic_file import write_text
     from tbmslam.map_folder import load_map, remove_map, save_map
     from tbmslam.report.making import Making
+    from tools.configuration import merging_text
     from tools.progress import ProgressBars
 
     watch = ProgressBars()
@@ -183,6 +201,7 @@ def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int
             save_map(out, result.merged)
     elif (out / "report.json").is_file():
         remove_map(out)  # of an older merge, which the new report would belie
+    write_text(out / "config.toml", merging_text(config))
     write_report(out, result, maps, config, Making(command, watch.seconds))
     _tell(result, out)
     return DONE if result.merged is not None else NOTHING_MERGED

@@ -22,8 +22,8 @@ class HillClimbingConfig(BaseModel):
     heading_step: float = Field(0.1, gt=0, description="first step of the heading [rad]")
     halvings: int = Field(6, ge=1, description="rounds without improvement that end the search")
     extra_candidate: bool = Field(False, description="score one more candidate at the end, as the original does")
-    weighting: BeamWeighting = "viny"
-    score: CellScore = "discrepancy"
+    weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
+    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
 
 
 class HillClimbingMatcher:

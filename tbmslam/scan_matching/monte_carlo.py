@@ -27,8 +27,8 @@ class MonteCarloConfig(BaseModel):
     heading_deviation: float = Field(0.1, gt=0, description="standard deviation of a candidate's heading [rad]")
     max_failures: int = Field(20, ge=1, description="candidates in vain, at one deviation, that end the search")
     max_candidates: int = Field(100, ge=1, description="candidates that end the search in any case")
-    weighting: BeamWeighting = "viny"
-    score: CellScore = "discrepancy"
+    weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
+    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
 
 
 class MonteCarloMatcher:

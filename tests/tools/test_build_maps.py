@@ -46,7 +46,7 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "robot_0"]
     assert sorted(path.name for path in (tmp_path / "robot_0").iterdir()) == [
-        *("conflict.png", "free.png", "map.npz", "map.pgm", "map.yaml", "occupied.png", "pignistic.png"),
+        *("config.toml", "conflict.png", "free.png", "map.npz", "map.pgm", "map.yaml", "occupied.png", "pignistic.png"),
         *("run.json", "trajectory.tum", "unknown.png"),
     ]
     out = capsys.readouterr().out
@@ -210,8 +210,8 @@ def errors(bag, tmp_path):
         "no such file of parameters": ((bag, "--config", tmp_path / "no.toml"), ConfigError, "cannot be read as TOML"),
         "not TOML": ((bag, "--config", broken), ConfigError, r"broken\.toml: cannot be read as TOML: "),
         "not UTF-8": ((bag, "--config", latin), ConfigError, r"latin\.toml: cannot be read as TOML: "),
-        "no such parameter": ((bag, "--config", wrong), ConfigError, r"configuration: map\.resolutoin: .*got 0\.1"),
-        "no such setting": ((bag, "--set", "map.resolutoin=1"), ConfigError, "did you mean 'resolution'"),
+        "no such parameter": ((bag, "--config", wrong), ConfigError, r"wrong\.toml: .*did you mean 'map\.resolution'"),
+        "no such setting": ((bag, "--set", "map.resolutoin=1"), ConfigError, r"did you mean 'map\.resolution'"),
         "a setting that does not fit": ((bag, "--set", "map.resolution=0"), ConfigError, r"map\.resolution: .*got 0"),
         "another run's robots": ((bag, "-o", robots), OutputError, "robots holds robot_5 of another run: remove it"),
         "an empty interval": ((bag, "--interval", 50, 60), SegmentationError, "no reading lies between 50 s and 60 s"),

@@ -102,7 +102,9 @@ def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
     assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 0
     (tmp_path / "notes.txt").touch()
     assert merge.main([str(folders / "here"), str(folders / "foreign"), "-o", str(tmp_path)]) == 3
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "report.html", "report.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("config.toml", "notes.txt", "report.html", "report.json")
+    ]
 
 
 @pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
@@ -151,11 +153,11 @@ def test_the_options_reach_the_merge(folders, tmp_path):
         (["one", "-o", "out"], "two maps or more are needed, got 1"),
         (
             ["one", "two", "-o", "out", "--ratio", "7"],
-            "features.ratio: Input should be less than or equal to 1, got 7.0",
+            "merging.features.ratio: Input should be less than or equal to 1 (got 7.0)",
         ),
         (
             ["one", "two", "-o", "out", "--resolution", "0"],
-            "merged_resolution: Input should be greater than 0, got 0.0",
+            "merging.merged_resolution: Input should be greater than 0 (got 0.0)",
         ),
         (["one", "two", "-o", "out", "--method", "guess"], "invalid choice: 'guess'"),
         (["one", "two"], "required: -o/--out"),

@@ -1,0 +1,146 @@
+"""Parameters of nested configurations: named by dotted paths, changed a few at a time."""
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeVar, cast, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from tbmslam.errors import TbmSlamError
+
+Config = TypeVar("Config", bound=BaseModel)
+
+
+class ConfigError(TbmSlamError):
+    """A configuration that cannot be used."""
+
+
+def changed(config: Config, changes: Mapping[str, object], source: str = "configuration") -> Config:
+    """Return a configuration with some parameters changed; what is not given stays.
+
+    Where a table may be of several kinds, as the tracker, another `kind` begins with that kind's defaults.
+
+    Parameters
+    ----------
+    config
+        What is changed; its tables are pydantic models or dataclasses.
+    changes
+        New values in nested tables, as TOML has them.
+    source
+        Where they come from, for messages.
+
+    Raises
+    ------
+    ConfigError
+        When a key is unknown, which names the nearest one, or a value does not fit.
+    """
+    names = list(parameter_names(config))
+    try:
+        return type(config).model_validate(_overlaid(config, changes, (), names, source))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = _place(config, first["loc"])
+        given = "" if place == "" else f" (got {first['input']!r})"
+        raise ConfigError(f"{source}: {place or 'as a whole'}: {first['msg']}{given}") from None
+
+
+def parse_setting(text: str) -> dict[str, object]:
+    """Return the change that a text like ``map.resolution=0.1`` names, its value as in TOML or a bare word.
+
+    Raises
+    ------
+    ConfigError
+        When the text is not of that form.
+    """
+    path, equals, value_text = text.partition("=")
+    keys = [key.strip() for key in path.split(".")]
+    if not equals or not all(keys):
+        raise ConfigError(f"setting {text!r} must look like map.resolution=0.1")
+    try:
+        value: object = tomllib.loads(f"value = {value_text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = value_text
+    change: dict[str, object] = {keys[-1]: value}
+    for key in reversed(keys[:-1]):
+        change = {key: change}
+    return change
+
+
+def parameter_names(config: object, above: str = "") -> Iterator[str]:
+    """Yield the dotted name of every parameter and table."""
+    for name, value in fields_of(config).items():
+        yield above + name
+        if is_table(value):
+            yield from parameter_names(value, f"{above}{name}.")
+
+
+def is_table(value: object) -> bool:
+    """Tell whether a value is a table of parameters rather than one parameter."""
+    return isinstance(value, BaseModel) or (dataclasses.is_dataclass(value) and not isinstance(value, type))
+
+
+def fields_of(table: object) -> dict[str, object]:
+    """Return what a table holds, by name."""
+    if isinstance(table, BaseModel):
+        return {name: getattr(table, name) for name in type(table).model_fields}
+    return {field.name: getattr(table, field.name) for field in dataclasses.fields(cast("Any", table))}
+
+
+def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequence[str], source: str) -> object:
+    """Return a table's values under a change of some of them."""
+    if not is_table(old):
+        return change
+    here = ".".join(place)
+    known = fields_of(old)
+    if not isinstance(change, Mapping):
+        raise ConfigError(f"{source}: {here} is a table: name one of its parameters, as {here}.{next(iter(known))}")
+    values = dict(known)
+    for key, new in change.items():
+        if key not in known:
+            raise ConfigError(f"{source}: {_unknown(key, place, list(known), names)}")
+        below = _of_kind(old, key, new)
+        values[key] = _overlaid(below, new, (*place, key), names, source)
+    return values
+
+
+def _of_kind(table: object, key: str, change: object) -> object:
+    """Return a table's value at a key, or the defaults of the kind of table that a change asks for."""
+    value = fields_of(table)[key]
+    field = type(table).model_fields[key] if isinstance(table, BaseModel) else None
+    if field is None or not isinstance(field.discriminator, str) or not isinstance(change, Mapping):
+        return value
+    wanted = change.get(field.discriminator, getattr(value, field.discriminator))
+    kinds = {kind.model_fields[field.discriminator].default: kind for kind in get_args(field.annotation)}
+    return value if wanted not in kinds or isinstance(value, kinds[wanted]) else kinds[wanted]()
+
+
+def _unknown(key: str, place: tuple[str, ...], siblings: Sequence[str], names: Sequence[str]) -> str:
+    """Say that there is no such parameter, and which was probably meant."""
+    full = ".".join((*place, key))
+    elsewhere = [name for name in names if name.rpartition(".")[2] == key]
+    near = difflib.get_close_matches(key, siblings, n=1)
+    last = {name.rpartition(".")[2]: name for name in reversed(names)}
+    alike = [last[name] for name in difflib.get_close_matches(key, last, n=1)]
+    meant = [".".join((*place, name)) for name in near] or elsewhere or alike
+    if meant:
+        return f"there is no parameter {full!r}: did you mean {meant[0]!r}?"
+    return f"there is no parameter {full!r}: {'.'.join(place) or 'the top'} has {', '.join(siblings)}"
+
+
+def _place(config: object, location: Sequence[str | int]) -> str:
+    """Return a validation error's place as a dotted name, without the kinds that the library puts in between."""
+    parts: list[str] = []
+    at: object = config
+    kind_follows = False
+    for part in map(str, location):
+        if kind_follows:
+            kind_follows = False
+            continue
+        parts.append(part)
+        known = fields_of(at) if is_table(at) else {}
+        field = type(at).model_fields.get(part) if isinstance(at, BaseModel) else None
+        kind_follows = field is not None and field.discriminator is not None
+        at = known.get(part)
+    return ".".join(parts)
