@@ -36,6 +36,8 @@ class ReadingCounts:
         What a damaged file no longer holds, estimated from what it still does.
     incidents
         What went wrong, and when.
+    doubtful_sweeps
+        Scans that state more time between beams than they can have taken; their beams count as of one moment.
     """
 
     scans_read: int = 0
@@ -54,6 +56,7 @@ class ReadingCounts:
     lost_scans: int = 0
     lost_seconds: float = 0.0
     incidents: Incidents = field(default_factory=Incidents)
+    doubtful_sweeps: int = 0
 
     def drop(self, reason: str) -> None:
         """Count a scan that is left out."""
@@ -102,6 +105,7 @@ class ReadingCounts:
                 (self.extrapolated, "scans after the last odometry"),
                 (self.without_odometry, "scans without odometry"),
                 (self.clock_disagreements, "scans with a clock of their own"),
+                (self.doubtful_sweeps, "scans with doubtful times of beams"),
             )
             if number
         ]

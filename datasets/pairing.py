@@ -94,9 +94,8 @@ class Pairing:
         """Return whether the odometry has come past a scan."""
         if not self._histories:
             return True
-        return self._received() > waiting.poses_then and all(
-            history.reaches(waiting.stamp) for history in self._histories
-        )
+        end = waiting.stamp + waiting.scan.sweep()
+        return self._received() > waiting.poses_then and all(history.reaches(end) for history in self._histories)
 
     def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
         """Yield the reading of a scan, without odometry where that is missing for long, or count why there is none."""
@@ -116,7 +115,16 @@ class Pairing:
         self._note_missing(waiting.scan.stamp, is_known)
         mounting, upside_down = self._motion.mounting(waiting.stamp)
         scan = turned_over(waiting.scan) if upside_down else waiting.scan
-        yield Reading(scan, self._motion.odometry(poses) if is_known else None, mounting)
+        T_odom_robot = self._motion.odometry(poses) if is_known else None
+        yield Reading(scan, T_odom_robot, mounting, self._swept(waiting) if is_known else None)
+
+    def _swept(self, waiting: _Waiting) -> SE2 | None:
+        """Return T_odom_robot at a scan's last beam, where that is another moment and the odometry tells."""
+        sweep = waiting.scan.sweep()
+        if sweep <= 0.0 or not self._histories:
+            return None
+        found = [history.at(waiting.stamp + sweep, self._patience_s, 0.0) for history in self._histories]
+        return self._motion.odometry([each.pose for each in found if each is not None]) if all(found) else None
 
     def _note_missing(self, stamp: float, is_known: bool) -> None:
         """Note when odometry ends and how long it is missing."""

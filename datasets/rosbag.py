@@ -58,7 +58,8 @@ class _Pass:
         mounting = Mounting(plan.to_sensor, plan.sensor_pose, options.upside_down)
         self._plan = plan
         self._counts = counts
-        self._intake = ScanIntake(plan.survey.range_rules(), step, options.gap_s, counts)
+        survey = plan.survey
+        self._intake = ScanIntake(survey.range_rules(), step, options.gap_s, counts, survey.longest_sweep())
         self._motion = _motion(plan, mounting)
         self._pairing = Pairing(self._motion, counts, plan.clock.offset, options.max_odometry_gap_s)
 
@@ -149,6 +150,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "range_min_m": first.range_min,
         "range_max_m": first.range_max,
         "angle_warning": angle_warning(len(first.ranges), first.angle_increment),
+        "time_increment_s": first.time_increment if math.isfinite(first.time_increment) else None,
     }
     return {
         "kind": "rosbag",

@@ -42,13 +42,23 @@ class ScanIntake:
         Longer pauses are counted as gaps [s].
     counts
         Filled as scans come in.
+    longest_sweep
+        Time from first to last beam [s] beyond which the stated time between beams is not believed.
     """
 
-    def __init__(self, rules: RangeRules, angle_step: float | None, gap_s: float, counts: ReadingCounts) -> None:
+    def __init__(
+        self,
+        rules: RangeRules,
+        angle_step: float | None,
+        gap_s: float,
+        counts: ReadingCounts,
+        longest_sweep: float = math.inf,
+    ) -> None:
         self._rules = rules
         self._angle_step = angle_step
         self._gap_s = gap_s
         self._counts = counts
+        self._longest_sweep = longest_sweep
         self._last_stamp: float | None = None
         self._last_beams: int | None = None
         self._seen: OrderedDict[float, set[bytes]] = OrderedDict()
@@ -72,7 +82,16 @@ class ScanIntake:
         if np.isnan(ranges).all():  # true of no beams at all, too
             self._counts.drop("empty")
             return None
-        return LaserScan(raw.stamp, raw.angle_min, step, low, high, ranges, max(0.0, raw.time_increment))
+        return LaserScan(raw.stamp, raw.angle_min, step, low, high, ranges, self._time_increment(raw))
+
+    def _time_increment(self, raw: RawScan) -> float:
+        """Return the time between beams [s], 0 where it is not stated or cannot be."""
+        if not 0.0 < raw.time_increment < math.inf:
+            return 0.0
+        if raw.time_increment * (len(raw.ranges) - 1) <= self._longest_sweep:
+            return raw.time_increment
+        self._counts.doubtful_sweeps += 1
+        return 0.0
 
     def _is_duplicate(self, raw: RawScan) -> bool:
         """Return whether the same ranges came with the same stamp a short while ago."""

@@ -1,5 +1,6 @@
 """What the beginning of a recording tells: frames, clocks and the codes of the laser."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,7 @@ _SCANS_NEEDED = 40
 _POSES_NEEDED = 10
 _SECONDS_NEEDED = 4.0
 _SECONDS_AT_MOST = 60.0
+_SWEEP_SLACK = 1.1  # stamps jitter
 
 
 @dataclass
@@ -43,6 +45,7 @@ class Survey:
     first_scan: RawScan | None = None
     ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)
     scan_lags: list[float] = field(default_factory=list)
+    scan_stamps: list[float] = field(default_factory=list)
     started_at: float | None = None
 
     def add_scan(self, frame: str, scan: RawScan, bag_time: float) -> None:
@@ -52,6 +55,7 @@ class Survey:
         if len(self.ranges) < _KEPT_SCANS:
             self.ranges.append(np.array(scan.ranges))
             self.scan_lags.append(bag_time - scan.stamp)
+            self.scan_stamps.append(scan.stamp)
 
     def add_pose(self, topic: str, frame: str, robot: str, lag: float) -> None:
         """Take in a message of an odometry topic."""
@@ -73,6 +77,16 @@ class Survey:
         if frames is None or max(step.edge.count for step in frames.to_robot if not step.edge.static) < _POSES_NEEDED:
             return False
         return frames.to_sensor is not None or self.options.sensor_pose is not None
+
+    def longest_sweep(self) -> float:
+        """Return how long a scan can take from its first beam to its last [s]: not much longer than the next is away.
+
+        A laser that is read out more often than it turns states a time between beams that does not say when a beam
+        was sent.
+        """
+        steps = np.diff(self.scan_stamps)
+        steps = steps[steps > 0.0]
+        return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
 
     def range_rules(self) -> RangeRules:
         """Return how ranges are to be read, with a no-return code found in the data."""

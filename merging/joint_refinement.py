@@ -251,5 +251,5 @@ def _driven(track: _Track, sensors: FloatArray, trajectory: Trajectory) -> Drive
     way = trajectory.poses
     if len(way):
         way = spread_corrections(way, unique.astype(np.int64), robots[first])
-    moved = Keyframes(k.stamps, robots, k.sensor_poses, k.beams, k.offsets, k.ranges)
+    moved = replace(k, poses=robots)
     return replace(track.drive, trajectory=Trajectory(trajectory.stamps, way), keyframes=moved)

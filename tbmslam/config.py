@@ -6,6 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from tbmslam.deskew import DeskewConfig
 from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
@@ -59,6 +60,7 @@ class SlamConfig(BaseModel):
     preset: str = Field("default", description="what the values below began as; --preset chooses another")
     seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")
     motion: MotionConfig = MotionConfig()
+    deskew: DeskewConfig = DeskewConfig()
     tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (
         SurfelTrackerConfig()
     )
@@ -83,6 +85,7 @@ def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: M
     """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
     return SlamConfig(
         preset=name,
+        deskew=DeskewConfig(enabled=False),
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
         map=cells,

@@ -1,7 +1,7 @@
 """What a map remembers of its drive: scans and where they were taken, so that it can be rendered anew."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,8 @@ class Keyframes:
         Where each scan begins in `ranges`, and where the last one ends (K + 1,).
     ranges
         All scans' ranges one after the other, float32 [m], coded as in `LaserScan`.
+    beam_steps
+        Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad].
     """
 
     stamps: FloatArray
@@ -36,17 +38,19 @@ class Keyframes:
     beams: FloatArray
     offsets: npt.NDArray[np.int64]
     ranges: npt.NDArray[np.float32]
+    beam_steps: FloatArray
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
         count = len(self.stamps)
-        shapes = (self.poses.shape, self.sensor_poses.shape, self.beams.shape, self.offsets.shape)
-        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,)):
+        arrays = (self.poses, self.sensor_poses, self.beams, self.offsets, self.beam_steps)
+        shapes = tuple(values.shape for values in arrays)
+        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,), (count, 3)):
             raise ValueError(f"keyframe arrays must agree on {count} keyframes, got shapes {shapes}")
         if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges) or np.any(np.diff(self.offsets) < 0):
             raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
         # A laser without a limit has range_max +inf; nothing else may be infinite.
-        numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3])
+        numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3], self.beam_steps)
         if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
             raise ValueError("stamps, poses and beams must be finite")
 
@@ -62,6 +66,7 @@ class Keyframes:
             ).reshape(-1, 4),
             offsets=np.concatenate(([0], np.cumsum([len(scan.ranges) for scan in scans]))).astype(np.int64),
             ranges=np.concatenate([np.zeros(0), *(scan.ranges for scan in scans)]).astype(np.float32),
+            beam_steps=np.array([scan.beam_step for scan in scans], dtype=np.float64).reshape(-1, 3),
         )
 
     def __len__(self) -> int:
@@ -72,7 +77,15 @@ class Keyframes:
         """Return one keyframe's scan."""
         angle_min, angle_increment, range_min, range_max = (float(value) for value in self.beams[index])
         ranges = self.ranges[self.offsets[index] : self.offsets[index + 1]].astype(np.float64)
-        return LaserScan(float(self.stamps[index]), angle_min, angle_increment, range_min, range_max, ranges)
+        return LaserScan(
+            float(self.stamps[index]),
+            angle_min,
+            angle_increment,
+            range_min,
+            range_max,
+            ranges,
+            beam_step=SE2.from_array(self.beam_steps[index]),
+        )
 
     def pose(self, index: int) -> SE2:
         """Return the robot's pose in the map at one keyframe."""
@@ -91,4 +104,4 @@ class Keyframes:
         moved = np.empty_like(self.poses)
         moved[:, :2] = T_new_old.apply(self.poses[:, :2])
         moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
-        return Keyframes(self.stamps, moved, self.sensor_poses, self.beams, self.offsets, self.ranges)
+        return replace(self, poses=moved)

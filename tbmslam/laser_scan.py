@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels.hits import hit_points, hits_of_scan
+from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -62,6 +62,9 @@ class LaserScan:
         Distances (N,) [m], float64.
     time_increment
         Time between two beams [s]; 0 where it is not known.
+    beam_step
+        Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
+        was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment.
     """
 
     stamp: float
@@ -71,18 +74,34 @@ class LaserScan:
     range_max: float
     ranges: FloatArray = field(repr=False)
     time_increment: float = 0.0
+    beam_step: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - a tuple, which nothing can change
 
     def angles(self) -> FloatArray:
-        """Return the direction (N,) of every beam in the sensor's frame [rad]."""
-        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
+        """Return the direction (N,) of every beam in the sensor's frame at the first beam [rad]."""
+        turning = self.angle_increment + self.beam_step.theta
+        return self.angle_min + turning * np.arange(len(self.ranges), dtype=np.float64)
+
+    def starts(self) -> FloatArray:
+        """Return where every beam was sent from (N, 2) in the sensor's frame at the first beam [m].
+
+        One row stands for all where the laser stayed where it was.
+        """
+        return beam_starts(len(self.ranges), self.beam_step)
+
+    def sweep(self) -> float:
+        """Return the time from the first beam to the last [s]; 0 where it is not known."""
+        return self.time_increment * max(len(self.ranges) - 1, 0)
 
     def is_hit(self) -> npt.NDArray[np.bool_]:
         """Return which beams (N,) ended on something."""
         return np.isfinite(self.ranges)
 
     def hit_points(self, max_range: float = math.inf) -> FloatArray:
-        """Return the end points (M, 2) of the beams that hit something within a range, in the sensor's frame [m]."""
-        return hit_points(self.ranges, self.angle_min, self.angle_increment, max_range)
+        """Return the end points (M, 2) of the beams that hit something within a range, in the sensor's frame [m].
+
+        The frame is that of the first beam, at the scan's stamp.
+        """
+        return hit_points(self.ranges, self.angle_min, self.angle_increment, self.beam_step, max_range)
 
     def hits(self, max_range: float = math.inf) -> Hits:
         """Return the hits within a range and the normals of what they hit, in the sensor's frame.
@@ -92,7 +111,8 @@ class LaserScan:
         """
         # Dense beams are closer together than their noise, so neighbours further away tell the direction better.
         apart = max(len(self.ranges) // 180, 1)
-        return Hits(*hits_of_scan(self.ranges, self.angle_min, self.angle_increment, max_range, apart, 0.5))
+        directions = (self.angle_min, self.angle_increment, self.beam_step)
+        return Hits(*hits_of_scan(self.ranges, *directions, max_range, apart, 0.5))
 
 
 @dataclass(frozen=True)
@@ -107,8 +127,11 @@ class Reading:
         Pose of the robot in its odometry frame at the scan's stamp; None where there is no odometry.
     T_robot_sensor
         Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment).
+    T_odom_swept
+        Pose of the robot in its odometry frame at the scan's last beam; None where that is not known.
     """
 
     scan: LaserScan
     T_odom_robot: SE2 | None
     T_robot_sensor: SE2 = field(default_factory=SE2.identity)
+    T_odom_swept: SE2 | None = None

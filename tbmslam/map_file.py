@@ -7,7 +7,7 @@
 ``provenance``              JSON text
 ``drives``                  names (D,); the arrays of drive K are named as follows
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
-``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
+``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field; older files have no beam_steps
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed; older files have none
 ==========================  ==========================================================================
 
@@ -120,10 +120,12 @@ def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
         field: arrays.read(
             f"drive_{number}_keyframes_{field}",
             _KEYFRAME_DTYPES.get(field, np.float64),
-            (None, None) if field in {"poses", "sensor_poses", "beams"} else (None,),
+            (None, None) if field in {"poses", "sensor_poses", "beams", "beam_steps"} else (None,),
         )
         for field in _KEYFRAME_NAMES
+        if field != "beam_steps" or f"drive_{number}_keyframes_{field}" in arrays
     }
+    keyframes.setdefault("beam_steps", np.zeros((len(keyframes["stamps"]), 3)))
     drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
     closures = f"drive_{number}_closures"
     return replace(drive, closures=arrays.read(closures, np.int64, (None, 2))) if closures in arrays else drive

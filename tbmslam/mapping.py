@@ -64,16 +64,16 @@ class ScanInserter:
         if not len(lengths):
             return
         directions = scan.angles()[clears] + T_map_sensor.theta
-        ends = np.column_stack(
-            (T_map_sensor.x + lengths * np.cos(directions), T_map_sensor.y + lengths * np.sin(directions))
-        )
-        start = np.array([T_map_sensor.x, T_map_sensor.y])
-        grid.grow_to_contain(np.vstack((ends, start)))
+        starts = T_map_sensor.apply(scan.starts())
+        if len(starts) > 1:
+            starts = starts[clears]
+        ends = starts + np.column_stack((lengths * np.cos(directions), lengths * np.sin(directions)))
+        grid.grow_to_contain(np.vstack((ends, starts)))
         insert = insert_scan if self._config.once_per_scan else insert_beams
         insert(
             grid.ratios,
             grid.lattice,
-            start,
+            starts,
             ends,
             is_hit[clears],
             self._factors_for(grid.resolution, scan_quality),

@@ -71,6 +71,27 @@ class MotionModel:
             return self._by_odometry(self._T_odom_robot, reading.T_odom_robot, duration)
         return self._by_constant_velocity(duration)
 
+    def motion_after(self, reading: Reading, duration: float) -> SE2:
+        """Return how the robot moves in the time [s] after a reading that is about to be placed.
+
+        As the odometry goes on to the scan's last beam where that is known; else as it came since the last reading;
+        without odometry as the robot was found to move between its last two readings.
+        """
+        if duration <= 0.0:
+            return SE2.identity()
+        if reading.T_odom_robot is not None and reading.T_odom_swept is not None:
+            return reading.T_odom_robot.inverse() @ reading.T_odom_swept
+        step, since = self._velocity, self._duration
+        if self._stamp is not None and reading.T_odom_robot is not None and self._T_odom_robot is not None:
+            step, since = self._T_odom_robot.inverse() @ reading.T_odom_robot, reading.scan.stamp - self._stamp
+        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+
+    def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
+        """Return how the robot moves in some time [s] if since the last reading it has come to a pose."""
+        since = reading.scan.stamp - self._stamp if self._stamp is not None else 0.0
+        step = self._T_map_robot.inverse() @ T_map_robot
+        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+
     def correct(self, reading: Reading, T_map_robot: SE2) -> None:
         """Take the pose that was found for a reading as the start of the next step."""
         if self._stamp is not None:
@@ -103,6 +124,10 @@ class MotionModel:
     def _coasting(self, duration: float) -> SE2:
         if not 0.0 < self._duration <= 1.0:
             return self._T_map_robot
-        vx, vy, omega = self._velocity.log()
-        ratio = duration / self._duration
-        return self._T_map_robot @ SE2.exp(ratio * vx, ratio * vy, ratio * omega)
+        return self._T_map_robot @ _part(self._velocity, duration / self._duration)
+
+
+def _part(motion: SE2, ratio: float) -> SE2:
+    """Return a motion at constant twist over `ratio` times its duration."""
+    vx, vy, omega = motion.log()
+    return SE2.exp(ratio * vx, ratio * vy, ratio * omega)

@@ -157,7 +157,9 @@ class ParticleTracker:
         for number, pose in enumerate(self._poses):
             if len(hits):
                 ends = SE2.from_array(pose).apply(hits)
-                self._maps.insert(number, *touched_cells(pose[:2], ends, is_hit, self._maps.resolution), self._factors)
+                self._maps.insert(
+                    number, *touched_cells(pose[None, :2], ends, is_hit, self._maps.resolution), self._factors
+                )
 
     def _matched_points(self, scan: LaserScan) -> FloatArray:
         return scan.hits(self._config.max_range).thinned(self._config.max_points).points

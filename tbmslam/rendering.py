@@ -42,7 +42,8 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
     lasers = [keyframes.all_sensor_poses() for keyframes in drives]
     seen = [
-        beam_ends(k.ranges, k.offsets, k.beams, poses, limit, clears) for k, poses in zip(drives, lasers, strict=True)
+        beam_ends(k.ranges, k.offsets, k.beams, k.beam_steps, poses, limit, clears)
+        for k, poses in zip(drives, lasers, strict=True)
     ]
     touched = [ends for ends, _, _ in seen if len(ends)]
     touched += [poses[np.diff(o) > 0, :2] for poses, (_, _, o) in zip(lasers, seen, strict=True)]

@@ -113,7 +113,8 @@ def in_frame(reading: Reading, T_new_odom: SE2) -> Reading:
     """Return the reading with its odometry in another frame."""
     if reading.T_odom_robot is None:
         return reading
-    return replace(reading, T_odom_robot=T_new_odom @ reading.T_odom_robot)
+    swept = None if reading.T_odom_swept is None else T_new_odom @ reading.T_odom_swept
+    return replace(reading, T_odom_robot=T_new_odom @ reading.T_odom_robot, T_odom_swept=swept)
 
 
 def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Segment]:

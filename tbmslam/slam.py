@@ -6,17 +6,19 @@ from collections.abc import Mapping
 import numpy as np
 
 from tbmslam.config import SlamConfig
+from tbmslam.deskew import deskewed
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
 from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
 from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import Reading
+from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
-from tbmslam.motion import MotionModel
+from tbmslam.motion import MotionModel, Prediction
 from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.rendering import render
+from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
@@ -62,14 +64,9 @@ class Slam:
 
     def process(self, reading: Reading) -> SE2:
         """Place one reading, learn from it, and return the robot's pose T_map_robot."""
-        scan, T_robot_sensor = reading.scan, reading.T_robot_sensor
+        T_robot_sensor = reading.T_robot_sensor
         prediction = self._motion.predict(reading)
-        match = self._tracker.match(
-            scan,
-            prediction.T_map_robot @ T_robot_sensor,
-            prediction.deviations,
-            prediction.T_map_coasting @ T_robot_sensor,
-        )
+        scan, match = self._placed(reading, prediction)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
         self._variances += prediction.deviations**2
@@ -98,6 +95,21 @@ class Slam:
         grid = self._rendered(keyframes)
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
         return TbmMap(grid, (Drive(self.name, trajectory, keyframes, self._closures),), dict(provenance or {}))
+
+    def _placed(self, reading: Reading, prediction: Prediction) -> tuple[LaserScan, ScanMatch]:
+        """Return the scan without the motion of the robot while the laser turned, and where the laser was."""
+        sweep = reading.scan.sweep() if self.config.deskew.enabled else 0.0
+        T_robot_sensor, deviations = reading.T_robot_sensor, prediction.deviations
+        guesses = prediction.T_map_robot @ T_robot_sensor, prediction.T_map_coasting @ T_robot_sensor
+        T_robot_swept = self._motion.motion_after(reading, sweep)
+        scan = deskewed(reading.scan, T_robot_swept, T_robot_sensor, self.config.deskew)
+        match = self._tracker.match(scan, guesses[0], deviations, guesses[1])
+        if reading.T_odom_robot is None and sweep > 0.0:
+            # Only the poses tell the motion then, and the motion of before would feed its error back into the next one.
+            T_robot_swept = self._motion.motion_to(reading, match.T_map_sensor @ T_robot_sensor.inverse(), sweep)
+            scan = deskewed(reading.scan, T_robot_swept, T_robot_sensor, self.config.deskew)
+            match = self._tracker.match(scan, match.T_map_sensor, deviations, guesses[1])
+        return scan, match
 
     def _close_loops(self, poses: FloatArray) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""

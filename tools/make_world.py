@@ -60,6 +60,9 @@ def parser() -> argparse.ArgumentParser:
     laser.add_argument(
         "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"), help="(0.275 0 0)"
     )
+    laser.add_argument(
+        "--sweep", type=float, default=0.0, metavar="S", help="from a scan's first beam to its last [s] (0: one moment)"
+    )
     laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
     files = grammar.add_argument_group("files")
     files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
@@ -145,6 +148,7 @@ def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
         wrong_returns=args.wrong_returns,
         T_robot_sensor=SE2(args.mount[0], args.mount[1], math.radians(args.mount[2])),
         upside_down=args.upside_down,
+        sweep=args.sweep,
     )
 
 

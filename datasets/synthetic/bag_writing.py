@@ -167,7 +167,7 @@ def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> di
         "angle_min": first,
         "angle_increment": step,
         "angle_max": first + (len(scan.ranges) - 1) * step,
-        "time_increment": 0.0,
+        "time_increment": scan.time_increment,
         "scan_time": 1.0 / robot.laser.rate,
         "range_min": scan.range_min,
         "range_max": scan.range_max,

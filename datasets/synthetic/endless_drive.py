@@ -57,6 +57,8 @@ class EndlessDrive:
         """Check the route and its length."""
         if self.route not in ROUTES:
             raise ValueError(f"route must be one of {', '.join(ROUTES)}, got {self.route!r}")
+        if self.laser.sweep > 0.0:
+            raise ValueError(f"laser.sweep must be 0, got {self.laser.sweep}")
         if not 0.0 < self.length < float("inf"):
             raise ValueError(f"length must be positive, got {self.length}")
 

@@ -15,6 +15,8 @@ _BEAMS_OVER_180_DEG = {180: 1.0, 181: 1.0, 361: 0.5}
 """Usual SICK scanners: beams and their step [deg]."""
 
 
+_MOMENT = 5e-4  # in this time [s] a robot hardly moves
+
 STATA_MOUNT = SE2(0.275, 0.0, 0.0)
 """Where a PR2 carries its base laser."""
 
@@ -41,6 +43,8 @@ class SimulatedLaser:
         Where it is mounted.
     upside_down
         Whether it hangs from its mount, so that its beams turn clockwise seen from above.
+    sweep
+        Time from the first beam to the last [s]; 0: all are sent at one moment.
     """
 
     beams: int = 1040
@@ -54,6 +58,7 @@ class SimulatedLaser:
     wrong_returns: float = 0.001
     T_robot_sensor: SE2 = STATA_MOUNT
     upside_down: bool = False
+    sweep: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value against what a laser can be."""
@@ -64,7 +69,9 @@ class SimulatedLaser:
             raise ValueError(f"range_max must be finite and above range_min, got {self.range_min}, {self.range_max}")
         if not 0.0 < abs(self.angle_increment) * (self.beams - 1) < 2.0 * math.pi and self.beams > 1:
             raise ValueError(f"beams must lie within one turn, got {self.beams} steps of {self.angle_increment} rad")
-        for name in ("noise", "dropouts", "wrong_returns"):
+        if self.sweep > 1.0 / self.rate:
+            raise ValueError(f"sweep must not be longer than the {1.0 / self.rate} s between scans, got {self.sweep}")
+        for name in ("noise", "dropouts", "wrong_returns", "sweep"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
@@ -80,24 +87,51 @@ class SimulatedLaser:
         usual = SimulatedLaser()
         return usual.angle_min, usual.angle_increment * usual.beams / max(beams, 1)
 
+    def time_increment(self) -> float:
+        """Return the time between two beams [s] as a message holds it."""
+        return float(np.float32(self.sweep / max(self.beams - 1, 1)))
+
+    def moments(self, stamps: FloatArray) -> FloatArray:
+        """Return the times (S, M) [s] for which scans at stamps (S,) need the robot's pose: one for each few beams."""
+        beams = self._beams_of_a_moment()
+        first = np.arange(0, self.beams, beams) if self.sweep > 0.0 else np.zeros(1)
+        return np.asarray(stamps[:, None] + (first + (beams - 1) / 2.0) * self.time_increment())
+
+    def _beams_of_a_moment(self) -> int:
+        """Return how many neighbouring beams share a pose: those within half a millisecond."""
+        if self.sweep == 0.0:
+            return self.beams
+        return max(int(_MOMENT / self.time_increment()), 1)
+
     def scans(
         self, world: World, stamps: FloatArray, robot_poses: FloatArray, rng: np.random.Generator
     ) -> list[LaserScan]:
-        """Return what the laser measures at robot poses (S, 3) in the world, at stamps (S,) [s].
+        """Return what the laser measures at stamps (S,) [s].
 
         Values are rounded to float32 as a LaserScan message holds them; no return is `inf` (REP 117). An upside-down
         laser's scans have a negative increment, as `LaserScan` demands.
+
+        Parameters
+        ----------
+        robot_poses
+            Poses (S, 3) of the robot in the world at the stamps, or (S, M, 3) at all `moments`.
         """
         turn = -1.0 if self.upside_down else 1.0
         angle_min, increment = (turn * float(np.float32(angle)) for angle in (self.angle_min, self.angle_increment))
-        sensors = np.array([SE2.from_array(pose) @ self.T_robot_sensor for pose in robot_poses]).reshape(-1, 3)
-        ranges = np.empty((len(sensors), self.beams))
+        robots = robot_poses.reshape(len(stamps), -1, 3)
+        beams = self._beams_of_a_moment() if robots.shape[1] > 1 else self.beams
+        # The beams of each moment begin where those of the one before ended: the laser is turned on by so much.
+        mounts = [self.T_robot_sensor @ SE2(0.0, 0.0, moment * beams * increment) for moment in range(robots.shape[1])]
+        sensors = [SE2.from_array(pose) @ mount for each in robots for pose, mount in zip(each, mounts, strict=True)]
+        ranges = np.empty((len(sensors), beams))
         # A wall just beyond reach may be measured within it.
-        cast_rays(world.walls, sensors, angle_min, increment, self.range_max + 5.0 * self.noise, ranges)
+        reach = self.range_max + 5.0 * self.noise
+        cast_rays(world.walls, np.array(sensors).reshape(-1, 3), angle_min, increment, reach, ranges)
+        ranges = ranges.reshape(len(stamps), robots.shape[1] * beams)[:, : self.beams]
         ranges = self._corrupted(ranges, rng).astype(np.float64)
         limits = float(np.float32(self.range_min)), float(np.float32(self.range_max))
         return [
-            LaserScan(float(stamp), angle_min, increment, *limits, row)
+            LaserScan(float(stamp), angle_min, increment, *limits, row, self.time_increment())
             for stamp, row in zip(stamps, ranges, strict=True)
         ]
 

@@ -71,16 +71,25 @@ def _simulate_robot(
     wheel_rng, laser_rng = rng.spawn(2)
     odometry = noise.odometry(drive, wheel_rng)
     first = drive.stamps[0] + FIRST_SCAN_AFTER
-    stamps = first + np.arange(int((drive.stamps[-1] - first) * laser.rate) + 1) / laser.rate
+    stamps = first + np.arange(int((drive.stamps[-1] - laser.sweep - first) * laser.rate) + 1) / laser.rate
     # A stamp is a whole number of microseconds, so that a bag's nanoseconds hold it.
     stamps = np.round(stamps * 1e6) / 1e6
     poses = poses_at(drive, stamps)
-    scans = laser.scans(world, stamps, poses, laser_rng)
+    scans = laser.scans(world, stamps, _between(drive, laser.moments(stamps)), laser_rng)
+    swept = poses_at(odometry, stamps + laser.sweep) if laser.sweep > 0.0 else [None] * len(scans)
     readings = tuple(
-        Reading(scan, SE2.from_array(pose), laser.T_robot_sensor)
-        for scan, pose in zip(scans, poses_at(odometry, stamps), strict=True)
+        Reading(scan, SE2.from_array(pose), laser.T_robot_sensor, None if end is None else SE2.from_array(end))
+        for scan, pose, end in zip(scans, poses_at(odometry, stamps), swept, strict=True)
     )
     return SimulatedRobot(f"robot_{index}", laser, readings, odometry, Trajectory(stamps, poses))
+
+
+def _between(drive: Trajectory, moments: FloatArray) -> FloatArray:
+    """Return the poses (S, M, 3) of a drive at many moments (S, M), quickly."""
+    if moments.shape[1] == 1:
+        return poses_at(drive, moments[:, 0])[:, None]
+    x, y, theta = drive.poses[:, 0], drive.poses[:, 1], np.unwrap(drive.poses[:, 2])
+    return np.stack([np.interp(moments, drive.stamps, values) for values in (x, y, theta)], axis=-1)
 
 
 def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel
+from tbmslam.kernels.hits import beam_starts
 from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,6 +26,7 @@ def beam_ends(
     ranges: npt.NDArray[np.float32],
     offsets: IntArray,
     beams: FloatArray,
+    beam_steps: FloatArray,
     poses: FloatArray,
     max_range: float,
     clears: bool,
@@ -33,7 +35,7 @@ def beam_ends(
 
     Parameters
     ----------
-    ranges, offsets, beams
+    ranges, offsets, beams, beam_steps
         As in `tbmslam.keyframes.Keyframes`.
     poses
         Poses (K, 3) of the laser.
@@ -48,6 +50,8 @@ def beam_ends(
     count = 0
     for k in range(len(poses)):
         limit = min(max_range, beams[k, 3])
+        own_starts = beam_starts(offsets[k + 1] - offsets[k], (beam_steps[k, 0], beam_steps[k, 1], beam_steps[k, 2]))
+        cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for i in range(offsets[k], offsets[k + 1]):
             length = float(ranges[i])
             if math.isnan(length) or (length == math.inf and not clears):
@@ -55,9 +59,10 @@ def beam_ends(
             is_hit[count] = length <= max_range and length != math.inf
             if not is_hit[count]:
                 length = min(length, limit)
-            angle = poses[k, 2] + beams[k, 0] + (i - offsets[k]) * beams[k, 1]
-            ends[count, 0] = poses[k, 0] + length * math.cos(angle)
-            ends[count, 1] = poses[k, 1] + length * math.sin(angle)
+            angle = poses[k, 2] + beams[k, 0] + (i - offsets[k]) * (beams[k, 1] + beam_steps[k, 2])
+            x, y = own_starts[(i - offsets[k]) % len(own_starts)]
+            ends[count, 0] = poses[k, 0] + cosine * x - sine * y + length * math.cos(angle)
+            ends[count, 1] = poses[k, 1] + sine * x + cosine * y + length * math.sin(angle)
             count += 1
         starts[k + 1] = count
     return ends[:count].copy(), is_hit[:count].copy(), starts

@@ -8,20 +8,51 @@ import numpy.typing as npt
 from tbmslam.kernels import kernel
 
 FloatArray = npt.NDArray[np.float64]
+Motion = tuple[float, float, float]
+"""x, y [m] and theta [rad]."""
 
 
 @kernel
-def hit_points(ranges: FloatArray, angle_min: float, angle_increment: float, max_range: float) -> FloatArray:
-    """Return the end points (M, 2) [m] of the finite ranges (N,) up to `max_range`, in the order of the beams."""
+def hit_points(
+    ranges: FloatArray, angle_min: float, angle_increment: float, beam_step: Motion, max_range: float
+) -> FloatArray:
+    """Return the end points (M, 2) [m] of the finite ranges (N,) up to `max_range`, in the order of the beams.
+
+    Parameters
+    ----------
+    beam_step
+        Motion of the laser from one beam to the next; the points are those of its frame at the first beam.
+    """
     points = np.empty((len(ranges), 2))
+    starts = beam_starts(len(ranges), beam_step)
+    still = len(starts) == 1
+    turning = angle_increment + beam_step[2]
     count = 0
     for i in range(len(ranges)):
         distance = ranges[i]
         if distance <= max_range and math.isfinite(distance):
-            angle = angle_min + i * angle_increment
-            points[count, 0], points[count, 1] = distance * math.cos(angle), distance * math.sin(angle)
+            angle = angle_min + i * turning
+            start = 0 if still else i
+            points[count, 0] = starts[start, 0] + distance * math.cos(angle)
+            points[count, 1] = starts[start, 1] + distance * math.sin(angle)
             count += 1
     return points[:count].copy()
+
+
+@kernel
+def beam_starts(count: int, beam_step: Motion) -> FloatArray:
+    """Return where the laser was at each of `count` beams (count, 2) [m], in its frame at the first beam.
+
+    For a laser that stayed where it was one row stands for all.
+    """
+    if beam_step[0] == 0.0 and beam_step[1] == 0.0:
+        return np.zeros((1, 2))
+    starts = np.zeros((count, 2))
+    for i in range(count - 1):
+        cosine, sine = math.cos(i * beam_step[2]), math.sin(i * beam_step[2])
+        starts[i + 1, 0] = starts[i, 0] + cosine * beam_step[0] - sine * beam_step[1]
+        starts[i + 1, 1] = starts[i, 1] + sine * beam_step[0] + cosine * beam_step[1]
+    return starts
 
 
 @kernel
@@ -50,10 +81,16 @@ def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray
 
 @kernel
 def hits_of_scan(
-    ranges: FloatArray, angle_min: float, angle_increment: float, max_range: float, apart: int, longest: float
+    ranges: FloatArray,
+    angle_min: float,
+    angle_increment: float,
+    beam_step: Motion,
+    max_range: float,
+    apart: int,
+    longest: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return `hit_points` and their `facing_normals` in one call."""
-    points = hit_points(ranges, angle_min, angle_increment, max_range)
+    points = hit_points(ranges, angle_min, angle_increment, beam_step, max_range)
     return points, facing_normals(points, apart, longest)
 
 

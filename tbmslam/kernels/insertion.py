@@ -98,7 +98,7 @@ def _walk_bresenham(cells: npt.NDArray[np.int64], end_row: int, end_col: int) ->
 def insert_beams(
     ratios: FloatArray,
     lattice: Lattice,
-    start: FloatArray,
+    starts: FloatArray,
     ends: FloatArray,
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
@@ -110,8 +110,8 @@ def insert_beams(
 
     Parameters
     ----------
-    start
-        The laser's position (2,) [m].
+    starts
+        Where the beams were sent from (N, 2) [m], or (1, 2) for all of them.
     ends
         The beams' end points (N, 2) [m].
     is_hit
@@ -123,7 +123,8 @@ def insert_beams(
     miss_free, miss_occupied = factors.miss[0], factors.miss[1]
     blur_radius_squared, adds = factors.blur_radius_squared, factors.adds
     for beam in range(len(ends)):
-        count = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, cells)
+        x, y = starts[beam % len(starts), 0], starts[beam % len(starts), 1]
+        count = walk_beam(x, y, ends[beam, 0], ends[beam, 1], resolution, cells)
         end_row, end_col = cells[count - 1, 0], cells[count - 1, 1]
         length_squared = (cells[0, 0] - end_row) ** 2 + (cells[0, 1] - end_col) ** 2
         blurred = count - 1
@@ -154,7 +155,7 @@ def insert_beams(
 def insert_scan(
     ratios: FloatArray,
     lattice: Lattice,
-    start: FloatArray,
+    starts: FloatArray,
     ends: FloatArray,
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
@@ -164,7 +165,7 @@ def insert_scan(
     Neighbouring beams are not independent witnesses of the cell they share, and beams that graze a wall must not erase
     it. Parameters as of `insert_beams`; nothing is blurred.
     """
-    cells, is_end = touched_cells(start, ends, is_hit, lattice.resolution)
+    cells, is_end = touched_cells(starts, ends, is_hit, lattice.resolution)
     hit, miss, adds = factors.hit, factors.miss, factors.adds
     for i in range(len(cells)):
         row, col = cells[i, 0] - lattice.first_row, cells[i, 1] - lattice.first_col
@@ -176,16 +177,17 @@ def insert_scan(
 
 @kernel
 def touched_cells(
-    start: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
+    starts: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
     """Return the lattice cells (M, 2) as (row, col) that a scan speaks of, each once, and whether (M,) it was hit.
 
-    Cells that beams ended in come first; `start`, `ends` and `is_hit` as of `insert_beams`.
+    Cells that beams ended in come first; `starts`, `ends` and `is_hit` as of `insert_beams`.
     """
-    low_x, low_y, high_x, high_y = start[0], start[1], start[0], start[1]
-    for beam in range(len(ends)):
-        low_x, high_x = min(low_x, ends[beam, 0]), max(high_x, ends[beam, 0])
-        low_y, high_y = min(low_y, ends[beam, 1]), max(high_y, ends[beam, 1])
+    low_x, low_y, high_x, high_y = starts[0, 0], starts[0, 1], starts[0, 0], starts[0, 1]
+    for points in (starts, ends):
+        for i in range(len(points)):
+            low_x, high_x = min(low_x, points[i, 0]), max(high_x, points[i, 0])
+            low_y, high_y = min(low_y, points[i, 1]), max(high_y, points[i, 1])
     row0, col0 = math.floor(low_y / resolution), math.floor(low_x / resolution)
     rows, cols = math.floor(high_y / resolution) - row0 + 1, math.floor(high_x / resolution) - col0 + 1
     spoken = np.zeros((rows, cols), dtype=np.bool_)
@@ -202,7 +204,8 @@ def touched_cells(
             count += 1
     hits = count
     for beam in range(len(ends)):
-        length = walk_beam(start[0], start[1], ends[beam, 0], ends[beam, 1], resolution, walk)
+        x, y = starts[beam % len(starts), 0], starts[beam % len(starts), 1]
+        length = walk_beam(x, y, ends[beam, 0], ends[beam, 1], resolution, walk)
         for i in range(length):
             row, col = walk[i, 0], walk[i, 1]
             if not spoken[row - row0, col - col0]:

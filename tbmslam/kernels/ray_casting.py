@@ -37,6 +37,12 @@ def cast_rays(
     for beam in range(beams):
         cosines[beam] = math.cos(angle_min + beam * angle_increment)
         sines[beam] = math.sin(angle_min + beam * angle_increment)
+    # Half a step beyond the first and the last beam.
+    half = 0.5 * abs(angle_increment)
+    turned = angle_min if angle_increment > 0.0 else angle_min + (beams - 1) * angle_increment
+    low, high = turned - half, turned + (2 * beams - 1) * half
+    narrow = high - low < 0.9 * math.pi
+    edges = (math.cos(low), math.sin(low), math.cos(high), math.sin(high))
     for scan in range(len(sensors)):
         nearest = ranges[scan]
         nearest[:] = np.inf
@@ -47,7 +53,7 @@ def cast_rays(
             x0, y0 = cosine * dx + sine * dy, cosine * dy - sine * dx
             dx, dy = walls[wall, 2] - x, walls[wall, 3] - y
             x1, y1 = cosine * dx + sine * dy, cosine * dy - sine * dx
-            if _out_of_reach(x0, y0, x1, y1, limit):
+            if _out_of_reach(x0, y0, x1, y1, limit) or (narrow and _beside(x0, y0, x1, y1, edges)):
                 continue
             _cover(x0, y0, x1, y1, angle_min, angle_increment, cosines, sines, nearest)
         for beam in range(beams):
@@ -58,6 +64,15 @@ def cast_rays(
 @kernel
 def _out_of_reach(x0: float, y0: float, x1: float, y1: float, limit: float) -> bool:
     return min(x0, x1) > limit or max(x0, x1) < -limit or min(y0, y1) > limit or max(y0, y1) < -limit
+
+
+@kernel
+def _beside(x0: float, y0: float, x1: float, y1: float, edges: tuple[float, float, float, float]) -> bool:
+    """Tell whether a segment lies wholly to the right of the rightmost beam, or to the left of the leftmost one."""
+    low_x, low_y, high_x, high_y = edges
+    return (low_x * y0 < low_y * x0 and low_x * y1 < low_y * x1) or (
+        high_x * y0 > high_y * x0 and high_x * y1 > high_y * x1
+    )
 
 
 @kernel

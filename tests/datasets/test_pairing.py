@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,21 @@ def test_missing_odometry_is_told_with_its_time():
     (incident,) = bench.counts.incidents
     assert incident.text(1.0) == "at 0.3 s: no odometry, scans alone tell the motion, for 3.5 s"
     assert bench.counts.dropped == {"before_odometry": 1}
+
+
+def test_the_last_beam_has_odometry_of_its_own():
+    bench = Bench()
+    bench.pose(1.0, 0.0)
+    bench.pose(1.2, 0.2)
+    spinning = replace(scan_at(1.1), time_increment=0.2 / (len(scan_at(1.1).ranges) - 1))
+    bench.pairing.add(spinning, 1.1)
+    assert list(bench.pairing.ready(1.2)) == []
+    (reading,) = bench.pose(1.4, 0.6)
+    assert reading.T_odom_robot == pytest.approx(SE2(0.1, 0.0, 0.0))
+    assert reading.T_odom_swept == pytest.approx(SE2(0.4, 0.0, 0.0))
+    bench.pairing.add(replace(spinning, stamp=1.3), 1.3)
+    (reading,) = bench.pairing.rest()
+    assert reading.T_odom_swept is None
 
 
 def test_memory_is_bounded_while_waiting():

@@ -37,6 +37,16 @@ def test_a_senseless_step_makes_a_scan_useless(step):
     assert take(raw(1.0, step=step), angle_step=0.2)[0][0].angle_increment == 0.2
 
 
+@pytest.mark.parametrize(("stated", "believed"), [(0.05, True), (0.2, False), (0, True), (-1, True), (np.nan, True)])
+def test_the_time_between_beams_must_be_possible(stated, believed):
+    counts = ReadingCounts()
+    intake = ScanIntake(RangeRules(None, None, (), "free"), None, 2.0, counts, longest_sweep=0.1)
+    scan = intake.take(raw(1.0, time_increment=stated))
+    assert scan.time_increment == (0.05 if stated == 0.05 else 0.0)
+    assert counts.doubtful_sweeps == (not believed)
+    assert ("1 scans with doubtful times of beams" in counts.summary()) == (not believed)
+
+
 def test_nothing_in_range_is_information():
     (scan,), counts = take(raw(1.0, [np.inf, np.inf]))
     assert np.isinf(scan.ranges).all()

@@ -79,6 +79,14 @@ def test_the_same_map_gives_the_same_bytes(tbm_map, tmp_path):
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
+def test_a_map_from_before_beams_had_moments_of_their_own_is_read(tbm_map, tmp_path):
+    arrays = {k: v for k, v in arrays_of(tbm_map, tmp_path / "map.npz").items() if not k.endswith("beam_steps")}
+    write_npz(tmp_path / "old.npz", arrays)
+    for drive in read_map_file(tmp_path / "old.npz").drives:
+        assert drive.keyframes.beam_steps.shape == (len(drive.keyframes), 3)
+        assert not drive.keyframes.beam_steps.any()
+
+
 def test_numpy_alone_can_use_it(tbm_map, tmp_path):
     arrays = arrays_of(tbm_map, tmp_path / "map.npz")
     assert arrays["format_version"] == 1

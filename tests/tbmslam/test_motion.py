@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,24 @@ def test_a_step_is_taken_in_the_robots_frame():
     model.correct(reading(0.0, SE2(5, 5, 0)), SE2(0, 0, math.pi / 2))
     prediction = model.predict(reading(1.0, SE2(6, 5, 0)))
     assert prediction.T_map_robot == pytest.approx((0.0, 1.0, math.pi / 2))
+
+
+@pytest.mark.parametrize("odometry", [True, False])
+def test_the_motion_during_a_scan_goes_on_as_before(odometry):
+    model = MotionModel(MotionConfig())
+    steps = [SE2(0.1 * k, 0.0, 0.0) for k in range(3)]
+    for k in range(2):
+        model.correct(reading(0.2 * k, steps[k] if odometry else None), steps[k])
+    now = reading(0.4, steps[2] if odometry else None)
+    assert model.motion_after(now, 0.1) == pytest.approx((0.05, 0.0, 0.0))
+    assert model.motion_after(now, 0.0) == (0, 0, 0)
+    assert model.motion_to(now, SE2(0.5, 0.0, 0.0), 0.1) == pytest.approx((0.2, 0.0, 0.0))
+    assert MotionModel(MotionConfig()).motion_to(now, SE2(0.5, 0.0, 0.0), 0.1) == (0, 0, 0)
+
+
+def test_odometry_at_the_last_beam_tells_the_motion_during_a_scan():
+    now = replace(reading(0.0, SE2(1, 2, math.pi / 2)), T_odom_swept=SE2(1, 2.5, math.pi / 2))
+    assert MotionModel(MotionConfig()).motion_after(now, 0.1) == pytest.approx((0.5, 0.0, 0.0))
 
 
 def test_the_original_adds_components():

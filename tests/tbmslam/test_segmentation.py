@@ -86,5 +86,8 @@ def test_in_frame_moves_the_odometry_only():
     moved = in_frame(Reading(scan, SE2(1, 0, 0), mount), SE2(0, 0, np.pi / 2))
     assert moved.T_odom_robot == pytest.approx((0.0, 1.0, np.pi / 2))
     assert moved.T_robot_sensor == mount
+    assert moved.T_odom_swept is None
+    swept = in_frame(Reading(scan, SE2(1, 0, 0), mount, SE2(2, 0, 0)), SE2(0, 0, np.pi / 2))
+    assert swept.T_odom_swept == pytest.approx((0.0, 2.0, np.pi / 2))
     blind = Reading(scan, None)
     assert in_frame(blind, SE2(1, 1, 1)) is blind

@@ -1,5 +1,10 @@
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from datasets import open_recording
+from datasets.synthetic.bag_writing import write_ros1_bag
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.drives import plan_drives
 from datasets.synthetic.laser import SimulatedLaser
@@ -11,6 +16,7 @@ from tbmslam.trajectory import Trajectory
 
 WORLD = make_world("office", 1)
 DRIVES = plan_drives(WORLD, 2, duration=10.0, seed=1)
+NO_NOISE = OdometryNoise.preset("none")
 LASER = SimulatedLaser(beams=181, angle_increment=0.025)
 
 
@@ -55,6 +61,23 @@ def test_the_same_seed_gives_the_same_readings_and_another_other_noise():
     np.testing.assert_array_equal(first.readings[-1].scan.ranges, again.readings[-1].scan.ranges)
     assert not np.array_equal(first.odometry.poses, other.odometry.poses)
     assert not np.array_equal(first.readings[-1].scan.ranges, other.readings[-1].scan.ranges)
+
+
+def test_a_slow_laser_comes_through_a_bag_with_all_it_tells(tmp_path):
+    laser = SimulatedLaser(beams=90, angle_min=-3.1, angle_increment=0.07, rate=10.0, sweep=0.09, range_max=20.0)
+    world = make_world("apartment", 3)
+    robot = simulate(world, plan_drives(world, duration=8.0, seed=3), laser, NO_NOISE, 3)[0]
+    still = simulate(world, plan_drives(world, duration=8.0, seed=3), replace(laser, sweep=0.0), NO_NOISE, 3)[0]
+    reading, at_once = robot.readings[-1], still.readings[len(robot.readings) - 1]
+    assert reading.scan.sweep() == pytest.approx(0.09)
+    np.testing.assert_allclose(reading.scan.ranges[:2], at_once.scan.ranges[:2], atol=0.02)
+    assert np.nanmean(np.abs(reading.scan.ranges - at_once.scan.ranges)) > 0.02
+    write_ros1_bag(robot, tmp_path / "a.bag")
+    read = list(open_recording([tmp_path / "a.bag"]))[-1]
+    assert read.scan.time_increment == reading.scan.time_increment
+    assert read.T_odom_robot.inverse() @ read.T_odom_swept == pytest.approx(
+        reading.T_odom_robot.inverse() @ reading.T_odom_swept, abs=1e-4
+    )
 
 
 def test_poses_between_samples_follow_the_twist():

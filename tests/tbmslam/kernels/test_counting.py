@@ -46,11 +46,11 @@ def test_ends_are_where_the_beams_point():
     ranges = np.array([1.0, np.nan, np.inf, 8.0, 2.0], dtype=np.float32)
     offsets, beams = np.array([0, 4, 5]), np.array([[0.0, np.pi / 2, 0.1, 5.0]] * 2)
     poses = np.array([[10.0, 20.0, 0.0], [0.0, 0.0, np.pi]])
-    ends, is_hit, starts = beam_ends(ranges, offsets, beams, poses, 6.0, False)
+    ends, is_hit, starts = beam_ends(ranges, offsets, beams, np.zeros((2, 3)), poses, 6.0, False)
     np.testing.assert_allclose(ends, [[11.0, 20.0], [10.0, 15.0], [-2.0, 0.0]], atol=1e-6)
     assert is_hit.tolist() == [True, False, True]
     assert starts.tolist() == [0, 2, 3]
-    ends, is_hit, starts = beam_ends(ranges, offsets, beams, poses, 6.0, True)
+    ends, is_hit, starts = beam_ends(ranges, offsets, beams, np.zeros((2, 3)), poses, 6.0, True)
     np.testing.assert_allclose(ends[1], [5.0, 20.0], atol=1e-6)
     assert is_hit.tolist() == [True, False, False, True]
     assert starts.tolist() == [0, 3, 4]

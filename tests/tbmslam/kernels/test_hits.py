@@ -7,6 +7,8 @@ from tbmslam.kernels.hits import facing_normals, hit_points, place_hits
 from tbmslam.se2 import SE2
 from tests import reference
 
+STILL = SE2(0.0, 0.0, 0.0)
+
 
 def ragged_ranges(generator, count=200):
     ranges = np.cumsum(generator.normal(0.0, 0.05, count)) + 4.0
@@ -24,13 +26,15 @@ def test_points_are_the_plain_ones(seed):
         for i, r in enumerate(ranges)
         if math.isfinite(r) and r <= 5.0
     ]
-    np.testing.assert_allclose(hit_points(ranges, -1.0, 0.01, 5.0), np.array(expected).reshape(-1, 2), atol=1e-12)
+    np.testing.assert_allclose(
+        hit_points(ranges, -1.0, 0.01, STILL, 5.0), np.array(expected).reshape(-1, 2), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("apart", [1, 4])
 @pytest.mark.parametrize("seed", range(5))
 def test_normals_are_the_plain_ones(seed, apart):
-    points = hit_points(ragged_ranges(np.random.default_rng(seed)), -1.0, 0.01, np.inf)
+    points = hit_points(ragged_ranges(np.random.default_rng(seed)), -1.0, 0.01, STILL, np.inf)
     normals = facing_normals(points, apart, 0.5)
     np.testing.assert_allclose(normals, reference.facing_normals(points, apart, 0.5), atol=1e-12)
     np.testing.assert_allclose(np.hypot(*normals.T), 1.0)
@@ -38,7 +42,7 @@ def test_normals_are_the_plain_ones(seed, apart):
 
 
 def test_nothing_hit_is_nothing():
-    assert hit_points(np.array([np.nan, np.inf]), 0.0, 0.1, np.inf).shape == (0, 2)
+    assert hit_points(np.array([np.nan, np.inf]), 0.0, 0.1, STILL, np.inf).shape == (0, 2)
     assert facing_normals(np.zeros((0, 2)), 1, 0.5).shape == (0, 2)
 
 

@@ -26,7 +26,7 @@ def beams(seed, count=40, longest=4.0):
 def filled_grid(insert, start, ends, is_hit, model, quality):
     grid = EvidenceGrid(RESOLUTION)
     grid.grow_to_contain(np.vstack((ends, start)))
-    insert(grid.ratios, grid.lattice, start, ends, is_hit, beam_factors(model, RESOLUTION, quality))
+    insert(grid.ratios, grid.lattice, start[None], ends, is_hit, beam_factors(model, RESOLUTION, quality))
     return grid
 
 
@@ -102,7 +102,7 @@ def test_endless_evidence_neither_overflows_nor_forgets():
     factors = beam_factors(model, RESOLUTION, 1.0)
     start, ends = np.array([0.05, 0.05]), np.array([[0.95, 0.05]])
     for _ in range(2000):
-        insert_beams(grid.ratios, grid.lattice, start, ends, np.array([True]), factors)
+        insert_beams(grid.ratios, grid.lattice, start[None], ends, np.array([True]), factors)
     assert np.isfinite(grid.ratios).all()
     assert grid.ratios.max() <= RATIO_LIMIT
     masses = grid.to_tbm_grid().masses

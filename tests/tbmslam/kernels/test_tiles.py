@@ -25,8 +25,8 @@ def room():
     for _ in range(5):
         ends, start = hits + generator.normal(0.0, 0.01, hits.shape), np.zeros(2)
         grid.grow_to_contain(ends)
-        insert_scan(grid.ratios, grid.lattice, start, ends, np.ones(120, dtype=bool), FACTORS)
-        maps.insert(0, *touched_cells(start, ends, np.ones(120, dtype=bool), 0.1), FACTORS)
+        insert_scan(grid.ratios, grid.lattice, start[None], ends, np.ones(120, dtype=bool), FACTORS)
+        maps.insert(0, *touched_cells(start[None], ends, np.ones(120, dtype=bool), 0.1), FACTORS)
     return maps.grid(0), grid, hits
 
 
