@@ -51,7 +51,14 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
     """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
-    names = ("map.npz", "map.yaml", "map.pgm", "trajectory*.tum", *(f"{name}.png" for name in PICTURE_NAMES))
+    names = (
+        "map.npz",
+        "map.yaml",
+        "map.pgm",
+        "trajectory*.tum",
+        *(f"{name}.png" for name in PICTURE_NAMES),
+        "pignistic.pgw",
+    )
     for name in names:
         for old in Path(folder).glob(name):
             old.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.grid import Masses, TbmGrid
+from tbmslam.world_file import write_world_file
 
 Picture = npt.NDArray[np.uint8]
 
@@ -22,6 +23,8 @@ PICTURE_NAMES = ("pignistic", *_MASSES)
 def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write pignistic.png, occupied.png, free.png, unknown.png and conflict.png into a folder; see `draw_grid`.
 
+    Beside the first lies pignistic.pgw, which tells other programs where the picture lies.
+
     Raises
     ------
     FileNotWrittenError
@@ -29,6 +32,7 @@ def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
     """
     for name, picture in draw_grid(grid).items():
         write_bytes(Path(folder, f"{name}.png"), _encode_png(picture))
+    write_world_file(Path(folder, "pignistic.png"), grid.geometry)
 
 
 def draw_grid(grid: TbmGrid) -> dict[str, Picture]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.configuration_options import add_configuration_options
+from tools.extra_files import add_extra_files
 from tools.recording_options import add_recording_options, given_options
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def parser() -> argparse.ArgumentParser:
         "--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)"
     )
     add_configuration_options(grammar, "map.resolution=0.1")
+    add_extra_files(grammar)
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference",

@@ -38,6 +38,7 @@ from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
 from tools.configuration import Configuration, mapping_text
+from tools.extra_files import write_extra_files
 from tools.progress import ProgressBars
 
 
@@ -64,6 +65,7 @@ def build_maps(args: argparse.Namespace, config: Configuration, command: str) ->
     made: dict[str, MappedRobot] = {}
     for robot in robots:
         made[robot.name] = _map_robot(robot, config, args.out / robot.name, watch)
+        write_extra_files(args.out / robot.name, made[robot.name].tbm_map, args)
     # Without reference trajectories nobody knows how two recordings lie to each other.
     if not args.no_truth and (args.reference or (len(robots) > 1 and not args.separate)):
         _write_truth(args.out / "truth.json", robots, {name: one.tbm_map for name, one in made.items()}, watch)

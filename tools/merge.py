@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
+from tools.extra_files import add_extra_files, write_extra_files
 from tools.typed_command import typed_command
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(whole_text(config), end="")
             return DONE
         command = typed_command("merge", arguments)
-        return _merge(options.maps, options.out, config.merging, options.workers, command)
+        return _merge(options, config.merging, command)
     except TbmSlamError as error:
         if options.debug:
             raise
@@ -151,6 +152,7 @@ def _parser() -> argparse.ArgumentParser:
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
     )
     add_configuration_options(parser, "merging.verification.min_confidence=0.8")
+    add_extra_files(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
     parser.add_argument("--debug", action="store_true", help="show where an error came from")
     return parser
@@ -183,7 +185,7 @@ def _given(**values: object) -> dict[str, object]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int, command: str) -> int:
+def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     from merging.merger import merge
     from merging.report import write_report
     from tbmslam.atomic_file import write_text
@@ -192,16 +194,17 @@ def _merge(paths: Sequence[Path], out: Path, config: "MergeConfig", workers: int
     from tools.configuration import merging_text
     from tools.progress import ProgressBars
 
-    watch = ProgressBars()
+    paths, out, watch = options.maps, options.out, ProgressBars()
     named = dict(zip(unique_names(paths), paths, strict=True))
     maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
-    result = merge(maps, config, workers, watch)
+    result = merge(maps, config, options.workers, watch)
     if result.merged is not None:
         with watch.during("saving"):
             save_map(out, result.merged)
     elif (out / "report.json").is_file():
         remove_map(out)  # of an older merge, which the new report would belie
     write_text(out / "config.toml", merging_text(config))
+    write_extra_files(out, result.merged, options)
     write_report(out, result, maps, config, Making(command, watch.seconds))
     _tell(result, out)
     return DONE if result.merged is not None else NOTHING_MERGED

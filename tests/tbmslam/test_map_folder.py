@@ -25,7 +25,7 @@ from tbmslam.trajectory import Trajectory
 from tbmslam.tum import read_tum
 
 EVO_TRAJ = Path(sys.executable).with_name("evo_traj")
-PICTURES = {"pignistic.png", "occupied.png", "free.png", "unknown.png", "conflict.png"}
+PICTURES = {"pignistic.png", "occupied.png", "free.png", "unknown.png", "conflict.png", "pignistic.pgw"}
 
 
 def some_grid():

@@ -39,7 +39,10 @@ def test_files_hold_the_pictures_and_are_the_same_every_time(tmp_path):
     write_pictures(tmp_path / "a", grid)
     write_pictures(tmp_path / "b", grid)
     pictures = draw_grid(grid)
-    assert {path.name for path in (tmp_path / "a").iterdir()} == {f"{name}.png" for name in pictures}
+    assert {path.name for path in (tmp_path / "a").iterdir()} == {
+        "pignistic.pgw",
+        *(f"{name}.png" for name in pictures),
+    }
     for name, picture in pictures.items():
         path = tmp_path / "a" / f"{name}.png"
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), picture)
