@@ -27,7 +27,12 @@ class MapConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     resolution: float = Field(0.05, gt=0, description="side of a cell [m]")
-    max_cells: int = Field(200_000_000, gt=0, description="limit on the grid's size; a cell takes 16 bytes")
+    max_cells: int = Field(
+        60_000_000,
+        gt=0,
+        description="limit on the grid's size: a map drawn at the end gets coarser cells instead, one that grows while "
+        "it is written ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
+    )
     sensor_model: SensorModelConfig = SensorModelConfig(
         hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
     )
@@ -71,6 +76,7 @@ class SlamConfig(BaseModel):
 
 _VINY_MAP = MapConfig(
     resolution=0.1,
+    max_cells=200_000_000,
     sensor_model=SensorModelConfig(),
     insertion=InsertionConfig(no_return="free"),
     keep_conflict=False,
@@ -103,6 +109,7 @@ PRESETS: Mapping[str, SlamConfig] = {
         tracker=ParticleTrackerConfig(),
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
+        map=MapConfig(max_cells=200_000_000),
     ),
 }
 

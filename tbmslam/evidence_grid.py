@@ -37,7 +37,7 @@ def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
     if rows * cols > max_cells:
         raise GridTooLargeError(
             f"the map would grow to {rows} x {cols} cells of {resolution} m, more than the limit of "
-            f"{max_cells} cells: raise grid.max_cells, use a coarser grid.resolution or a shorter max range"
+            f"{max_cells} cells: raise map.max_cells, use a coarser map.resolution or a shorter map.insertion.max_range"
         )
 
 

@@ -1,11 +1,15 @@
 """The grid of a map, drawn from the keyframes of its drives."""
 
-from collections.abc import Sequence
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.config import MapConfig
-from tbmslam.evidence_grid import EvidenceGrid, check_size
+from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.kernels.counting import Counts, beam_ends, count_masses, count_scans
 from tbmslam.kernels.lattice import Lattice
@@ -14,14 +18,20 @@ from tbmslam.mapping import ScanInserter
 from tbmslam.se2 import FloatArray
 from tbmslam.sensor_model import beam_factors
 
+_log = logging.getLogger(__name__)
+
+_SCANS_AT_ONCE = 1000
+
 
 def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     """Return the smallest grid that holds all that the keyframes saw.
 
+    Where it would have more than `max_cells` cells, their sides are a multiple of the resolution.
+
     Raises
     ------
     GridTooLargeError
-        When it would have more than `max_cells` cells.
+        When it would have more cells than that and every beam has its own word, so that the grid grows scan by scan.
     """
     counted = config.insertion.once_per_scan
     return _from_counts(drives, config) if counted else _from_beams(drives, config)
@@ -39,39 +49,88 @@ def _from_beams(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
 
 def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     """Count the scans that speak of each cell: where each has one word, the counts are all that matters."""
-    limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
     lasers = [keyframes.all_sensor_poses() for keyframes in drives]
-    seen = [
-        beam_ends(k.ranges, k.offsets, k.beams, k.beam_steps, poses, limit, clears)
-        for k, poses in zip(drives, lasers, strict=True)
-    ]
-    touched = [ends for ends, _, _ in seen if len(ends)]
-    touched += [poses[np.diff(o) > 0, :2] for poses, (_, _, o) in zip(lasers, seen, strict=True)]
-    if not any(map(len, touched)):
+    corners = [_corners(block) for k, poses in zip(drives, lasers, strict=True) for block in _blocks(k, poses, config)]
+    if not corners:
         return EvidenceGrid(config.resolution).to_tbm_grid()
-    geometry = _geometry_around(touched, config)
-    first_row, first_col = round(geometry.origin_y / config.resolution), round(geometry.origin_x / config.resolution)
+    geometry = _geometry_around(np.vstack(corners), config)
+    resolution = geometry.resolution
+    first_row, first_col = round(geometry.origin_y / resolution), round(geometry.origin_x / resolution)
+    # The system gives memory where cells are touched first, so unexplored parts of the box take little of it.
     counts: Counts = np.zeros((3, geometry.rows + 2, geometry.cols + 2), dtype=np.int32)
-    for poses, (ends, is_hit, offsets) in zip(lasers, seen, strict=True):
-        counts[0] = 0
-        count_scans(counts, Lattice(config.resolution, first_row - 1, first_col - 1), poses, ends, is_hit, offsets)
-    return TbmGrid(geometry, _masses(counts[:, 1:-1, 1:-1], config))
+    lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
+    for keyframes, poses in zip(drives, lasers, strict=True):
+        for block in _blocks(keyframes, poses, config):
+            count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
+            spoken += len(block.lasers)
+    return TbmGrid(geometry, _masses(counts[:, 1:-1, 1:-1], config, resolution))
 
 
-def _geometry_around(points: Sequence[FloatArray], config: MapConfig) -> GridGeometry:
-    """Return the cells that hold all points (N, 2)."""
-    low = np.min([p.min(axis=0) for p in points if len(p)], axis=0)
-    high = np.max([p.max(axis=0) for p in points if len(p)], axis=0)
-    (left, bottom), (right, top) = (np.floor(corner / config.resolution).astype(int) for corner in (low, high))
+class _Block(NamedTuple):
+    """Some scans: where their lasers were, and where their beams ended."""
+
+    lasers: FloatArray
+    ends: FloatArray
+    is_hit: npt.NDArray[np.bool_]
+    offsets: npt.NDArray[np.int64]
+
+
+def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iterator[_Block]:
+    """Yield the scans that speak of any cell, some at a time: the ends of all beams would take much memory."""
+    limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
+    for first in range(0, len(keyframes), _SCANS_AT_ONCE):
+        some = slice(first, first + _SCANS_AT_ONCE)
+        offsets = keyframes.offsets[first : first + _SCANS_AT_ONCE + 1]
+        ends, is_hit, begins = beam_ends(
+            keyframes.ranges[offsets[0] : offsets[-1]],
+            offsets - offsets[0],
+            keyframes.beams[some],
+            keyframes.beam_steps[some],
+            lasers[some],
+            limit,
+            clears,
+        )
+        if len(ends):
+            yield _Block(lasers[some], ends, is_hit, begins)
+
+
+def _corners(block: _Block) -> FloatArray:
+    """Return the lower and the upper corner (2, 2) of the box around all that some scans speak of."""
+    lasers = block.lasers[np.diff(block.offsets) > 0, :2]
+    lows, highs = zip(*((points.min(axis=0), points.max(axis=0)) for points in (lasers, block.ends)), strict=True)
+    return np.array([np.min(lows, axis=0), np.max(highs, axis=0)])
+
+
+def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
+    """Return the cells that hold all points (N, 2); a multiple of the resolution where there would be too many."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    times = 1
+    while _cells(low, high, times * config.resolution) > config.max_cells:
+        times += 1
+    resolution = times * config.resolution
+    if times > 1:
+        _log.warning(
+            "the map spans %.0f x %.0f m: drawn with cells of %g m instead of %g m to keep within the %d cells of "
+            "map.max_cells",
+            *(high - low),
+            resolution,
+            config.resolution,
+            config.max_cells,
+        )
+    (left, bottom), (right, top) = (np.floor(corner / resolution).astype(int) for corner in (low, high))
     rows, cols = int(top - bottom + 1), int(right - left + 1)
-    check_size(rows, cols, config.resolution, config.max_cells)
-    return GridGeometry(
-        config.resolution, float(left) * config.resolution, float(bottom) * config.resolution, rows, cols
-    )
+    return GridGeometry(resolution, float(left) * resolution, float(bottom) * resolution, rows, cols)
 
 
-def _masses(counts: Counts, config: MapConfig) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
-    factors = beam_factors(config.sensor_model, config.resolution, 1.0)
+def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
+    rows_and_cols = np.floor(high / resolution) - np.floor(low / resolution) + 1.0
+    return math.prod(rows_and_cols.astype(int).tolist())
+
+
+def _masses(
+    counts: Counts, config: MapConfig, resolution: float
+) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
+    factors = beam_factors(config.sensor_model, resolution, 1.0)
     hit, miss = (
         # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
         np.maximum(one[None, :] ** -np.arange(most + 1.0)[:, None], 1e-150)

@@ -141,7 +141,7 @@ def _search_field(
     (left, bottom), (right, top) = (np.floor(corner / config.resolution).astype(int) for corner in (low, high))
     lattice = Lattice(config.resolution, int(bottom) - 1, int(left) - 1)
     counts = np.zeros((3, top - bottom + 3, right - left + 3), dtype=np.int32)
-    count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins)
+    count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins, 0)
     return search_field(counts, config.free_penalty), lattice
 
 

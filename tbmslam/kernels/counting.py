@@ -76,13 +76,14 @@ def count_scans(
     ends: FloatArray,
     is_hit: npt.NDArray[np.bool_],
     offsets: IntArray,
+    before: int,
 ) -> None:
     """Count scans into the cells they touch: each once a cell, as a hit if any of its beams ended there on something.
 
     Parameters
     ----------
     counts
-        (3, rows, cols); must contain all beams with a cell to spare, and know no scan from 1 to K.
+        (3, rows, cols); must contain all beams with a cell to spare.
     lasers
         Where the lasers were, (K, >= 2) [m].
     ends
@@ -91,12 +92,14 @@ def count_scans(
         Which beams (N,) met something.
     offsets
         Where each scan begins in `ends`, and where the last one ends (K + 1,).
+    before
+        How many scans were counted before; they have numbers from 1 on.
     """
     resolution, first_row, first_col = lattice
     width = counts.shape[2]
     spoken, hits, passed = counts[0].reshape(-1), counts[1].reshape(-1), counts[2].reshape(-1)
     for k in range(len(lasers)):
-        stamp = np.int32(k + 1)
+        stamp = np.int32(before + k + 1)
         for i in range(offsets[k], offsets[k + 1]):
             row = math.floor(ends[i, 1] / resolution) - first_row
             cell = row * width + math.floor(ends[i, 0] / resolution) - first_col

@@ -70,7 +70,9 @@ def test_growth_is_rare():
 def test_a_grid_that_would_be_too_large_stays_as_it_was():
     grid = EvidenceGrid(0.1, max_cells=1000)
     grid.grow_to_contain(np.zeros((1, 2)))
-    with pytest.raises(GridTooLargeError, match=r"more than the limit of 1000 cells: raise grid.max_cells"):
+    with pytest.raises(
+        GridTooLargeError, match=r"more than the limit of 1000 cells: raise map.max_cells, use a coarser map.resolution"
+    ):
         grid.grow_to_contain(np.array([[100.0, 100.0]]))
     assert grid.geometry.rows == 3
 

@@ -49,6 +49,22 @@ def test_no_keyframes_make_an_empty_grid():
     assert not render([blind], MapConfig()).is_known().any()
 
 
-def test_a_grid_beyond_the_limit_is_refused(drive):
-    with pytest.raises(GridTooLargeError, match="more than the limit of 100 cells"):
-        render([drive], MapConfig(max_cells=100))
+def test_a_grid_beyond_the_limit_is_drawn_coarser(drive, caplog):
+    fine, coarse = render([drive], MapConfig()), render([drive], MapConfig(max_cells=1000))
+    assert 500 < coarse.geometry.rows * coarse.geometry.cols <= 1000
+    times = coarse.geometry.resolution / 0.05
+    assert times == pytest.approx(round(times))
+    assert np.asarray(coarse.geometry.bounds()) == pytest.approx(fine.geometry.bounds(), abs=coarse.geometry.resolution)
+    (warning,) = caplog.messages
+    assert warning.endswith("instead of 0.05 m to keep within the 1000 cells of map.max_cells")
+
+
+def test_one_that_grows_beam_by_beam_is_refused_there(drive):
+    with pytest.raises(GridTooLargeError, match="more than the limit of 1000 cells"):
+        render([drive], MapConfig(max_cells=1000, insertion=InsertionConfig()))
+
+
+def test_scans_are_drawn_some_at_a_time(drive, monkeypatch):
+    at_once = render([drive, drive], MapConfig())
+    monkeypatch.setattr("tbmslam.rendering._SCANS_AT_ONCE", 4)
+    np.testing.assert_array_equal(render([drive, drive], MapConfig()).masses, at_once.masses)

@@ -25,7 +25,7 @@ def test_counts_are_the_plain_ones(seed, beams):
     scans = [fan(generator, beams) for _ in range(3)]
     is_hit = generator.random(3 * beams) < 0.9
     lasers, ends = np.array([laser for laser, _ in scans]), np.vstack([ends for _, ends in scans])
-    count_scans(counts, LATTICE, lasers, ends, is_hit, np.arange(4) * beams)
+    count_scans(counts, LATTICE, lasers, ends, is_hit, np.arange(4) * beams, 0)
     hits, passed = np.zeros((240, 240)), np.zeros((240, 240))
     for number, (laser, own) in enumerate(scans):
         hit_cells, passed_cells = reference.cells_of_scan(laser, own, is_hit[number * beams :][:beams], 0.1)
@@ -38,7 +38,7 @@ def test_counts_are_the_plain_ones(seed, beams):
 
 def test_a_beam_of_no_length_passes_its_cell():
     counts = np.zeros((3, 240, 240), dtype=np.int32)
-    count_scans(counts, LATTICE, np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1, dtype=bool), np.array([0, 1]))
+    count_scans(counts, LATTICE, np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1, dtype=bool), np.array([0, 1]), 0)
     assert counts[2].sum() == counts[2, 120, 120] == 1
 
 
