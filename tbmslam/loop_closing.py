@@ -21,7 +21,7 @@ from tbmslam.kernels.ways import distances_to_stretches, shortest_ways
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.skeleton import Skeleton
+from tbmslam.skeleton import MotionChain, on_nodes
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
 
@@ -104,7 +104,7 @@ class LoopCloser:
             drive.tighten()
             drive.drop_contradictions()
         _log.info("%d closures between %d keyframes", len(drive.closures), len(poses))
-        return drive.corrected(), list(drive.closures.values())
+        return drive.poses, list(drive.closures.values())
 
 
 class _Drive:
@@ -128,9 +128,7 @@ class _Drive:
         self._submaps = [Submap(first, last, self._hits, config.submap, surfels) for first, last in stretches]
         self._firsts, self._lasts = np.array(stretches).T.copy()
         self._ends = self._travelled[self._lasts]
-        anchors = [submap.anchor for submap in self._submaps]
-        nodes = np.unique(np.concatenate(([0], self._stops(config.step), self._stops(0.5 * config.step), anchors)))
-        self._skeleton = Skeleton(chain, nodes, poses)
+        self._chain = MotionChain(chain)
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
@@ -162,11 +160,6 @@ class _Drive:
             self.closures = agreeing
             self._optimise()
 
-    def corrected(self) -> FloatArray:
-        """Return all poses (N, 3), those between two solved ones following both."""
-        nodes = self._skeleton.nodes
-        return spread_corrections(self._tracked, nodes, self.poses[nodes]) if self.closures else self._tracked
-
     def _is_surprising(self, edge: MotionEdge) -> bool:
         """Tell whether a closure moves its keyframe so far that the next search should know."""
         error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
@@ -178,11 +171,13 @@ class _Drive:
         return np.asarray(first, dtype=np.int64)
 
     def _optimise(self) -> None:
+        """Solve for the poses that closures join; those between two of them follow both."""
         if self.closures:
-            skeleton = self._skeleton
-            closures = skeleton.on_nodes(list(self.closures.values()))
-            solved = optimise(self.poses[skeleton.nodes], skeleton.chain, closures, self.config.robust_width)
-            self.poses = skeleton.spread(solved)
+            closures = list(self.closures.values())
+            nodes = np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])
+            joined = on_nodes(closures, nodes)
+            solved = optimise(self.poses[nodes], self._chain.between(nodes), joined, self.config.robust_width)
+            self.poses = spread_corrections(self._tracked, nodes, solved)
 
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the old submaps that a keyframe may see, and how far [m], [rad] both may have drifted apart."""

@@ -12,9 +12,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import Surfels, add_hits, align, search
+from tbmslam.kernels.surfel_search import search
+from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, add_hits, align, extent
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray
+
+_AT_ONCE = 256  # hits inserted between two looks at the room there is: each may need four more tiles
 
 
 class SurfelConfig(BaseModel):
@@ -63,12 +66,12 @@ class SurfelMap:
     """
 
     def __init__(self, config: SurfelConfig, spare: float = 6.4) -> None:
-        self._spare = round(spare / config.resolution)
+        self._spare = SIDE * round(spare / config.resolution / SIDE)
         limits = (config.noise, config.point_size, config.clutter, config.certain_hits)
         self._surfels = Surfels(
-            slots=np.zeros((2, 0, 0), dtype=np.int32),
-            moments=np.zeros((1, 6), dtype=np.float32),
-            fits=np.zeros((1, 6), dtype=np.float32),
+            tiles=np.zeros((2, 0, 0), dtype=np.int32),
+            moments=np.zeros((CELLS, 6), dtype=np.float32),
+            fits=np.zeros((CELLS, 6), dtype=np.float32),
             lattice=Lattice(config.resolution, 0, 0),
             limits=limits,
         )
@@ -79,8 +82,10 @@ class SurfelMap:
         if len(points) == 0:
             return
         self._grow_to_contain(points)
-        self._make_room(9 * len(points))
-        self._used = add_hits(self._surfels, self._used, points, normals)
+        for start in range(0, len(points), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            self._make_room(4 * min(len(points) - start, _AT_ONCE))
+            self._used = add_hits(self._surfels, self._used, points[some], normals[some])
 
     def register(
         self, hits: Hits, guess: SE2, deviations: FloatArray, say: float, tolerances: FloatArray, iterations: int
@@ -123,27 +128,29 @@ class SurfelMap:
         """
         return SE2(*search(self._surfels, hits.points, hits.normals, guess, reach, turns, tolerance, costs))
 
-    def _make_room(self, more: int) -> None:
-        """Have room for that many more slots."""
-        have, need = len(self._surfels.moments), self._used + more
+    def _make_room(self, tiles: int) -> None:
+        """Have room for that many more tiles."""
+        have, need = len(self._surfels.moments), CELLS * (self._used + tiles)
         if need > have:
-            # Zeros that nobody has touched take no memory yet, so there may be plenty.
-            moments, fits = np.zeros((2, max(need, 2 * have), 6), dtype=np.float32)
+            moments, fits = (np.zeros((max(need, have + have // 2), 6), dtype=np.float32) for _ in range(2))
             moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
             self._surfels = self._surfels._replace(moments=moments, fits=fits)
 
     def _grow_to_contain(self, points: FloatArray) -> None:
-        (resolution, first_row, first_col), (_, rows, cols) = self._surfels.lattice, self._surfels.slots.shape
-        low, high = points.min(axis=0) / resolution, points.max(axis=0) / resolution
-        need = (math.floor(low[1]) - 2, math.floor(high[1]) + 3, math.floor(low[0]) - 2, math.floor(high[0]) + 3)
-        have = (first_row, first_row + rows, first_col, first_col + cols)
-        if rows and have[0] <= need[0] and have[1] >= need[1] and have[2] <= need[2] and have[3] >= need[3]:
+        (resolution, first_row, first_col), (_, tile_rows, tile_cols) = self._surfels.lattice, self._surfels.tiles.shape
+        left, right, bottom, top = extent(points)
+        low_row, low_col = math.floor(bottom / resolution) - 2, math.floor(left / resolution) - 2
+        high_row, high_col = math.floor(top / resolution) + 3, math.floor(right / resolution) + 3
+        last_row, last_col = first_row + SIDE * tile_rows, first_col + SIDE * tile_cols
+        if first_row <= low_row and high_row <= last_row and first_col <= low_col and high_col <= last_col:
             return
         spare = self._spare
-        top, bottom, left, right = need[0] - spare, need[1] + spare, need[2] - spare, need[3] + spare
-        if rows:
-            top, bottom, left, right = min(top, have[0]), max(bottom, have[1]), min(left, have[2]), max(right, have[3])
-        slots = np.zeros((2, bottom - top, right - left), dtype=np.int32)
-        if rows:
-            slots[:, have[0] - top : have[1] - top, have[2] - left : have[3] - left] = self._surfels.slots
-        self._surfels = self._surfels._replace(slots=slots, lattice=Lattice(resolution, top, left))
+        low_row, low_col = SIDE * (low_row // SIDE) - spare, SIDE * (low_col // SIDE) - spare
+        high_row, high_col = -SIDE * (-high_row // SIDE) + spare, -SIDE * (-high_col // SIDE) + spare
+        if tile_rows:
+            low_row, high_row = min(low_row, first_row), max(high_row, last_row)
+            low_col, high_col = min(low_col, first_col), max(high_col, last_col)
+        tiles = np.zeros((2, (high_row - low_row) // SIDE, (high_col - low_col) // SIDE), dtype=np.int32)
+        row, col = (first_row - low_row) // SIDE, (first_col - low_col) // SIDE
+        tiles[:, row : row + tile_rows, col : col + tile_cols] = self._surfels.tiles
+        self._surfels = self._surfels._replace(tiles=tiles, lattice=Lattice(resolution, low_row, low_col))

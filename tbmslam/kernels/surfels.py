@@ -1,8 +1,9 @@
 """Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
 
 The two faces of a thin wall must not be taken for each other, so surfaces are kept in two layers by the way they face.
-Most cells of a map hold no wall, so an array names the slot of each cell's moments and surfel; slot 0 is nobody's and
-stays empty. Hits only add to the moments; a surfel is fitted when it is asked for.
+Most cells of a map hold no wall, so cells come in tiles of `SIDE` by `SIDE` and only tiles with hits, or next to some,
+have moments and surfels; tile 0 is nobody's and stays empty. Hits only add to the moments; a surfel is fitted when it
+is asked for.
 """
 
 import math
@@ -16,7 +17,10 @@ from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 SurfelArray = npt.NDArray[np.float32]
-SlotIndex = npt.NDArray[np.int32]
+TileIndex = npt.NDArray[np.int32]
+SIDE = 4
+"""Cells along a side of a tile."""
+CELLS = SIDE * SIDE
 FACING = (0.7986, 0.6018)
 """Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
 
@@ -27,8 +31,8 @@ Pose = tuple[float, float, float]
 class Surfels(NamedTuple):
     """The arrays of a surfel map; a cell with hits has two more cells on every side."""
 
-    slots: SlotIndex
-    """(2, rows, cols): the slot of each layer's cell."""
+    tiles: TileIndex
+    """(2, rows / SIDE, cols / SIDE): the number of each layer's tile. Its cells' slots follow one another."""
     moments: SurfelArray
     """(slots, 6): count of a cell's hits, sums of x and y, and of x^2, x y and y^2, from its centre [cells]."""
     fits: SurfelArray
@@ -41,35 +45,53 @@ class Surfels(NamedTuple):
 
 
 @kernel
-def _layer(normal_x: float, normal_y: float) -> int:
+def layer_of(normal_x: float, normal_y: float) -> int:
     """Return the layer of a surface by its normal in the map's frame."""
     return 1 if normal_x * FACING[0] + normal_y * FACING[1] > 0.0 else 0
 
 
 @kernel
+def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> int:
+    """Return a cell's slot; one below `CELLS` is nobody's."""
+    return int(tiles[layer, row // SIDE, col // SIDE] * CELLS + row % SIDE * SIDE + col % SIDE)
+
+
+@kernel
+def extent(points: FloatArray) -> tuple[float, float, float, float]:
+    """Return the smallest and largest x, then the smallest and largest y, of points (N, 2)."""
+    left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+    for i in range(len(points)):
+        left, right = min(left, points[i, 0]), max(right, points[i, 0])
+        bottom, top = min(bottom, points[i, 1]), max(top, points[i, 1])
+    return left, right, bottom, top
+
+
+@kernel
 def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray) -> int:
-    """Add hits (N, 2) [m], and return the slots in use; there must be room for nine more slots a hit.
+    """Add hits (N, 2) [m], and return the tiles in use; there must be room for four more tiles a hit.
 
     `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
     """
-    slots, moments, fits, lattice, _ = surfels
+    tiles, moments, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
     last_row, last_col, last_layer = -1, -1, -1
     for i in range(len(points)):
         gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
         lattice_col, lattice_row = math.floor(gx), math.floor(gy)
         row, col = lattice_row - first_row, lattice_col - first_col
-        layer = _layer(normals[i, 0], normals[i, 1])
+        layer = layer_of(normals[i, 0], normals[i, 1])
         if row != last_row or col != last_col or layer != last_layer:
             last_row, last_col, last_layer = row, col, layer
+            for r in range((row - 1) // SIDE, (row + 1) // SIDE + 1):
+                for c in range((col - 1) // SIDE, (col + 1) // SIDE + 1):
+                    if tiles[layer, r, c] == 0:
+                        tiles[layer, r, c] = used
+                        used += 1
             for r in range(row - 1, row + 2):
                 for c in range(col - 1, col + 2):
-                    if slots[layer, r, c] == 0:
-                        slots[layer, r, c] = used
-                        used += 1
-                    fits[slots[layer, r, c], 5] = -1.0
+                    fits[slot_of(tiles, layer, r, c), 5] = -1.0
         dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
-        slot = slots[layer, row, col]
+        slot = slot_of(tiles, layer, row, col)
         moments[slot, 0] += np.float32(1.0)
         moments[slot, 1] += np.float32(dx)
         moments[slot, 2] += np.float32(dy)
@@ -82,13 +104,13 @@ def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArra
 @kernel
 def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
     """Fit one surfel to the hits of its cell and the eight around it."""
-    slots, moments, fits, lattice, limits = surfels
+    tiles, moments, fits, lattice, limits = surfels
     resolution, first_row, first_col = lattice
     noise, point_size, clutter, certain_count = limits
     count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for r in range(row - 1, row + 2):
         for c in range(col - 1, col + 2):
-            slot = slots[layer, r, c]
+            slot = slot_of(tiles, layer, r, c)
             n = float(moments[slot, 0])
             if n == 0.0:
                 continue
@@ -100,7 +122,7 @@ def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
             sxx += moments[slot, 3] + 2.0 * ox * mx + n * ox * ox
             sxy += moments[slot, 4] + ox * my + oy * mx + n * ox * oy
             syy += moments[slot, 5] + 2.0 * oy * my + n * oy * oy
-    fit = fits[slots[layer, row, col]]
+    fit = fits[slot_of(tiles, layer, row, col)]
     if count < 3.0:
         fit[5] = 0.0
         return
@@ -142,9 +164,9 @@ def linearise(
     in standard deviations: far points lose their say. The pose is perturbed in the map's frame, its rotation about the
     sensor.
     """
-    slots, _, fits, lattice, _ = surfels
+    tiles, _, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
-    rows, cols = slots.shape[1:]
+    rows, cols = tiles.shape[1] * SIDE, tiles.shape[2] * SIDE
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     cost, matched = 0.0, 0.0
@@ -159,8 +181,8 @@ def linearise(
         row = math.floor(py * inverse) - first_row
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
-        layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
-        slot = slots[layer, row, col]
+        layer = layer_of(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
+        slot = slot_of(tiles, layer, row, col)
         if fits[slot, 5] < 0.0:
             fit_surfel(surfels, layer, row, col)
         weight = float(fits[slot, 5])
@@ -234,103 +256,6 @@ def align(
             if abs(step[0]) < 1e-4 and abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
                 break
     return (x, y, theta), hessian, matched, cost * say
-
-
-@kernel
-def search(
-    surfels: Surfels,
-    points: FloatArray,
-    normals: FloatArray,
-    guess: Pose,
-    reach: int,
-    turns: FloatArray,
-    tolerance: float,
-    costs: tuple[float, float],
-) -> Pose:
-    """Try every turn (K,) [rad] about the guess and every shift by up to `reach` cells; return the best pose.
-
-    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d; `costs` are the share of all points that a metre and
-    a radian away from the guess must win, so that the nearest of equals is taken. A pose whose points do not even lie
-    in enough cells with surfaces is not looked at more closely.
-    """
-    resolution = surfels.lattice.resolution
-    bounds = _bounds(surfels, points, normals, guess, reach, turns)
-    for k in range(len(turns)):
-        for r in range(-reach, reach + 1):
-            for c in range(-reach, reach + 1):
-                away = costs[0] * resolution * math.hypot(r, c) + costs[1] * abs(turns[k])
-                bounds[k, r + reach, c + reach] -= np.float32(away * len(points))
-    first = int(np.argmax(bounds))
-    best_score, best = -math.inf, (guess[0], guess[1], guess[2])
-    flat, width = bounds.reshape(-1), 2 * reach + 1
-    for number in range(-1, len(flat)):
-        # The most promising one first: it rules most of the others out.
-        candidate = first if number < 0 else number
-        if number == first or flat[candidate] <= best_score:
-            continue
-        k, place = candidate // (width * width), candidate % (width * width)
-        pose = (
-            guess[0] + (place % width - reach) * resolution,
-            guess[1] + (place // width - reach) * resolution,
-            guess[2] + turns[k],
-        )
-        away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
-        score = _matched(surfels, points, normals, pose, tolerance) - away * len(points)
-        if score > best_score:
-            best_score, best = score, pose
-    return best
-
-
-@kernel
-def _bounds(
-    surfels: Surfels, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
-) -> SurfelArray:
-    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1): turns, rows, columns.
-
-    The inner loop runs along memory on both sides.
-    """
-    slots, _, _, lattice, _ = surfels
-    resolution, first_row, first_col = lattice
-    rows, cols = slots.shape[1:]
-    width = 2 * reach + 1
-    bounds = np.zeros((len(turns), width, width), dtype=np.float32)
-    for k in range(len(turns)):
-        cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
-        for i in range(len(points)):
-            px = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
-            py = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
-            layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
-            row = math.floor(py / resolution) - first_row - reach
-            col = math.floor(px / resolution) - first_col - reach
-            start, stop = max(0, -col), min(width, cols - col)
-            for r in range(max(0, -row), min(width, rows - row)):
-                for c in range(start, stop):
-                    bounds[k, r, c] += np.float32(slots[layer, row + r, col + c] != 0)
-    return bounds
-
-
-@kernel
-def _matched(surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float) -> float:
-    """Return the sum of what points at a pose count."""
-    slots, _, fits, lattice, _ = surfels
-    resolution, first_row, first_col = lattice
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    matched = 0.0
-    for i in range(len(points)):
-        px = pose[0] + cosine * points[i, 0] - sine * points[i, 1]
-        py = pose[1] + sine * points[i, 0] + cosine * points[i, 1]
-        col = math.floor(px / resolution) - first_col
-        row = math.floor(py / resolution) - first_row
-        if row < 0 or col < 0 or row >= slots.shape[1] or col >= slots.shape[2]:
-            continue
-        layer = _layer(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
-        slot = slots[layer, row, col]
-        if fits[slot, 5] < 0.0:
-            fit_surfel(surfels, layer, row, col)
-        dx, dy = px - fits[slot, 0], py - fits[slot, 1]
-        distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
-        matched += fits[slot, 5] * tolerance * tolerance / (tolerance * tolerance + distance)
-    return matched
 
 
 @kernel

@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.pose_graph import MotionEdge, optimise, relative_pose
 from tbmslam.se2 import SE2
-from tbmslam.skeleton import Skeleton
+from tbmslam.skeleton import MotionChain, on_nodes
 
 
 @pytest.fixture
@@ -28,21 +28,12 @@ def drive(generator):
 def test_solving_the_skeleton_is_solving_the_drive(drive):
     poses, chain, closures = drive
     nodes = np.array([0, 10, 23, 40, 50, 59])
-    skeleton = Skeleton(chain, nodes, poses)
-    few = optimise(poses[nodes], skeleton.chain, skeleton.on_nodes(closures), 1e6)
+    few = optimise(poses[nodes], MotionChain(chain).between(nodes), on_nodes(closures, nodes), 1e6)
     every = optimise(poses, chain, closures, 1e6)
     assert np.abs(every - poses).max() > 0.02
     np.testing.assert_allclose(few, every[nodes], atol=1e-3)
 
 
-def test_poses_between_nodes_follow_rigidly(drive):
-    poses, chain, _ = drive
-    nodes = np.array([0, 20, 40])
-    skeleton = Skeleton(chain, nodes, poses)
-    np.testing.assert_allclose(skeleton.spread(poses[nodes]), poses, atol=1e-12)
-    moved = poses[nodes].copy()
-    moved[1] = SE2.from_array(moved[1]) @ SE2(1.0, 2.0, 0.5)
-    spread = skeleton.spread(moved)
-    np.testing.assert_allclose(spread[:20], poses[:20], atol=1e-12)
-    np.testing.assert_allclose(spread[40:], poses[40:], atol=1e-12)
-    assert relative_pose(spread, 20, 30) == pytest.approx(relative_pose(poses, 20, 30))
+def test_one_node_has_no_motions(drive):
+    _, chain, _ = drive
+    assert MotionChain(chain).between(np.array([0])) == []

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfels import Surfels, add_hits, align, fit_surfel, linearise, search
+from tbmslam.kernels.surfel_search import search
+from tbmslam.kernels.surfels import CELLS, Surfels, add_hits, align, extent, fit_surfel, linearise, slot_of
 from tests import reference
 
 RESOLUTION = 0.1
@@ -32,22 +33,22 @@ def surfels_of(points, normals=None):
     """Return a surfel map's arrays with points inserted in several parts."""
     normals = facing_origin(points) if normals is None else normals
     surfels = Surfels(
-        slots=np.zeros((2, 120, 120), dtype=np.int32),
-        moments=np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32),
-        fits=np.zeros((2 * 120 * 120 + 1, 6), dtype=np.float32),
+        tiles=np.zeros((2, 30, 30), dtype=np.int32),
+        moments=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
+        fits=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
         lattice=LATTICE,
         limits=LIMITS,
     )
     used = 1
     for part in np.array_split(np.arange(len(points)), 7):
         used = add_hits(surfels, used, points[part], normals[part])
-    assert used == surfels.slots.max() + 1
-    assert not surfels.moments[0].any()
+    assert used == surfels.tiles.max() + 1
+    assert not surfels.moments[:CELLS].any()
     return surfels
 
 
 NOTHING = Surfels(
-    np.zeros((2, 120, 120), dtype=np.int32), *np.zeros((2, 1, 6), dtype=np.float32), lattice=LATTICE, limits=LIMITS
+    np.zeros((2, 30, 30), dtype=np.int32), *np.zeros((2, CELLS, 6), dtype=np.float32), lattice=LATTICE, limits=LIMITS
 )
 
 
@@ -55,13 +56,12 @@ def test_surfels_are_the_plain_fit():
     points = room_walls(np.random.default_rng(0), 400)
     front = np.full((len(points), 2), 1.0)
     surfels = surfels_of(points, front)
-    assert not surfels.slots[0].any()
+    assert not surfels.tiles[0].any()
     for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
         cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
         expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
-        slot = surfels.slots[1, row, col]
-        if slot != 0:
-            assert surfels.fits[slot, 5] < 0.0
+        slot = slot_of(surfels.tiles, 1, row, col)
+        if surfels.fits[slot, 5] < 0.0:
             fit_surfel(surfels, 1, row, col)
         if expected is None:
             assert surfels.fits[slot, 5] == 0.0
@@ -181,14 +181,22 @@ def test_the_far_face_of_a_thin_wall_is_another_surface():
 def test_surfaces_are_fitted_anew_where_hits_came_after():
     points = room_walls(np.random.default_rng(9), 500)
     fitted, late = surfels_of(points[:300]), surfels_of(points)
-    for cell in np.argwhere(fitted.slots):
-        fit_surfel(fitted, *cell)
-    used = add_hits(fitted, int(fitted.slots.max()) + 1, points[300:], facing_origin(points[300:]))
-    assert used == late.slots.max() + 1
-    for cell in np.argwhere(late.slots):
-        assert fitted.slots[tuple(cell)] > 0
-        mine, theirs = fitted.fits[fitted.slots[tuple(cell)]], late.fits[late.slots[tuple(cell)]]
-        if mine[5] < 0.0:
+    cells = list(itertools.product((0, 1), range(10, 110), range(10, 110)))
+    for cell in cells:
+        if slot_of(fitted.tiles, *cell) >= CELLS:
             fit_surfel(fitted, *cell)
-        fit_surfel(late, *cell)
+    used = add_hits(fitted, int(fitted.tiles.max()) + 1, points[300:], facing_origin(points[300:]))
+    assert used == late.tiles.max() + 1
+    for cell in cells:
+        mine, theirs = (one.fits[slot_of(one.tiles, *cell)] for one in (fitted, late))
+        for one in (fitted, late):
+            if one.fits[slot_of(one.tiles, *cell), 5] < 0.0:
+                fit_surfel(one, *cell)
+        assert mine[5] >= 0.0
         np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)
+
+
+def test_the_extent_is_that_of_the_points(generator):
+    points = generator.normal(size=(20, 2))
+    expected = (*np.sort(points[:, 0])[[0, -1]], *np.sort(points[:, 1])[[0, -1]])
+    assert extent(points) == expected
