@@ -26,6 +26,7 @@ from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
+from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -55,7 +56,9 @@ class JointRefinement:
     moved_m: float
 
 
-def refine_jointly(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig) -> JointRefinement | None:
+def refine_jointly(
+    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig, watch: Watch | None = None
+) -> JointRefinement | None:
     """Straighten the drives of aligned maps together.
 
     Parameters
@@ -66,6 +69,8 @@ def refine_jointly(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config:
         T_merged_map of those that are merged; the first one's first keyframe stays where it is.
     config
         When a bundle fits a submap, and how stiff a drive is.
+    watch
+        Who is told how far it is.
 
     Returns
     -------
@@ -81,7 +86,7 @@ def refine_jointly(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config:
     submaps = [track.submaps(config.submap) for track in tracks]
     moved, closures = rigid, list[MotionEdge]()
     for shift in (config.first_shift_m, config.last_shift_m):
-        closures = _closures(tracks, submaps, starts, moved, shift, config)
+        closures = _closures(tracks, submaps, starts, moved, shift, config, watch or Watch())
         if len(closures) < config.min_closures or not _reach_all(tracks, closures):
             logger.info("%d closures between robots are too few: the alignment stays rigid", len(closures))
             return None
@@ -151,11 +156,13 @@ def _closures(
     poses: FloatArray,
     shift: float,
     config: JointConfig,
+    watch: Watch,
 ) -> list[MotionEdge]:
     """Lay bundles of every robot onto the nearest submaps of every other one."""
     found = []
     for moving, track in enumerate(tracks):
-        for index in track.stops(config.step):
+        stops = track.stops(config.step)
+        for index in watch.shown(stops, f"straightening {track.map_name}", len(stops), "places"):
             here = int(starts[moving]) + index
             for fixed, other in enumerate(tracks):
                 if other.map_name == track.map_name:

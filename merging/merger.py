@@ -85,7 +85,7 @@ def merge(
     if len(group) < 2:
         return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
     with watch.during("straightening"):
-        joint = refine_jointly(maps, group.poses, config.joint) if config.joint.enabled else None
+        joint = refine_jointly(maps, group.poses, config.joint, watch) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}

@@ -24,6 +24,7 @@ from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import MotionChain, on_nodes
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
+from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
@@ -85,7 +86,7 @@ class LoopCloser:
         self._surfels = surfels
 
     def close(
-        self, poses: FloatArray, scans: Sequence[LaserScan], chain: Sequence[MotionEdge]
+        self, poses: FloatArray, scans: Sequence[LaserScan], chain: Sequence[MotionEdge], watch: Watch | None = None
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
@@ -97,8 +98,10 @@ class LoopCloser:
             The keyframes' scans.
         chain
             Motions between consecutive keyframes.
+        watch
+            Who is told how far it is.
         """
-        drive = _Drive(self._config, self._surfels, poses, scans, list(chain))
+        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
         drive.search_forward()
         for _ in range(2):
             drive.tighten()
@@ -117,8 +120,10 @@ class _Drive:
         poses: FloatArray,
         scans: Sequence[LaserScan],
         chain: list[MotionEdge],
+        watch: Watch,
     ) -> None:
         self.config = config
+        self._watch = watch
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
@@ -132,7 +137,8 @@ class _Drive:
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
-        for keyframe in self._stops(self.config.step).tolist():
+        stops = self._stops(self.config.step).tolist()
+        for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
             fits = [self._fit(keyframe, *candidate) for candidate in self._candidates(keyframe)]
             found = self._add_closures([fit for fit in fits if fit is not None])
             if any(map(self._is_surprising, found)):
@@ -142,7 +148,8 @@ class _Drive:
     def tighten(self) -> None:
         """Lay every keyframe near an old submap onto it once more, now that the poses are nearly right."""
         fits = []
-        for keyframe in self._stops(0.5 * self.config.step).tolist():
+        stops = self._stops(0.5 * self.config.step).tolist()
+        for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
             distances = np.where(self._is_old(keyframe), self._distances_to_submaps(keyframe), np.inf)
             nearest = np.argsort(distances, kind="stable")[: self.config.submaps_per_step]
             for submap in nearest[distances[nearest] <= 0.5].tolist():

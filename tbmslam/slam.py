@@ -27,6 +27,7 @@ from tbmslam.tile_maps import TileMaps
 from tbmslam.tracked_keyframe import TrackedKeyframe, chain
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
+from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +41,8 @@ class Slam:
         Every parameter; see `tbmslam.config.preset`.
     name
         The robot's name in the map.
+    watch
+        Who is told how long finishing takes and how far it is.
 
     Attributes
     ----------
@@ -49,9 +52,10 @@ class Slam:
 
     correction_m = 0.0
 
-    def __init__(self, config: SlamConfig | None = None, name: str = "robot") -> None:
+    def __init__(self, config: SlamConfig | None = None, name: str = "robot", watch: Watch | None = None) -> None:
         self.config = config or SlamConfig()
         self.name = name
+        self._watch = watch or Watch()
         self._motion = MotionModel(self.config.motion)
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
@@ -92,7 +96,8 @@ class Slam:
             [trajectory.pose(k.index) for k in self._keyframes],
             [k.T_robot_sensor for k in self._keyframes],
         )
-        grid = self._rendered(keyframes)
+        with self._watch.during("rendering"):
+            grid = self._rendered(keyframes)
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
         return TbmMap(grid, (Drive(self.name, trajectory, keyframes, self._closures),), dict(provenance or {}))
 
@@ -117,7 +122,7 @@ class Slam:
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(kept) >= 2:
             tracked = np.array([k.match.T_map_sensor for k in kept])
-            closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept))
+            closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept), self._watch)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         if closed is None:
             return poses

@@ -5,6 +5,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from tbmslam.laser_scan import Reading
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
 T = TypeVar("T")
 
 
@@ -47,6 +51,12 @@ class Watch:
         """
         with self.during(step):
             yield from self.shown(items, label or step, total, unit)
+
+    def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
+        """Take note that a robot was placed at a pose by a reading; here nothing is done with it."""
+
+    def finished(self, name: str, tbm_map: TbmMap) -> None:
+        """Take note that a robot's map is finished; here nothing is done with it."""
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:
         """Return items that show how far their use is; here they show nothing."""

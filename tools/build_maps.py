@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from tools.configuration_options import add_configuration_options
 from tools.extra_files import add_extra_files
 from tools.recording_options import add_recording_options, given_options
+from tools.viewer_option import add_viewer_option
 
 if TYPE_CHECKING:
     from tools.configuration import Configuration
@@ -65,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add_configuration_options(grammar, "map.resolution=0.1")
     add_extra_files(grammar)
+    add_viewer_option(grammar)
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference",

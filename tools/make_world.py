@@ -104,6 +104,7 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.odometry_noise import OdometryNoise
     from datasets.synthetic.simulation import simulate
     from datasets.synthetic.truth import write_truth
+    from tools.progress import ProgressBars
 
     seed = args.seed if args.drive_seed is None else args.drive_seed
     world = make_world(args.world, args.seed)
@@ -117,9 +118,10 @@ def make(args: argparse.Namespace) -> None:
         seed=seed,
     )
     noise = OdometryNoise.preset(args.odometry)
-    robots = simulate(world, drives, laser_of(args), noise, seed)
+    watch = ProgressBars()
+    robots = simulate(world, drives, laser_of(args), noise, seed, watch)
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
-    for robot, bag in zip(robots, bags, strict=True):
+    for robot, bag in watch.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
         if args.format == "mcap":
             write_mcap_bag(robot, args.out / bag, no_return=args.no_return)
         else:

@@ -20,6 +20,7 @@ from tbmslam.laser_scan import Reading
 from tbmslam.map_folder import save_map
 from tbmslam.report.making import Making, versions
 from tbmslam.report.maps_page import MappedRobot, maps_page
+from tbmslam.rerun_viewer import RerunViewer
 from tbmslam.se2 import SE2
 from tbmslam.segmentation import (
     Itinerary,
@@ -40,6 +41,7 @@ from tbmslam.watch import Watch
 from tools.configuration import Configuration, mapping_text
 from tools.extra_files import write_extra_files
 from tools.progress import ProgressBars
+from tools.viewer_option import LIVE
 
 
 class OutputError(TbmSlamError):
@@ -58,8 +60,15 @@ class Robot:
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
-    """Map every robot and save its folder, then a report and the truth beside them."""
-    watch = ProgressBars()
+    """Map every robot and save its folder, then a report and the truth beside them; show it where that is wanted."""
+    if args.viewer is None:
+        _build(args, config, command, ProgressBars())
+        return
+    with RerunViewer(None if args.viewer == LIVE else Path(args.viewer)) as viewer:
+        _build(args, config, command, ProgressBars(viewer))
+
+
+def _build(args: argparse.Namespace, config: Configuration, command: str, watch: Watch) -> None:
     robots = _robots(args, config, watch)
     _refuse_stale_robots(args.out, [robot.name for robot in robots])
     made: dict[str, MappedRobot] = {}
@@ -104,14 +113,14 @@ def _segments(args: argparse.Namespace, gap_s: float, recording: Recording, watc
 
 def _map_robot(robot: Robot, config: Configuration, folder: Path, watch: Watch) -> MappedRobot:
     began = time.perf_counter()
-    slam = Slam(config.slam, robot.name)
+    slam = Slam(config.slam, robot.name, watch)
     scans = 0
     for reading in watch.each(_readings(robot), "mapping", _length(robot), "scans", robot.name):
-        slam.process(reading)
+        watch.saw(robot.name, reading, slam.process(reading))
         scans += 1
     run = _run_record(robot, config.slam)
-    with watch.during("finishing"):
-        tbm_map = slam.finish(run)
+    tbm_map = slam.finish(run)
+    watch.finished(robot.name, tbm_map)
     with watch.during("saving"):
         save_map(folder, tbm_map)
     drive = tbm_map.drives[0]

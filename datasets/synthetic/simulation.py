@@ -11,6 +11,7 @@ from datasets.synthetic.world import World
 from tbmslam.laser_scan import Reading
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
+from tbmslam.watch import Watch
 
 FIRST_SCAN_AFTER = 0.007
 """Time from a drive's first pose to the first scan [s]: scans fall between odometry samples, as in reality."""
@@ -42,7 +43,12 @@ class SimulatedRobot:
 
 
 def simulate(
-    world: World, drives: Sequence[Trajectory], laser: SimulatedLaser, odometry: OdometryNoise, seed: int = 0
+    world: World,
+    drives: Sequence[Trajectory],
+    laser: SimulatedLaser,
+    odometry: OdometryNoise,
+    seed: int = 0,
+    watch: Watch | None = None,
 ) -> list[SimulatedRobot]:
     """Let robots measure while they drive.
 
@@ -52,11 +58,14 @@ def simulate(
         One true drive a robot in the world's frame, as `plan_drives` returns them.
     seed
         Draws every error of lasers and wheels.
+    watch
+        Who is told how far it is.
     """
+    watch = watch or Watch()
     rngs = np.random.default_rng([seed, 23]).spawn(len(drives))
     return [
         _simulate_robot(world, index, *each, laser, odometry)
-        for index, each in enumerate(zip(drives, rngs, strict=True))
+        for index, each in enumerate(watch.each(zip(drives, rngs, strict=True), "simulating", len(drives), "robots"))
     ]
 
 

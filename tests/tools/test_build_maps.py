@@ -76,6 +76,27 @@ def test_the_run_record_says_what_was_done(bag, tmp_path):
     assert made.provenance["versions"] == record["versions"]
 
 
+def test_mapping_is_watched_into_a_file(bags, tmp_path):
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    both = (bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *QUICK)
+    assert run(*both, "-o", tmp_path / "maps", "--viewer", tmp_path / "drives.rrd") == 0
+    chunks = pytest.importorskip("rerun.chunk").RrdReader(str(tmp_path / "drives.rrd")).stream()
+    assert {f"/robot_{k}/{what}" for k in (0, 1) for what in ("grid", "drive", "robot/scan")} <= {
+        chunk.entity_path for chunk in chunks
+    }
+
+
+def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert run(bag, "-o", tmp_path, "--viewer") == 1
+    said = "build_maps: watching needs rerun-sdk, which is not installed: pip install 'tbmslam[viewer]'\n"
+    assert capsys.readouterr().err == said
+    with pytest.raises(SystemExit) as stopped:
+        run("--viewer", bag, "-o", tmp_path)
+    assert stopped.value.code == 2
+    assert "--viewer: must end with .rrd, or be the last word" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "robots"),
     [
