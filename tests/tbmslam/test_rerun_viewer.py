@@ -89,7 +89,11 @@ def test_live_it_starts_a_viewer_or_says_why_not(monkeypatch):
     import rerun
 
     started = []
-    monkeypatch.setattr(rerun.RecordingStream, "spawn", started.append)
+
+    def start(stream):
+        started.append(stream)
+
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", start)
     with RerunViewer():
         assert len(started) == 1
 
