@@ -5,8 +5,7 @@ from datasets.recording import Recording
 
 _DROPPED = {
     "before_odometry": "they came before the first odometry",
-    "no_odometry": "they had no odometry",
-    "odometry_gap": "they fell into gaps of the odometry",
+    "impossible_angles": "their angles are impossible",
     "empty": "they were empty",
     "duplicate": "they were there twice",
     "unreadable": "they could not be read",
@@ -30,6 +29,8 @@ def recording_warnings(recording: Recording) -> list[str]:
             (counts.same_stamps, "have the stamp of an earlier scan"),
             (counts.clock_disagreements, "are stamped by another clock than the rest of the recording"),
             (counts.extrapolated, "came after the last odometry, which was carried on for them"),
+            (counts.without_odometry, "had no odometry, so that they alone told the motion"),
+            (counts.doubtful_sweeps, "state more time between beams than they can have taken"),
         )
         if number
     ]
@@ -40,6 +41,10 @@ def recording_warnings(recording: Recording) -> list[str]:
             f"{counts.gaps} gaps without a scan, {counts.gap_seconds:.1f} s in all, the longest "
             f"{counts.longest_gap_s:.1f} s: what moved meanwhile nobody saw"
         )
+    if counts.lost_scans:
+        said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
+    if recording.description.get("sensor_pose_known") is False:
+        said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
     said += _beam_warnings(counts)
     first_scan = recording.description.get("first_scan")
     angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) else None

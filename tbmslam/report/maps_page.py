@@ -43,6 +43,9 @@ class MappedRobot:
         correction = self.said("result", "correction_m")
         if isinstance(correction, float) and correction > _LARGE_CORRECTION_M:
             said.append(f"closing loops moved the drive by up to {correction:.1f} m: it had drifted by so much")
+        wanted, cell = self.said("config", "map", "resolution"), self.tbm_map.grid.geometry.resolution
+        if isinstance(wanted, float) and cell > 1.01 * wanted:
+            said.append(f"the map is so large that its cells are {cell:g} m and not {wanted:g} m")
         length = sum(drive.trajectory.length() for drive in self.tbm_map.drives)
         if length > 0.0 and not any(len(drive.closures) for drive in self.tbm_map.drives):
             said.append(f"no loop was closed in {length:.0f} m, so nothing tells how far the drive drifted")

@@ -16,13 +16,21 @@ def test_a_recording_without_fault_has_nothing_to_be_said():
 def test_every_fault_is_a_sentence():
     said = recording_warnings(
         recording(
-            {"clock_warning": "the laser's clock is 82 s behind", "first_scan": {"angle_warning": "angles do not fit"}},
-            dropped={"no_odometry": 8, "something_new": 2},
+            {
+                "sensor_pose_known": False,
+                "clock_warning": "the laser's clock is 82 s behind",
+                "first_scan": {"angle_warning": "angles do not fit"},
+            },
+            dropped={"empty": 8, "something_new": 2},
             beams={"hit": 80, "nan": 20},
             backward_stamps=3,
             same_stamps=1,
             clock_disagreements=4,
             extrapolated=5,
+            without_odometry=9,
+            doubtful_sweeps=7,
+            lost_scans=40,
+            lost_seconds=8.0,
             beam_count_changes=6,
             gaps=2,
             gap_seconds=9.0,
@@ -30,14 +38,18 @@ def test_every_fault_is_a_sentence():
         )
     )
     assert said == [
-        "8 of 100 scans were dropped: they had no odometry",
+        "8 of 100 scans were dropped: they were empty",
         "2 of 100 scans were dropped: something_new",
         "3 scans are stamped earlier than the scan before: the clock stepped back",
         "1 scans have the stamp of an earlier scan",
         "4 scans are stamped by another clock than the rest of the recording",
         "5 scans came after the last odometry, which was carried on for them",
+        "9 scans had no odometry, so that they alone told the motion",
+        "7 scans state more time between beams than they can have taken",
         "the number of beams changed 6 times",
         "2 gaps without a scan, 9.0 s in all, the longest 7.0 s: what moved meanwhile nobody saw",
+        "about 40 scans, 8.0 s, are lost in a damaged file",
+        "nothing tells where the laser sits on the robot: its place was taken for granted",
         "20% of the beams are no number",
         "the laser's clock is 82 s behind",
         "angles do not fit",

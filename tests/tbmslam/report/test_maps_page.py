@@ -42,6 +42,11 @@ def test_every_robot_has_a_sheet_a_row_and_its_warnings():
     assert page.figures["driven"] == "10 m"
 
 
+def test_cells_coarser_than_wanted_are_told():
+    (said, _) = robot({"config": {"map": {"resolution": 0.25}}}).warnings()
+    assert said == "the map is so large that its cells are 0.5 m and not 0.25 m"
+
+
 def test_of_very_many_maps_the_first_are_shown_and_all_are_told():
     page = maps_page({f"robot_{k}": robot() for k in range(40)}, Making())
     assert len(page.sheets) == 30
