@@ -1,5 +1,6 @@
 """vinySLAM's way to follow the robot: match in the belief grid, write every scan into it."""
 
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -43,7 +44,7 @@ class GridTracker:
         scan: LaserScan,
         guess: SE2,
         deviations: FloatArray,  # noqa: ARG002
-        other_guess: SE2,  # noqa: ARG002
+        other_guess: Callable[[], SE2],  # noqa: ARG002
     ) -> ScanMatch:
         """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
         return self._matcher.match(scan, self._cells, guess)

@@ -1,5 +1,6 @@
 """Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,13 +39,10 @@ class Prediction:
         The pose.
     deviations
         Standard deviations (3,) of x, y [m] and theta [rad] that the last step adds.
-    T_map_coasting
-        Where it would be if it just went on as before, should the odometry be wrong.
     """
 
     T_map_robot: SE2
     deviations: FloatArray
-    T_map_coasting: SE2
 
 
 class MotionModel:
@@ -55,7 +53,7 @@ class MotionModel:
         self._stamp: float | None = None
         self._T_odom_robot: SE2 | None = None
         self._T_map_robot = SE2.identity()
-        self._velocity = SE2.identity()
+        self._last_move = SE2.identity(), SE2.identity()
         self._duration = 0.0
 
     def predict(self, reading: Reading) -> Prediction:
@@ -65,11 +63,17 @@ class MotionModel:
         """
         if self._stamp is None:
             start = reading.T_odom_robot or SE2.identity()
-            return Prediction(start, np.zeros(3), start)
-        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
+            return Prediction(start, np.zeros(3))
         if reading.T_odom_robot is not None and self._T_odom_robot is not None:
-            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot, duration)
-        return self._by_constant_velocity(duration)
+            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot)
+        return self._by_constant_velocity(reading)
+
+    def coasting(self, reading: Reading) -> SE2:
+        """Return where the robot would be if it just went on as before, should the odometry be wrong."""
+        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+            return self._T_map_robot
+        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
+        return self._T_map_robot @ _part(self._last_step(), duration / self._duration)
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
         """Return how the robot moves in the time [s] after a reading that is about to be placed.
@@ -81,7 +85,7 @@ class MotionModel:
             return SE2.identity()
         if reading.T_odom_robot is not None and reading.T_odom_swept is not None:
             return reading.T_odom_robot.inverse() @ reading.T_odom_swept
-        step, since = self._velocity, self._duration
+        step, since = self._last_step(), self._duration
         if self._stamp is not None and reading.T_odom_robot is not None and self._T_odom_robot is not None:
             step, since = self._T_odom_robot.inverse() @ reading.T_odom_robot, reading.scan.stamp - self._stamp
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
@@ -97,34 +101,34 @@ class MotionModel:
         if self._stamp is not None:
             duration = reading.scan.stamp - self._stamp
             if duration > 0.0:
-                self._velocity, self._duration = self._T_map_robot.inverse() @ T_map_robot, duration
+                self._last_move, self._duration = (self._T_map_robot, T_map_robot), duration
         self._stamp = reading.scan.stamp
         self._T_odom_robot = reading.T_odom_robot
         self._T_map_robot = T_map_robot
 
-    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2, duration: float) -> Prediction:
+    def _last_step(self) -> SE2:
+        """Return the motion between the last two readings that were some time apart."""
+        before, after = self._last_move
+        return before.inverse() @ after
+
+    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2) -> Prediction:
         config = self._config
         step = T_odom_before.inverse() @ T_odom_now
         if config.composition == "component":
             pose = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, T_odom_now, T_odom_before, strict=True)))
         else:
             pose = self._T_map_robot @ step
-        distance, turn = float(np.hypot(step.x, step.y)), abs(step.theta)
+        distance, turn = math.hypot(step.x, step.y), abs(step.theta)
         position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
         heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
-        return Prediction(pose, np.array([position, position, heading]), self._coasting(duration))
+        return Prediction(pose, np.array([position, position, heading]))
 
-    def _by_constant_velocity(self, duration: float) -> Prediction:
+    def _by_constant_velocity(self, reading: Reading) -> Prediction:
         config = self._config
-        pose = self._coasting(duration)
+        duration = 0.0 if self._stamp is None else min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
         position = config.position_floor + config.position_per_second * duration
         heading = config.heading_floor + config.heading_per_second * duration
-        return Prediction(pose, np.array([position, position, heading]), pose)
-
-    def _coasting(self, duration: float) -> SE2:
-        if not 0.0 < self._duration <= 1.0:
-            return self._T_map_robot
-        return self._T_map_robot @ _part(self._velocity, duration / self._duration)
+        return Prediction(self.coasting(reading), np.array([position, position, heading]))
 
 
 def _part(motion: SE2, ratio: float) -> SE2:

@@ -6,6 +6,7 @@ efficient FastSLAM algorithm for generating maps of large-scale cyclic environme
 IROS 2003 (scan-matched motion as the filter's odometry).
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -80,7 +81,7 @@ class ParticleTracker:
         scan: LaserScan,
         guess: SE2,
         deviations: FloatArray,
-        other_guess: SE2,  # noqa: ARG002
+        other_guess: Callable[[], SE2],  # noqa: ARG002
     ) -> ScanMatch:
         """Search the best particle's map around the guess."""
         guess = self._T_now_before @ guess

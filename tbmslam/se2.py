@@ -59,17 +59,17 @@ class SE2(NamedTuple):
 
     def __matmul__(self, other: "SE2") -> "SE2":
         """Compose: first `other`, then this one."""
-        cosine, sine = math.cos(self.theta), math.sin(self.theta)
-        return SE2(
-            self.x + cosine * other.x - sine * other.y,
-            self.y + sine * other.x + cosine * other.y,
-            wrap_angle(self.theta + other.theta),
-        )
+        x, y, theta = self
+        dx, dy, turn = other
+        cosine, sine = math.cos(theta), math.sin(theta)
+        # The tuple is made without the named tuple's own constructor, which would take longer than all the rest.
+        return tuple.__new__(SE2, (x + cosine * dx - sine * dy, y + sine * dx + cosine * dy, wrap_angle(theta + turn)))
 
     def inverse(self) -> "SE2":
         """Return the motion that undoes this one."""
-        cosine, sine = math.cos(self.theta), math.sin(self.theta)
-        return SE2(-cosine * self.x - sine * self.y, sine * self.x - cosine * self.y, wrap_angle(-self.theta))
+        x, y, theta = self
+        cosine, sine = math.cos(theta), math.sin(theta)
+        return tuple.__new__(SE2, (-cosine * x - sine * y, sine * x - cosine * y, wrap_angle(-theta)))
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Carry points (..., 2) in metres to the other frame."""

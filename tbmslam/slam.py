@@ -1,6 +1,7 @@
 """One robot: readings in, a map out."""
 
 import logging
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,7 +20,7 @@ from tbmslam.motion import MotionModel, Prediction
 from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.rendering import render
 from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
@@ -103,17 +104,21 @@ class Slam:
 
     def _placed(self, reading: Reading, prediction: Prediction) -> tuple[LaserScan, ScanMatch]:
         """Return the scan without the motion of the robot while the laser turned, and where the laser was."""
-        sweep = reading.scan.sweep() if self.config.deskew.enabled else 0.0
         T_robot_sensor, deviations = reading.T_robot_sensor, prediction.deviations
-        guesses = prediction.T_map_robot @ T_robot_sensor, prediction.T_map_coasting @ T_robot_sensor
-        T_robot_swept = self._motion.motion_after(reading, sweep)
-        scan = deskewed(reading.scan, T_robot_swept, T_robot_sensor, self.config.deskew)
-        match = self._tracker.match(scan, guesses[0], deviations, guesses[1])
+        guess = prediction.T_map_robot @ T_robot_sensor
+        scan, sweep = reading.scan, reading.scan.sweep() if self.config.deskew.enabled else 0.0
+        if sweep > 0.0:
+            scan = deskewed(scan, self._motion.motion_after(reading, sweep), T_robot_sensor, self.config.deskew)
+
+        def other_guess() -> SE2:
+            return self._motion.coasting(reading) @ T_robot_sensor
+
+        match = self._tracker.match(scan, guess, deviations, other_guess)
         if reading.T_odom_robot is None and sweep > 0.0:
             # Only the poses tell the motion then, and the motion of before would feed its error back into the next one.
             T_robot_swept = self._motion.motion_to(reading, match.T_map_sensor @ T_robot_sensor.inverse(), sweep)
             scan = deskewed(reading.scan, T_robot_swept, T_robot_sensor, self.config.deskew)
-            match = self._tracker.match(scan, match.T_map_sensor, deviations, guesses[1])
+            match = self._tracker.match(scan, match.T_map_sensor, deviations, other_guess)
         return scan, match
 
     def _close_loops(self, poses: FloatArray) -> FloatArray:
@@ -142,9 +147,9 @@ class Slam:
         """Tell whether the robot is far enough from its last keyframe for a new one."""
         if not self._keyframes:
             return True
-        step = self._poses[self._keyframes[-1].index].inverse() @ T_map_robot
-        limits = self.config.keyframes
-        return step.x**2 + step.y**2 >= limits.distance**2 or abs(step.theta) >= limits.angle
+        last, limits = self._poses[self._keyframes[-1].index], self.config.keyframes
+        distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
+        return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
 
     def _make_tracker(self) -> Tracker:
         config = self.config.tracker

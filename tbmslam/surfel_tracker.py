@@ -1,6 +1,7 @@
 """Our way to follow the robot: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -58,7 +59,7 @@ class SurfelTracker:
         self._reach = round(config.search_shift / config.surfels.resolution)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
 
-    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
         hits = scan.hits(config.max_range).thinned(config.max_points)
@@ -66,7 +67,8 @@ class SurfelTracker:
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
         if result.matched < config.doubtful:
-            for start in (guess,) if self._is_near(guess, other_guess) else (guess, other_guess):
+            other_start = other_guess()
+            for start in (guess,) if self._is_near(guess, other_start) else (guess, other_start):
                 other = self._register(hits, self._search(hits, start), deviations)
                 if other.matched > result.matched + config.search_gain:
                     result = other

@@ -72,7 +72,7 @@ class _TimedTracker:
         self.is_novel = tracker.is_novel
         self.revised_poses = tracker.revised_poses
 
-    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:

@@ -1,5 +1,6 @@
 """Following the robot: placing each scan in what was learnt from earlier ones."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from tbmslam.evidence_grid import EvidenceGrid
@@ -20,7 +21,7 @@ class Tracker(Protocol):
 
     grid: EvidenceGrid | None
 
-    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: SE2) -> ScanMatch:
+    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         """Return where the laser was.
 
         Parameters
@@ -32,7 +33,7 @@ class Tracker(Protocol):
         deviations
             The guess's standard deviations (3,) of x, y [m] and theta [rad].
         other_guess
-            Where else it may have been, if it was not there.
+            Returns where else it may have been, if it was not there.
         """
         ...
 

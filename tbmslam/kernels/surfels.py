@@ -239,9 +239,11 @@ def align(
     hessian, gradient = np.zeros((3, 3)), np.zeros(3)
     system, step = np.zeros((3, 3)), np.zeros(3)
     cost, matched = 0.0, 0.0
-    for tolerance in tolerances:
+    for level in range(len(tolerances)):
+        # A wide tolerance only leads to where the next one starts.
+        enough = 1.0 if level == len(tolerances) - 1 else 10.0
         for _ in range(iterations):
-            cost, matched = linearise(surfels, points, normals, (x, y, theta), tolerance, hessian, gradient)
+            cost, matched = linearise(surfels, points, normals, (x, y, theta), tolerances[level], hessian, gradient)
             hessian *= say
             gradient *= say
             _drop_weak_direction(hessian, gradient)
@@ -253,7 +255,7 @@ def align(
                 system[a, a] += prior[a]
             _solve(system, gradient, step)
             x, y, theta = x - step[0], y - step[1], theta - step[2]
-            if abs(step[0]) < 1e-4 and abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
+            if max(abs(step[0]), abs(step[1])) < enough * 2e-4 and abs(step[2]) < enough * 2e-5:
                 break
     return (x, y, theta), hessian, matched, cost * say
 
