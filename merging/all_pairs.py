@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 from merging.aligner import View, align_views, comparison_resolution, view_of
 from merging.alignment import Alignment
+from merging.cluster_pairs import align_on_cluster
 from merging.config import MergeConfig
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
@@ -19,7 +20,11 @@ Pair = tuple[str, str]
 
 
 def align_all(
-    maps: Mapping[str, TbmMap], config: MergeConfig, workers: int = 1, watch: Watch | None = None
+    maps: Mapping[str, TbmMap],
+    config: MergeConfig,
+    workers: int = 1,
+    watch: Watch | None = None,
+    scheduler: str | None = None,
 ) -> dict[Pair, Alignment]:
     """Align every pair of maps; the one named first is the target.
 
@@ -33,11 +38,15 @@ def align_all(
         Processes to share the work; every number gives the same alignments.
     watch
         Who is told how far it is.
+    scheduler
+        Address of a Dask scheduler whose workers share the work instead.
 
     Raises
     ------
     ValueError
         If there is no worker.
+    ClusterError
+        If the cluster cannot be reached or gives up.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
@@ -46,7 +55,9 @@ def align_all(
     resolution = comparison_resolution(list(grids.values()), config)
     pairs = list(itertools.combinations(maps, 2))
     workers = min(workers, len(pairs))
-    if workers <= 1:
+    if scheduler is not None:
+        found = align_on_cluster(pairs, grids, resolution, config, scheduler, watch)
+    elif workers <= 1:
         crew = _Crew(grids, resolution, config)
         found = [crew.align(pair) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")]
     else:

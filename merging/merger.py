@@ -52,7 +52,11 @@ class Merge:
 
 
 def merge(
-    maps: Mapping[str, TbmMap], config: MergeConfig | None = None, workers: int = 1, watch: Watch | None = None
+    maps: Mapping[str, TbmMap],
+    config: MergeConfig | None = None,
+    workers: int = 1,
+    watch: Watch | None = None,
+    scheduler: str | None = None,
 ) -> Merge:
     """Merge maps whose relative poses nobody knows.
 
@@ -69,6 +73,8 @@ def merge(
         Processes that align pairs; the result does not depend on it.
     watch
         Who is told how long the steps take and how far they are.
+    scheduler
+        Address of a Dask scheduler whose workers align the pairs; the result does not depend on it either.
 
     Raises
     ------
@@ -78,7 +84,7 @@ def merge(
     config, watch = config or MergeConfig(), watch or Watch()
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
-    alignments = align_all(maps, config, workers, watch)
+    alignments = align_all(maps, config, workers, watch, scheduler)
     with watch.during("grouping"):
         group = groups_of(list(maps), alignments, config.graph)[0]
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}

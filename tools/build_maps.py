@@ -32,7 +32,9 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    grammar.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="bags or logs")
+    grammar.add_argument(
+        "recordings", nargs="*", type=Path, metavar="RECORDING", help="bags, logs, or directories of them"
+    )
     grammar.add_argument("-o", "--out", type=Path, default=Path("maps"), help="where the robots' folders go (maps)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     robots = grammar.add_argument_group("robots")
@@ -65,6 +67,12 @@ def parser() -> argparse.ArgumentParser:
         "--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)"
     )
     add_configuration_options(grammar, "map.resolution=0.1")
+    many = grammar.add_argument_group("many recordings, many machines")
+    many.add_argument("--workers", type=int, default=1, metavar="N", help="processes that map robots (1)")
+    many.add_argument(
+        "--scheduler", metavar="ADDRESS", help="have them mapped by an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
+    )
+    many.add_argument("--redo", action="store_true", help="map again what an earlier run has finished")
     add_extra_files(grammar)
     add_viewer_option(grammar)
     truth = grammar.add_argument_group("truth, for evaluation only")
@@ -86,12 +94,15 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if not args.recordings and not args.print_config:
         grammar.error("the following arguments are required: RECORDING")
-    if args.reference and len(args.reference) != (len(args.recordings) if args.separate else 1):
+    listed = args.separate and any(path.is_dir() for path in args.recordings)  # nobody knows yet how many lie there
+    if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
         grammar.error("--separate makes each recording one robot: drop --robots and --interval")
     if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
         grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
+    if args.workers < 1 or (args.scheduler and args.workers > 1):
+        grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
     from tbmslam.errors import TbmSlamError
     from tools.configuration import whole_text
     from tools.mapping_run import build_maps

@@ -3,18 +3,21 @@
 import argparse
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
 from tools.extra_files import add_extra_files, write_extra_files
+from tools.map_listing import list_maps
 from tools.typed_command import typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from merging.merger import Merge
+    from tbmslam.report.making import Making
+    from tbmslam.tbm_map import TbmMap
     from tools.configuration import Configuration
 
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
@@ -50,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    options.maps = list_maps(options.maps)
     if not options.print_config:
         _check(parser, options)
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
@@ -76,6 +80,8 @@ def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None
         parser.error(f"two maps or more are needed, got {len(options.maps)}")
     if options.workers < 1:
         parser.error(f"--workers must be at least 1, got {options.workers}")
+    if options.scheduler and options.workers > 1:
+        parser.error("a --scheduler has workers of its own: drop --workers")
     if any(_lies_in(path, options.out) for path in options.maps):
         parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
 
@@ -117,7 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs="*",
         type=Path,
         metavar="MAP",
-        help="a folder of build_maps or merge, or a .npz, .yaml or .tbm_map",
+        help="a map's folder, a folder of such (what build_maps -o wrote), or a .npz, .yaml or .tbm_map",
     )
     parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="where the merged map goes")
     finding = parser.add_argument_group("how maps find each other")
@@ -128,6 +134,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
+    finding.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="have pairs aligned by an existing Dask cluster, e.g. tcp://10.0.0.1:8786",
+    )
     finding.add_argument(
         "--rigid", action="store_true", help="lay maps onto each other as they are; do not straighten drives together"
     )
@@ -187,27 +198,40 @@ def _given(**values: object) -> dict[str, object]:
 
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     from merging.merger import merge
-    from merging.report import write_report
-    from tbmslam.atomic_file import write_text
-    from tbmslam.map_folder import load_map, remove_map, save_map
+    from tbmslam.map_folder import load_map
     from tbmslam.report.making import Making
-    from tools.configuration import merging_text
+    from tools.output_folder import output_folder
     from tools.progress import ProgressBars
 
-    paths, out, watch = options.maps, options.out, ProgressBars()
-    named = dict(zip(unique_names(paths), paths, strict=True))
-    maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
-    result = merge(maps, config, options.workers, watch)
-    if result.merged is not None:
-        with watch.during("saving"):
-            save_map(out, result.merged)
-    elif (out / "report.json").is_file():
-        remove_map(out)  # of an older merge, which the new report would belie
-    write_text(out / "config.toml", merging_text(config))
-    write_extra_files(out, result.merged, options)
-    write_report(out, result, maps, config, Making(command, watch.seconds))
-    _tell(result, out)
+    watch = ProgressBars()
+    named = dict(zip(unique_names(options.maps), options.maps, strict=True))
+    with output_folder(options.out):
+        maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
+        result = merge(maps, config, options.workers, watch, options.scheduler)
+        _save(options, result, maps, config, Making(command, watch.seconds))
+    _tell(result, options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
+
+
+def _save(
+    options: argparse.Namespace,
+    result: "Merge",
+    maps: Mapping[str, "TbmMap"],
+    config: "MergeConfig",
+    making: "Making",
+) -> None:
+    from merging.report import write_report
+    from tbmslam.atomic_file import write_text
+    from tbmslam.map_folder import remove_map, save_map
+    from tools.configuration import merging_text
+
+    if result.merged is not None:
+        save_map(options.out, result.merged)
+    elif (options.out / "report.json").is_file():
+        remove_map(options.out)  # of an older merge, which the new report would belie
+    write_text(options.out / "config.toml", merging_text(config))
+    write_extra_files(options.out, result.merged, options)
+    write_report(options.out, result, maps, config, making)
 
 
 def _tell(result: "Merge", out: Path) -> None:

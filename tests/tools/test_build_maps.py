@@ -108,7 +108,7 @@ def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
     ],
 )
 def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
-    monkeypatch.setattr("tools.mapping_run.save_map", lambda *_: None)
+    monkeypatch.setattr("tools.mapping_task.save_map", lambda *_: None)
     assert run(bag, "-o", tmp_path, *QUICK, *arguments) == 0
     segments = [run_record(tmp_path / f"robot_{k}")["segment"] for k in range(robots)]
     assert len(list(tmp_path.glob("robot_*"))) == robots

@@ -1,0 +1,128 @@
+"""Files from the net: resumed where they broke off, checked when they arrive."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import requests
+
+from datasets.errors import DatasetError
+from tbmslam.atomic_file import replacing, write_text
+
+Progress = Callable[[int, int | None], None]
+"""Is told how many bytes are there, and of how many where that is known."""
+
+_CHUNK = 1 << 16  # at the most this is lost when a connection breaks
+_TIMEOUT_S = (20.0, 60.0)  # to connect, and between two bytes
+_ATTEMPTS = 3
+_BROKEN = (requests.exceptions.ChunkedEncodingError, requests.exceptions.ConnectionError, requests.exceptions.Timeout)
+
+
+class DownloadError(DatasetError):
+    """A file did not arrive, or not as it should be."""
+
+
+def download(address: str, target: Path, sha256: str | None = None, progress: Progress | None = None) -> bool:
+    """Fetch a file, going on where an earlier attempt broke off, and note its SHA-256 in TARGET.sha256.
+
+    Parameters
+    ----------
+    address
+        http or https.
+    target
+        Where it goes; until it is whole and right, what has arrived is in TARGET.part.
+    sha256
+        What it must be; None where nobody knows, then what arrives first is believed.
+    progress
+        Is told how far it is.
+
+    Returns
+    -------
+    Whether anything was fetched; a file that is there and right stays.
+
+    Raises
+    ------
+    DownloadError
+        The server refuses, the connection breaks again and again, or the file is not what it should be.
+    """
+    if target.is_file():
+        _check_kept(target, sha256)
+        return False
+    part = target.with_name(target.name + ".part")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for attempt in range(_ATTEMPTS):
+        try:
+            _fetch(address, part, progress or (lambda _have, _all: None))
+            break
+        except _BROKEN as error:
+            if attempt + 1 < _ATTEMPTS:
+                continue
+            have = part.stat().st_size if part.is_file() else 0
+            raise DownloadError(
+                f"{address}: the connection failed after {have} bytes ({type(error).__name__}): check the network and "
+                "run again, it goes on from there"
+            ) from None
+        except requests.RequestException as error:
+            raise DownloadError(f"{address}: cannot be asked for ({error}): check the address") from None
+    arrived = _digest(part)
+    if sha256 is not None and arrived != sha256:
+        part.unlink()
+        raise DownloadError(f"{address}: arrived with SHA-256 {arrived} and not {sha256}: removed, run again")
+    with replacing(target) as whole:
+        part.replace(whole)
+    _tag_of(part).unlink(missing_ok=True)
+    write_text(_note_of(target), f"{arrived}  {target.name}\n")
+    return True
+
+
+def _fetch(address: str, part: Path, progress: Progress) -> None:
+    """Fetch what is missing of a file, or all of it where the server or its file do not allow that."""
+    have = part.stat().st_size if part.is_file() else 0
+    headers = {"Accept-Encoding": "identity"}
+    if have:
+        headers["Range"] = f"bytes={have}-"
+        if _tag_of(part).is_file():
+            headers["If-Range"] = _tag_of(part).read_text(encoding="latin-1")
+    with requests.get(address, headers=headers, stream=True, timeout=_TIMEOUT_S) as answer:
+        said = answer.headers.get("Content-Range", "")
+        if answer.status_code == requests.codes.requested_range_not_satisfiable and said == f"bytes */{have}":
+            return  # it broke off after the last byte
+        if not answer.ok:
+            if answer.status_code == requests.codes.requested_range_not_satisfiable:
+                part.unlink()
+            raise DownloadError(f"{address}: the server says {answer.status_code} {answer.reason}: see if it has moved")
+        goes_on = answer.status_code == requests.codes.partial_content and said.startswith(f"bytes {have}-")
+        tag = answer.headers.get("ETag") or answer.headers.get("Last-Modified")
+        if tag and not tag.startswith("W/"):  # a weak tag does not promise the same bytes
+            write_text(_tag_of(part), tag)
+        length = answer.headers.get("Content-Length")
+        have = have if goes_on else 0
+        whole = have + int(length) if length else None
+        with part.open("ab" if goes_on else "wb") as stream:
+            for chunk in answer.iter_content(_CHUNK):
+                stream.write(chunk)
+                have += len(chunk)
+                progress(have, whole)
+
+
+def _check_kept(target: Path, sha256: str | None) -> None:
+    """See that a file that is there is what it should be."""
+    note = _note_of(target)
+    expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
+    if expected is None:
+        write_text(note, f"{_digest(target)}  {target.name}\n")
+    elif _digest(target) != expected:
+        raise DownloadError(f"{target}: is not the file that was downloaded: remove it to download it again")
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _note_of(target: Path) -> Path:
+    return target.with_name(target.name + ".sha256")
+
+
+def _tag_of(part: Path) -> Path:
+    return part.with_name(part.name + ".tag")

@@ -1,0 +1,55 @@
+"""Recordings that lie in a directory."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from datasets.errors import DatasetError
+
+_FILES = (".bag", ".db3", ".mcap", ".log", ".clf")
+_PACKED = (".gz", ".bz2", ".xz")
+_ROS_2 = (".db3", ".mcap", ".zstd")
+
+
+def list_recordings(paths: Iterable[Path]) -> list[Path]:
+    """Return recordings with those in directories, by name, in the place of the directories.
+
+    A ROS 2 bag is a directory too and stays one; directories in directories are not entered but where they are such
+    bags.
+
+    Raises
+    ------
+    DatasetError
+        A directory holds no recording, or cannot be read.
+    """
+    return [found for path in paths for found in _recordings_at(path)]
+
+
+def _recordings_at(path: Path) -> list[Path]:
+    if not path.is_dir() or _is_ros2_bag(path):
+        return [path]
+    found = [entry for entry in _entries(path) if (_is_ros2_bag(entry) if entry.is_dir() else _is_recording(entry))]
+    if not found:
+        raise DatasetError(
+            f"{path}: a directory without recordings (.bag, .mcap, .db3, .log, .clf): give the one that they lie in"
+        )
+    return found
+
+
+def _is_ros2_bag(directory: Path) -> bool:
+    """Tell whether a directory is a ROS 2 bag: it has its description, or only storage files."""
+    names = [entry.name for entry in _entries(directory)]
+    return "metadata.yaml" in names or (bool(names) and all(name.endswith(_ROS_2) for name in names))
+
+
+def _is_recording(file: Path) -> bool:
+    name = file.name.lower()
+    for ending in _PACKED:
+        name = name.removesuffix(ending)
+    return name.endswith(_FILES) and not name.startswith(".")
+
+
+def _entries(directory: Path) -> list[Path]:
+    try:
+        return sorted(directory.iterdir())
+    except OSError as error:
+        raise DatasetError(f"{directory}: cannot be read: {error.strerror}") from error

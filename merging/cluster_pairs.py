@@ -1,0 +1,76 @@
+"""Pairs of maps aligned on a cluster: each map is looked at once, its look shared by the pairs it is in."""
+
+import zlib
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from merging.aligner import View, align_views, view_of
+from merging.alignment import Alignment
+from merging.config import MergeConfig
+from tbmslam.cluster import Cluster
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.watch import Watch
+
+Packed = tuple[GridGeometry, bytes]
+"""A grid in little space: most of it is unknown."""
+
+
+def align_on_cluster(
+    pairs: Sequence[tuple[str, str]],
+    grids: Mapping[str, TbmGrid],
+    resolution: float,
+    config: MergeConfig,
+    scheduler: str,
+    watch: Watch,
+) -> list[Alignment]:
+    """Return the alignment of each pair (target, source).
+
+    Parameters
+    ----------
+    pairs
+        Names of maps.
+    grids
+        The maps.
+    resolution
+        Cell size at which they are compared [m].
+    config
+        How they are aligned.
+    scheduler
+        Address of a Dask scheduler.
+    watch
+        Who is told how far it is.
+
+    Raises
+    ------
+    ClusterError
+        The cluster cannot be reached or gives up.
+    """
+    with Cluster(scheduler) as cluster:
+        # A map goes along with the work, so that it is not lost with the worker that has it.
+        views = {
+            name: cluster.submit(f"view {name}", view_of_packed, pack(grid), resolution, config)
+            for name, grid in grids.items()
+        }
+        submitted = [
+            cluster.submit(f"{source} in {target}", align_views, views[target], views[source], config)
+            for target, source in pairs
+        ]
+        return list(watch.each(cluster.results(submitted), "aligning", len(pairs), "pairs"))
+
+
+def view_of_packed(packed: Packed, resolution: float, config: MergeConfig) -> View | None:
+    """Look at a packed grid; see `merging.aligner.view_of`."""
+    return view_of(unpack(packed), resolution, config)
+
+
+def pack(grid: TbmGrid) -> Packed:
+    """Return a grid in little space."""
+    return grid.geometry, zlib.compress(np.ascontiguousarray(grid.masses, dtype=np.float32).tobytes(), level=1)
+
+
+def unpack(packed: Packed) -> TbmGrid:
+    """Return the grid that was packed."""
+    geometry, data = packed
+    masses = np.frombuffer(bytearray(zlib.decompress(data)), dtype=np.float32)
+    return TbmGrid(geometry, masses.reshape(geometry.rows, geometry.cols, 4))

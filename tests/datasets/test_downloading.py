@@ -1,0 +1,139 @@
+import hashlib
+import re
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from datasets.downloading import DownloadError, download
+
+CONTENT = bytes(range(256)) * 4000
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """A server with the faults that servers have, chosen by the test."""
+
+    def do_GET(self):
+        server = self.server
+        server.asked.append(dict(self.headers))
+        if server.status:
+            self.send_error(server.status)
+            return
+        wanted = re.match(r"bytes=(\d+)-", self.headers.get("Range", ""))
+        start = int(wanted[1]) if wanted and server.ranges and self.headers.get("If-Range") in (None, server.tag) else 0
+        if start >= len(server.content):
+            self.send_response(416)
+            self.send_header("Content-Range", f"bytes */{len(server.content)}")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+            return
+        self.send_response(206 if start else 200)
+        if start:
+            self.send_header("Content-Range", f"bytes {start}-{len(server.content) - 1}/{len(server.content)}")
+        self.send_header("Content-Length", str(len(server.content) - start))
+        self.send_header("ETag", server.tag)
+        self.end_headers()
+        data = server.content[start:]
+        if server.cuts:
+            data = data[: server.cuts.pop(0)]
+        self.wfile.write(data)
+        self.close_connection = True
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def server():
+    made = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    made.content, made.tag, made.ranges, made.status, made.cuts, made.asked = CONTENT, '"one"', True, None, [], []
+    thread = threading.Thread(target=made.serve_forever)
+    thread.start()
+    made.address = f"http://127.0.0.1:{made.server_port}/a.bag"
+    yield made
+    made.shutdown()
+    thread.join()
+    made.server_close()
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_arrives_with_its_digest(server, tmp_path):
+    told = []
+    assert download(server.address, tmp_path / "new" / "a.bag", SHA256, lambda *far: told.append(far)) is True
+    assert (tmp_path / "new" / "a.bag").read_bytes() == CONTENT
+    assert names(tmp_path / "new") == ["a.bag", "a.bag.sha256"]
+    assert (tmp_path / "new" / "a.bag.sha256").read_text() == f"{SHA256}  a.bag\n"
+    assert told[-1] == (len(CONTENT), len(CONTENT))
+
+
+def test_what_is_there_is_checked_and_not_fetched_again(server, tmp_path):
+    target = tmp_path / "a.bag"
+    download(server.address, target)
+    assert download(server.address, target) is False
+    assert len(server.asked) == 1
+    target.write_bytes(b"other")
+    with pytest.raises(DownloadError, match=r"a\.bag: is not the file that was downloaded: remove it to download it"):
+        download(server.address, target)
+
+
+def test_a_broken_connection_is_taken_up_again(server, tmp_path):
+    server.cuts = [5 << 16, 3 << 16]
+    assert download(server.address, tmp_path / "a.bag", SHA256) is True
+    assert [asked.get("Range") for asked in server.asked] == [None, f"bytes={5 << 16}-", f"bytes={8 << 16}-"]
+
+
+def test_a_later_run_goes_on(server, tmp_path):
+    server.cuts = [1 << 16] * 3
+    with pytest.raises(DownloadError, match=r"the connection failed after 196608 bytes .*: check the network and run"):
+        download(server.address, tmp_path / "a.bag", SHA256)
+    assert names(tmp_path) == ["a.bag.part", "a.bag.part.tag"]
+    download(server.address, tmp_path / "a.bag", SHA256)
+    assert server.asked[-1]["Range"] == "bytes=196608-"
+    assert names(tmp_path) == ["a.bag", "a.bag.sha256"]
+
+
+@pytest.mark.parametrize("change", [{"ranges": False}, {"tag": '"two"'}])
+def test_a_server_that_cannot_go_on_or_has_another_file_begins_anew(server, tmp_path, change):
+    server.cuts = [1 << 16] * 3
+    with pytest.raises(DownloadError):
+        download(server.address, tmp_path / "a.bag")
+    vars(server).update(change)
+    assert download(server.address, tmp_path / "a.bag", SHA256) is True
+
+
+def test_everything_had_arrived_before_it_broke_off(server, tmp_path):
+    (tmp_path / "a.bag.part").write_bytes(CONTENT)
+    assert download(server.address, tmp_path / "a.bag", SHA256) is True
+
+
+def test_more_than_everything_is_thrown_away(server, tmp_path):
+    (tmp_path / "a.bag.part").write_bytes(CONTENT + b"x")
+    with pytest.raises(DownloadError, match="416"):
+        download(server.address, tmp_path / "a.bag", SHA256)
+    assert download(server.address, tmp_path / "a.bag", SHA256) is True
+
+
+def test_a_wrong_digest_is_not_kept(server, tmp_path):
+    with pytest.raises(DownloadError, match=rf"arrived with SHA-256 {SHA256} and not 0+: removed, run again"):
+        download(server.address, tmp_path / "a.bag", "0" * 64)
+    assert not (tmp_path / "a.bag").exists()
+    assert not (tmp_path / "a.bag.part").exists()
+
+
+@pytest.mark.parametrize("status", [404, 403, 500])
+def test_a_server_that_refuses(server, tmp_path, status):
+    server.status = status
+    with pytest.raises(DownloadError, match=rf"a\.bag: the server says {status} .+: see if it has moved"):
+        download(server.address, tmp_path / "a.bag")
+    assert names(tmp_path) == []
+
+
+def test_no_server_and_no_address(tmp_path):
+    with pytest.raises(DownloadError, match=r"the connection failed after 0 bytes \(ConnectionError\)"):
+        download("http://127.0.0.1:1/a.bag", tmp_path / "a.bag")
+    with pytest.raises(DownloadError, match=r"cannot be asked for .*: check the address"):
+        download("nowhere", tmp_path / "a.bag")

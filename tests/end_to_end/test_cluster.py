@@ -1,0 +1,56 @@
+"""Both programs on a real Dask cluster of processes, one of which is killed on the way: the same bytes as without."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.programs import build, contents, merge_maps, simulate
+from tests.tools.dask_cluster import DaskCluster
+
+ROOT = Path(__file__).resolve().parents[2]
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory):
+    """Bags of four robots, their maps and the merged map, made in this process."""
+    root = tmp_path_factory.mktemp("local")
+    small = ("--beams", 181, "--rate", 5, "--duration", 20)
+    simulate(root / "bags", "--world", "apartment", "--robots", 4, *small)
+    build(root / "maps", root / "bags", "--separate")
+    merge_maps(root / "merged", root / "maps")
+    return root
+
+
+def start(program, *words):
+    command = [sys.executable, str(ROOT / "tools" / f"{program}.py"), *map(str, words)]
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)})  # noqa: S603 - our own program
+
+
+def results(folder):
+    return {name: data for name, data in contents(folder).items() if not name.endswith("report.html")}
+
+
+def test_a_killed_worker_changes_nothing(local, tmp_path):
+    (tmp_path / "dask").mkdir()
+    with DaskCluster(tmp_path / "dask", workers=2) as cluster:
+        mapping = start(
+            "build_maps", local / "bags", "--separate", "-o", tmp_path / "maps", "--scheduler", cluster.address
+        )
+        while not list(tmp_path.glob("maps/robot_*/map.npz")) and mapping.poll() is None:
+            time.sleep(0.02)
+        assert mapping.poll() is None
+        cluster.workers[0].kill()
+        assert mapping.wait() == 0
+        cluster.start_worker()
+        merging = start("merge", tmp_path / "maps", "-o", tmp_path / "merged", "--scheduler", cluster.address)
+        cluster.wait_until_busy()
+        cluster.workers[1].kill()
+        assert merging.wait() == 0
+    assert results(tmp_path / "maps") == results(local / "maps")
+    assert results(tmp_path / "merged") == results(local / "merged")

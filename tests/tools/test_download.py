@@ -1,0 +1,55 @@
+import dataclasses
+
+import pytest
+
+from datasets import downloading, known_recordings
+from tools import build_maps, download
+
+
+def test_the_list_is_honest_about_what_was_tried(capsys):
+    assert download.main(["--list"]) == 0
+    out = capsys.readouterr().out
+    assert "  stata/2011-01-24-06-18-27          242 MB  PR2, 225 s, 4489 scans *\n" in out
+    assert "licence: CC BY 3.0" in out
+    assert "cite: M. Fallon" in out
+    assert "* This address was never tried by the makers of this list" in out
+
+
+def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def fetched(address, path, sha256, _progress):
+        asked.append((address, sha256))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        return True
+
+    monkeypatch.setattr(downloading, "download", fetched)
+    monkeypatch.chdir(tmp_path)
+    assert download.main(["stata/2011-01-24-06-18-27", "freiburg/intel"]) == 0
+    assert asked[0] == ("http://infinity.csail.mit.edu/data/2011/2011-01-24-06-18-27.bag", None)
+    assert (tmp_path / "recordings" / "freiburg" / "intel.relations").is_file()
+    command = capsys.readouterr().out.split("next: python tools/build_maps.py ")[1].splitlines()[0]
+    args = build_maps.parser().parse_args(command.split())
+    assert args.recordings[0].is_file()
+    assert args.profile == "stata"
+
+
+def test_a_server_that_does_not_answer_is_one_line_that_names_the_page(tmp_path, monkeypatch, capsys):
+    recording = dataclasses.replace(
+        known_recordings.known_recording("freiburg/intel"), addresses=("http://127.0.0.1:1/x",)
+    )
+    monkeypatch.setattr(known_recordings, "known_recordings", lambda: {"freiburg/intel": recording})
+    assert download.main(["freiburg/intel", "-o", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("download: http://127.0.0.1:1/x: the connection failed after 0 bytes")
+    assert error.endswith("(http://ais.informatik.uni-freiburg.de/slamevaluation/datasets.php)\n")
+    assert error.count("\n") == 1
+
+
+def test_an_unknown_name_is_exit_1_and_nothing_at_all_is_exit_2(capsys):
+    assert download.main(["intel"]) == 1
+    assert capsys.readouterr().err == "download: there is no known recording 'intel': did you mean freiburg/intel?\n"
+    with pytest.raises(SystemExit) as left:
+        download.main([])
+    assert left.value.code == 2

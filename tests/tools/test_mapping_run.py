@@ -1,0 +1,130 @@
+"""Many recordings: what is finished is kept, whoever does the rest."""
+
+import json
+
+import pytest
+
+from tests.end_to_end.programs import contents
+from tools import build_maps, make_world
+
+pytestmark = pytest.mark.xdist_group("mapping run")
+
+
+def run(*arguments):
+    return build_maps.main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags")
+    small = ["--beams", "91", "--rate", "4", "--duration", "8"]
+    assert make_world.main(["--world", "apartment", "--robots", "3", *small, "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mapped(bags, tmp_path_factory):
+    """The maps of a directory of recordings, made in one go."""
+    out = tmp_path_factory.mktemp("maps") / "all"
+    assert run(bags, "--separate", "-o", out) == 0
+    return out
+
+
+@pytest.fixture
+def names_mapped(monkeypatch):
+    """Names of the robots that are really mapped, as it goes on."""
+    from tools import mapping_crew
+
+    names, really = [], mapping_crew.map_robot
+
+    def noting(task, shelf, watch):
+        names.append(task.name)
+        return really(task, shelf, watch)
+
+    monkeypatch.setattr(mapping_crew, "map_robot", noting)
+    return names
+
+
+def results(folder):
+    """Everything but the report, which tells what was typed and how long it took."""
+    return {name: data for name, data in contents(folder).items() if name != "report.html"}
+
+
+def test_a_directory_is_the_recordings_in_it(mapped):
+    assert [path.name for path in sorted(mapped.glob("robot_*"))] == ["robot_0", "robot_1", "robot_2"]
+    run_record = json.loads((mapped / "robot_1" / "run.json").read_text())
+    (file,) = run_record["recording"]["files"]
+    assert (file["name"], len(file["sha256"])) == ("robot_1.bag", 64)
+    assert "paths" not in run_record["recording"]
+
+
+def test_what_is_finished_is_kept(bags, tmp_path, names_mapped, capsys):
+    assert run(bags / "robot_0.bag", "-o", tmp_path) == 0
+    before = results(tmp_path)
+    assert run(bags / "robot_0.bag", "-o", tmp_path) == 0
+    assert "robot_0: 32 scans" in capsys.readouterr().out
+    assert names_mapped == ["robot_0"]
+    assert run(bags / "robot_0.bag", "-o", tmp_path, "--redo") == 0
+    assert names_mapped == ["robot_0"] * 2
+    assert results(tmp_path) == before
+    for change in (("--set", "map.resolution=0.1"), ("--seed", 3), ("--range-max", 9), ("--frames", "odometry")):
+        assert run(bags / "robot_0.bag", "-o", tmp_path, *change) == 0
+    assert names_mapped == ["robot_0"] * 6
+
+
+def test_a_run_that_was_stopped_goes_on(bags, mapped, tmp_path, names_mapped, monkeypatch):
+    assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", "-o", tmp_path) == 0
+    (tmp_path / "robot_1" / "run.json").unlink()  # as if stopped while it saved
+    assert run(bags, "--separate", "-o", tmp_path) == 0
+    assert names_mapped == ["robot_0", "robot_1", "robot_1", "robot_2"]
+    assert results(tmp_path) == results(mapped)
+
+
+def test_a_split_recording_goes_on_too(bags, tmp_path, names_mapped):
+    split = (bags / "robot_0.bag", "--robots", 2, "-o", tmp_path)
+    assert run(*split) == 0
+    before = results(tmp_path)
+    (tmp_path / "robot_1" / "map.npz").unlink()
+    assert run(*split) == 0
+    assert names_mapped == ["robot_0", "robot_1", "robot_1"]
+    assert results(tmp_path) == before
+    assert run(*split, "--overlap", 0.5) == 0
+    assert names_mapped[3:] == ["robot_0", "robot_1"]
+
+
+def test_an_older_truth_does_not_stay(bags, tmp_path):
+    split = (bags / "robot_0.bag", "--robots", 2, "-o", tmp_path)
+    assert run(*split) == 0
+    assert (tmp_path / "truth.json").exists()
+    assert run(*split, "--no-truth") == 0
+    assert not (tmp_path / "truth.json").exists()
+
+
+def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapped, tmp_path, capsys):
+    bad = tmp_path / "bad.bag"
+    bad.write_bytes(b"#ROSBAG V2.0\n")
+    given = (bags / "robot_0.bag", bad, bags / "robot_2.bag", "--separate", "-o", tmp_path / "out")
+    assert run(*given) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("build_maps: 1 of 3 robots failed (robot_1), the others are kept; mend or leave out their ")
+    assert str(bad) in error
+    for name in ("robot_0", "robot_2"):
+        assert results(tmp_path / "out" / name) == results(mapped / name)
+
+
+@pytest.mark.slow
+def test_workers_make_the_same_bytes(bags, mapped, tmp_path):
+    assert run(bags, "--separate", "-o", tmp_path / "all", "--workers", 2) == 0
+    assert results(tmp_path / "all") == results(mapped)
+    split = (bags / "robot_0.bag", "--robots", 2)
+    for name, workers in (("one", 1), ("two", 2)):
+        assert run(*split, "-o", tmp_path / name, "--workers", workers) == 0
+    assert results(tmp_path / "one") == results(tmp_path / "two")
+
+
+@pytest.mark.parametrize("words", [("--workers", "0"), ("--workers", "2", "--scheduler", "tcp://127.0.0.1:1")])
+def test_wrong_numbers_of_workers(words, capsys):
+    with pytest.raises(SystemExit) as left:
+        run("x.bag", *words)
+    assert left.value.code == 2
+    assert "--workers must be at least 1, and a --scheduler has workers of its own" in capsys.readouterr().err

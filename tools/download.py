@@ -1,0 +1,100 @@
+"""Download public recordings by name.
+
+What broke off goes on where it was; what has arrived is checked, and not downloaded again.
+"""
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Never
+
+if TYPE_CHECKING:
+    from datasets.known_recordings import KnownRecording
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py --list
+      every recording known by name, with size and licence
+  python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
+      recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="download", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    what = grammar.add_argument_group("what")
+    what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
+    what.add_argument("--list", action="store_true", help="say which there are")
+    where = grammar.add_argument_group("where to")
+    where.add_argument("-o", "--out", type=Path, default=Path("recordings"), metavar="FOLDER", help="(recordings)")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    grammar = parser()
+    args = grammar.parse_args(argv)
+    if not args.names and not args.list:
+        grammar.error("name a recording, or ask for the --list")
+    from datasets.known_recordings import known_recording
+    from tbmslam.errors import TbmSlamError
+
+    try:
+        if args.list:
+            _list()
+        for recording in [known_recording(name) for name in args.names]:
+            _download(recording, args.out)
+    except TbmSlamError as error:
+        if args.debug:
+            raise
+        sys.stderr.write(f"download: {error}\n")
+        return 1
+    return 0
+
+
+def _list() -> None:
+    from datasets.known_recordings import known_recordings
+
+    said = ""
+    for recording in known_recordings().values():
+        if recording.page != said:
+            print(f"{recording.page}\n  licence: {recording.license}\n  cite: {recording.citation}")
+        said = recording.page
+        size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
+        print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
+    print("* This address was never tried by the makers of this list, who could reach none; sizes are others' reports.")
+
+
+def _download(recording: "KnownRecording", out: Path) -> None:
+    from tqdm import tqdm
+
+    from datasets.downloading import DownloadError, download
+
+    paths = []
+    for address in recording.addresses:
+        path = out / recording.name.partition("/")[0] / address.rpartition("/")[2]
+        with tqdm(desc=path.name, unit="B", unit_scale=True, disable=None, leave=False) as bar:
+
+            def progress(have: int, whole: int | None, bar: "tqdm[Never]" = bar) -> None:
+                bar.total = whole
+                bar.update(have - bar.n)
+
+            try:
+                fetched = download(address, path, recording.sha256.get(path.name), progress)
+            except DownloadError as error:
+                raise DownloadError(f"{error} ({recording.page})") from None
+        print(f"{path}: {'arrived' if fetched else 'is there already'}, SHA-256 in {path.name}.sha256")
+        paths.append(path)
+    print(f"  {recording.license}; {recording.citation}")
+    command = f"python tools/build_maps.py {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
+    print(f"  next: {command} -o out/{paths[0].stem}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""Who maps the robots: this process, several of them, or a cluster. The maps are the same."""
+
+import logging
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+from tbmslam.cluster import Cluster
+from tbmslam.errors import TbmSlamError
+from tbmslam.watch import Watch
+from tools.mapping_task import Mapped, MappingTask, Shelf, map_robot
+
+logger = logging.getLogger(__name__)
+
+
+class MappingError(TbmSlamError):
+    """Some of several robots could not be mapped."""
+
+
+def map_all(
+    tasks: Sequence[MappingTask], shelf: Shelf, workers: int, scheduler: str | None, watch: Watch
+) -> Iterator[tuple[MappingTask, Mapped]]:
+    """Map robots and yield each when it is done, in their order.
+
+    What fails does not keep the others from being mapped.
+
+    Parameters
+    ----------
+    tasks
+        The robots.
+    shelf
+        Recordings that this process has at hand.
+    workers
+        Processes to share the work, where there is no scheduler.
+    scheduler
+        Address of a Dask scheduler; None for this machine.
+    watch
+        Who is told how far it is.
+
+    Raises
+    ------
+    TbmSlamError
+        What went wrong where one robot was to be mapped, at the end.
+    MappingError
+        How many of several robots failed, and the first reason, at the end.
+    """
+    failures: dict[str, TbmSlamError] = {}
+    results = _results(tasks, shelf, workers, scheduler, watch)
+    for task, result in zip(tasks, results, strict=True):
+        try:
+            yield task, result()
+        except TbmSlamError as error:
+            if len(tasks) > 1:
+                logger.warning("%s: %s", task.name, error)
+            failures[task.name] = error
+    if failures and len(tasks) == 1:
+        raise next(iter(failures.values()))
+    if failures:
+        names = ", ".join(failures)
+        first = next(iter(failures.values()))
+        raise MappingError(
+            f"{len(failures)} of {len(tasks)} robots failed ({names}), the others are kept; mend or leave out "
+            f"their recordings and run again; the first: {first}"
+        )
+
+
+def _results(
+    tasks: Sequence[MappingTask], shelf: Shelf, workers: int, scheduler: str | None, watch: Watch
+) -> Iterator[Callable[[], Mapped]]:
+    """Yield a function for each robot that returns its result or raises what went wrong."""
+    if scheduler is not None:
+        with Cluster(scheduler) as cluster:
+            submitted = [cluster.submit(task.name, _map_elsewhere, task.at(Path.cwd())) for task in tasks]
+            for future in watch.each(submitted, "mapping", len(tasks), "robots"):
+                yield lambda future=future: next(cluster.results([future]))  # type: ignore[misc]
+    elif min(workers, len(tasks)) <= 1:
+        for task in tasks:
+            yield lambda task=task: map_robot(task, shelf, watch)  # type: ignore[misc]
+    else:
+        context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
+        with ProcessPoolExecutor(min(workers, len(tasks)), context) as pool:
+            futures = [pool.submit(_map_elsewhere, task) for task in tasks]
+            for future in watch.each(futures, "mapping", len(tasks), "robots"):
+                yield lambda future=future: _of_process(future.result)  # type: ignore[misc]
+
+
+def _map_elsewhere(task: MappingTask) -> Mapped:
+    """Map a robot in a process of its own; the map itself stays in its folder."""
+    made = map_robot(task, Shelf(), Watch())
+    return Mapped(made.run, made.summary, made.seconds)
+
+
+def _of_process(result: Callable[[], Mapped]) -> Mapped:
+    try:
+        return result()
+    except BrokenProcessPool:
+        raise MappingError(
+            "a worker process died: memory may have run out; run again with fewer --workers, finished work is kept"
+        ) from None

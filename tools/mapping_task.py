@@ -1,0 +1,189 @@
+"""One robot to map: everything that another process or machine needs to do it."""
+
+import dataclasses
+import hashlib
+import json
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+import datasets
+from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
+from datasets.cached import cached
+from datasets.recording_warnings import recording_warnings
+from tbmslam.atomic_file import write_text
+from tbmslam.code_digest import code_digest
+from tbmslam.laser_scan import Reading
+from tbmslam.map_folder import save_map
+from tbmslam.report.making import versions
+from tbmslam.se2 import SE2
+from tbmslam.segmentation import Segment, in_frame
+from tbmslam.slam import Slam
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+from tools.configuration import Configuration, mapping_text
+
+
+@dataclass(frozen=True)
+class MappingTask:
+    """One robot to map.
+
+    Parameters
+    ----------
+    name
+        The robot's.
+    paths
+        Files that are its recording.
+    files
+        Name, size and digest of each.
+    config
+        Every parameter.
+    share
+        How its part of the recording is chosen, ready for JSON; None: all of it.
+    T_own_start
+        Where it starts in its own frame; None keeps the odometry's frame.
+    folder
+        Where its map goes.
+    segment, counts
+        That part, and what was counted in a pass over the whole recording; None where all of it is the robot's.
+    """
+
+    name: str
+    paths: tuple[Path, ...]
+    files: tuple[Mapping[str, str | int], ...]
+    config: Configuration
+    share: Mapping[str, object] | None
+    T_own_start: SE2 | None
+    folder: Path
+    segment: Segment | None = None
+    counts: ReadingCounts | None = None
+
+    def fingerprint(self) -> str:
+        """Return a digest of everything that the map depends on: input, parameters, code and versions."""
+        said = {
+            "robot": self.name,
+            "files": [dict(file) for file in self.files],
+            "config": mapping_text(self.config),
+            "share": self.share,
+            "T_own_start": self.T_own_start,
+            "code": code_digest("tbmslam", datasets.__name__),
+            "versions": versions(),
+        }
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+    def at(self, folder: Path) -> "MappingTask":
+        """Return it with paths that other processes understand, relative ones being meant from a folder."""
+        paths = tuple(folder / path for path in self.paths)
+        return dataclasses.replace(self, paths=paths, folder=folder / self.folder)
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What became of a task.
+
+    Parameters
+    ----------
+    run
+        What run.json says.
+    summary
+        What was read, for people.
+    seconds
+        How long it took; None where it was finished before.
+    tbm_map
+        The map; None where it is only in its folder.
+    """
+
+    run: Mapping[str, object]
+    summary: str = ""
+    seconds: float | None = None
+    tbm_map: TbmMap | None = None
+
+
+class Shelf:
+    """Keeps the recording that was opened last, so that several robots of one recording decompress it once."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[tuple[Path, ...], RecordingOptions] | None = None
+        self._recording: Recording | None = None
+
+    def open(self, paths: tuple[Path, ...], options: RecordingOptions) -> Recording:
+        """Return a recording, the one kept if it is that."""
+        if self._recording is None or self._kept != (paths, options):
+            self._recording = cached(open_recording(paths, options))
+            self._kept = (paths, options)
+        return self._recording
+
+
+def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
+    """Map a robot and write its folder; run.json comes last and says that it is finished."""
+    began = time.perf_counter()
+    recording = shelf.open(task.paths, task.config.recording)
+    slam = Slam(task.config.slam, task.name, watch)
+    segment = task.segment
+    length = segment.stop - segment.start if segment else recording.expected_scans
+    scans = 0
+    for reading in watch.each(_readings(task, recording), "mapping", length, "scans", task.name):
+        watch.saw(task.name, reading, slam.process(reading))
+        scans += 1
+    if task.counts is not None:
+        recording.counts.replace_by(task.counts)
+    run = _run_record(task, recording)
+    tbm_map = slam.finish(run)
+    watch.finished(task.name, tbm_map)
+    (task.folder / "run.json").unlink(missing_ok=True)
+    with watch.during("saving"):
+        save_map(task.folder, tbm_map)
+    drive = tbm_map.drives[0]
+    run["result"] = {
+        "scans": scans,
+        "keyframes": len(drive.keyframes),
+        "duration_s": float(np.ptp(drive.trajectory.stamps)),
+        "distance_m": drive.trajectory.length(),
+        "known_area_m2": float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2,
+        "loops_closed": len(drive.closures),
+        "correction_m": slam.correction_m,
+    }
+    run["fingerprint"] = task.fingerprint()
+    write_text(task.folder / "config.toml", mapping_text(task.config))
+    write_text(task.folder / "run.json", json.dumps(run, indent=2) + "\n")
+    return Mapped(run, recording.counts.summary(), time.perf_counter() - began, tbm_map)
+
+
+def finished(task: MappingTask) -> Mapped | None:
+    """Return what an earlier run made of a task; None where it did not finish it, or made it of something else."""
+    try:
+        run = json.loads((task.folder / "run.json").read_text(encoding="utf-8"))
+        is_same = run["fingerprint"] == task.fingerprint()
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    written = ("map.npz", "map.yaml", "map.pgm", "config.toml")
+    return Mapped(run) if is_same and all((task.folder / name).is_file() for name in written) else None
+
+
+def _readings(task: MappingTask, recording: Recording) -> Iterable[Reading]:
+    """Yield a robot's own readings, its odometry in its own frame."""
+    start, stop = task.segment or (0, None)
+    T_own_odom: SE2 | None = None
+    for reading in islice(recording, start, stop):
+        if task.T_own_start is not None and T_own_odom is None:
+            T_own_odom = task.T_own_start @ (reading.T_odom_robot or SE2.identity()).inverse()
+        yield reading if T_own_odom is None else in_frame(reading, T_own_odom)
+
+
+def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
+    """Return what made a map, without anything that differs between two runs of the same kind, such as paths."""
+    description = {key: value for key, value in recording.description.items() if key != "paths"}
+    return {
+        "program": "build_maps",
+        "versions": versions(),
+        "robot": task.name,
+        "recording": {"name": recording.name, "files": [dict(file) for file in task.files], **description},
+        "segment": task.segment._asdict() if task.segment else None,
+        "counts": recording.counts.as_dict(),
+        "warnings": recording_warnings(recording),
+        "config": task.config.slam.model_dump(mode="json"),
+    }

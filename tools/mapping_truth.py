@@ -1,0 +1,81 @@
+"""Where robots' maps lie in a common frame, for evaluation; nothing of it is in the maps."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from datasets.digest import file_digests
+from tbmslam.atomic_file import write_text
+from tbmslam.config import preset
+from tbmslam.slam import Slam
+from tbmslam.tbm_map import TbmMap
+from tbmslam.trajectory import Trajectory
+from tbmslam.trajectory_alignment import align_trajectories
+from tbmslam.tum import read_tum
+from tbmslam.watch import Watch
+from tools.mapping_task import MappingTask, Shelf
+
+
+def write_truth(
+    path: Path,
+    made: Sequence[tuple[MappingTask, TbmMap]],
+    references: Mapping[tuple[Path, ...], Path],
+    shelf: Shelf,
+    watch: Watch,
+) -> None:
+    """Write the pose of each robot's map in its recording's true frame, unless that is written already.
+
+    Parameters
+    ----------
+    path
+        The file.
+    made
+        The robots and their maps.
+    references
+        True trajectories by recording; without one, the default SLAM maps the whole recording for it.
+    shelf
+        Recordings at hand.
+    watch
+        Who is told how far it is.
+    """
+    fingerprint = _fingerprint([task for task, _ in made], references)
+    if _written(path) == fingerprint:
+        return
+    robots: dict[str, object] = {}
+    known: dict[tuple[Path, ...], tuple[str, Trajectory]] = {}
+    for task, tbm_map in made:
+        if task.paths not in known:
+            known[task.paths] = _reference(task, references.get(task.paths), shelf, watch)
+        source, reference = known[task.paths]
+        alignment = align_trajectories(reference, tbm_map.drives[0].trajectory)
+        robots[task.name] = {
+            "recording": task.files[0]["name"],
+            "reference": source,
+            "T_reference_map": list(alignment.T_reference_estimate),
+            "ate_m": alignment.ate_m,
+        }
+    write_text(path, json.dumps({"robots": robots, "fingerprint": fingerprint}, indent=2) + "\n")
+
+
+def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, ...], Path]) -> str:
+    said = [[task.fingerprint() for task in tasks], file_digests(references.values())]
+    return hashlib.sha256(json.dumps(said).encode()).hexdigest()
+
+
+def _written(path: Path) -> str | None:
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["fingerprint"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch) -> tuple[str, Trajectory]:
+    """Return the trajectory of the whole drive."""
+    if given is not None:
+        return given.name, read_tum(given)
+    recording = shelf.open(task.paths, task.config.recording)
+    slam = Slam(preset("default"), "reference")
+    for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans"):
+        slam.process(reading)
+    return "default SLAM on the whole recording", slam.finish().drives[0].trajectory
