@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo docs test slow check install clean
+.PHONY: demo paper docs test slow check install clean
 
 install: .venv/installed
 
@@ -61,6 +61,10 @@ SECONDS ?= 60
 fuzz: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python tests/fuzzing/fuzz.py $(BORDER) --seconds $(SECONDS)
+
+# The paper's tables and figures, measured anew on five simulated drives; some minutes.
+paper: install
+	$(BIN)/python tools/reproduce_paper.py -o out/paper
 
 test: install
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'

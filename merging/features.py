@@ -69,13 +69,7 @@ class Matches:
 def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
     """Find and describe the keypoints of a grid; a grid without contrast has none."""
     channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
-    orb = cv2.ORB.create(
-        nfeatures=config.keypoints,
-        scaleFactor=config.pyramid_step,
-        nlevels=config.pyramid_levels,
-        edgeThreshold=ORB_EDGE,
-        fastThreshold=config.fast_threshold,
-    )
+    orb = orb_of(config)
     keypoints = orb.detect(channels.pignistic, None)
     if config.descriptor == "pignistic":
         images = [channels.pignistic]
@@ -88,7 +82,7 @@ def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
         return Features.none()
     points = channels.to_metres([keypoint.pt for keypoint in described[0][0]])
     return Features(
-        points, _joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], config.descriptor)
+        points, joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], config.descriptor)
     )
 
 
@@ -105,7 +99,18 @@ def match(target: Features, source: Features, config: FeatureConfig) -> Matches:
     )
 
 
-def _joined(descriptors: list[npt.NDArray[np.uint8]], how: Descriptor) -> npt.NDArray[np.uint8]:
+def orb_of(config: FeatureConfig) -> cv2.ORB:
+    """Return the detector and describer of keypoints."""
+    return cv2.ORB.create(
+        nfeatures=config.keypoints,
+        scaleFactor=config.pyramid_step,
+        nlevels=config.pyramid_levels,
+        edgeThreshold=ORB_EDGE,
+        fastThreshold=config.fast_threshold,
+    )
+
+
+def joined(descriptors: list[npt.NDArray[np.uint8]], how: Descriptor) -> npt.NDArray[np.uint8]:
     """Make one descriptor (N, bytes) of those that the images gave; the paper's table II compares the ways."""
     if how in _BITWISE:
         return np.asarray(_BITWISE[how].reduce(descriptors), dtype=np.uint8)

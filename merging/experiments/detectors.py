@@ -1,0 +1,102 @@
+"""Table I: which keypoints find their like again, on the pignistic images of two maps."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.channels import Channels, Image
+from merging.experiments.descriptor_matches import Described, DescriptorMatches, match_all
+from merging.experiments.map_pair import MapPair
+from merging.features import ORB_EDGE
+from tbmslam.grid import TbmGrid
+
+RANSAC_PIXELS = 3.0
+"""How far apart the paper's program lets an inlier be [px]; OpenCV's default."""
+
+
+class _Detector(Protocol):
+    def detectAndCompute(
+        self, image: Image, mask: None
+    ) -> tuple[Sequence[cv2.KeyPoint], npt.NDArray[np.generic] | None]: ...
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A kind of keypoint.
+
+    Parameters
+    ----------
+    create
+        Makes OpenCV's detector, sensitive enough to find the wanted number of keypoints.
+    norm
+        How its descriptors are compared.
+    """
+
+    create: Callable[[int], object]
+    norm: int
+
+
+DETECTORS: Mapping[str, Detector] = {
+    "ORB": Detector(lambda count: cv2.ORB.create(nfeatures=count), cv2.NORM_HAMMING),
+    "BRISK": Detector(lambda _: cv2.BRISK.create(thresh=10), cv2.NORM_HAMMING),
+    "SIFT": Detector(lambda count: cv2.SIFT.create(nfeatures=count), cv2.NORM_L2),
+    "AKAZE": Detector(lambda _: cv2.AKAZE.create(threshold=1e-5), cv2.NORM_HAMMING),
+}
+
+
+@dataclass(frozen=True)
+class DetectorResult:
+    """How one detector did on one pair.
+
+    Parameters
+    ----------
+    matches
+        Matches that passed Lowe's test.
+    share_right
+        The share of them that is right by the true pose; nan without matches.
+    share_inliers
+        The share that an affine transform fitted by RANSAC calls inliers, which needs no truth; nan where none fits.
+    """
+
+    matches: int
+    share_right: float
+    share_inliers: float
+
+
+def compare_detectors(pair: MapPair, keypoints: int, ratio: float, tolerance_m: float) -> dict[str, DetectorResult]:
+    """Match a pair by each detector, with about so many keypoints in each map."""
+    results = {}
+    for name, detector in DETECTORS.items():
+        target, source = (_described(grid, detector, keypoints) for grid in (pair.target, pair.source))
+        matches = match_all(target, source, detector.norm).clearer_than(ratio)
+        results[name] = DetectorResult(
+            len(matches.ratios),
+            matches.share_right(pair, tolerance_m),
+            share_of_inliers(matches, RANSAC_PIXELS * pair.target.geometry.resolution),
+        )
+    return results
+
+
+def share_of_inliers(matches: DescriptorMatches, threshold_m: float) -> float:
+    """Return the share of matches within a distance [m] of the affine transform that RANSAC finds; nan for none."""
+    if len(matches.ratios) < 3:
+        return float("nan")
+    matrix, inliers = cv2.estimateAffine2D(
+        matches.source_points, matches.target_points, ransacReprojThreshold=threshold_m
+    )
+    return float("nan") if matrix is None else float(np.asarray(inliers).mean())
+
+
+def _described(grid: TbmGrid, detector: Detector, count: int) -> Described:
+    """Find the strongest keypoints; BRISK and AKAZE cannot be asked for a number of them."""
+    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
+    keypoints, descriptors = cast("_Detector", detector.create(count)).detectAndCompute(channels.pignistic, None)
+    if descriptors is None or not len(keypoints):
+        return Described(np.empty((0, 2)), np.empty((0, 1), dtype=np.uint8))
+    strength = np.array([keypoint.response for keypoint in keypoints])
+    strongest = np.sort(np.argsort(-strength, kind="stable")[:count])
+    return Described(channels.to_metres([keypoints[index].pt for index in strongest]), descriptors[strongest])

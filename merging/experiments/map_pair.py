@@ -1,0 +1,63 @@
+"""Two maps and the truth about them, as every experiment takes them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from merging.warping import warp
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import SE2, FloatArray
+
+
+@dataclass(frozen=True)
+class MapPair:
+    """Two maps of one place.
+
+    Parameters
+    ----------
+    target_name, source_name
+        Which maps.
+    target, source
+        Their grids.
+    T_target_source
+        The truth.
+    """
+
+    target_name: str
+    source_name: str
+    target: TbmGrid
+    source: TbmGrid
+    T_target_source: SE2
+
+    @property
+    def name(self) -> str:
+        """Both maps' names."""
+        return f"{self.target_name} - {self.source_name}"
+
+    def is_right(
+        self, target_points: FloatArray, source_points: FloatArray, tolerance_m: float
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which matches (M,) of points (M, 2) [m] truly belong together, to a tolerance [m]."""
+        apart = self.T_target_source.apply(source_points.reshape(-1, 2)) - target_points.reshape(-1, 2)
+        return np.asarray(np.hypot(*apart.T) <= tolerance_m)
+
+    def displacement_m(self, matrix: FloatArray) -> float:
+        """Return how far a transform (2, 3) puts the source's known cells from their true places, on average [m]."""
+        geometry = self.source.geometry
+        rows, cols = np.nonzero(self.source.is_known())
+        cells = np.column_stack((cols + 0.5, rows + 0.5)) * geometry.resolution + (geometry.origin_x, geometry.origin_y)
+        found = cells @ matrix[:, :2].T + matrix[:, 2]
+        return float(np.hypot(*(found - self.T_target_source.apply(cells)).T).mean())
+
+    def overlap(self) -> float:
+        """Return the share of the smaller map's known cells that truly lie on known cells of the other."""
+        placed = warp(self.source, self.T_target_source, self.target.geometry)
+        step = self.target.geometry.resolution
+        row = round((placed.geometry.origin_y - self.target.geometry.origin_y) / step)
+        col = round((placed.geometry.origin_x - self.target.geometry.origin_x) / step)
+        rows, cols = np.nonzero(placed.is_known())
+        known = self.target.is_known()
+        inside = (rows + row >= 0) & (rows + row < known.shape[0]) & (cols + col >= 0) & (cols + col < known.shape[1])
+        shared = known[rows[inside] + row, cols[inside] + col].sum()
+        return float(shared / max(min(len(rows), known.sum()), 1))

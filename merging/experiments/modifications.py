@@ -1,0 +1,156 @@
+"""Table II and figure 3: what the descriptors of the three masses gain, by how they are joined."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from merging.channels import Channels
+from merging.config import Descriptor, FeatureConfig
+from merging.experiments.descriptor_matches import Described, match_all
+from merging.experiments.map_pair import MapPair
+from merging.features import ORB_EDGE, joined, orb_of
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import FloatArray
+
+MODIFICATIONS: Mapping[str, Descriptor] = {
+    "a": "pignistic",
+    "b": "concatenated",
+    "c": "and",
+    "d": "or",
+    "e": "xor",
+}
+"""The paper's letters."""
+
+
+class Variant(NamedTuple):
+    """What the paper and its program do differently.
+
+    Parameters
+    ----------
+    bits
+        Length of a descriptor of one image: the paper says 128, OpenCV's ORB has 256, whose first half is taken.
+    unknown
+        Whether the third image shows the unknown mass, as the paper says, or is inverted, as in its program.
+    """
+
+    bits: Literal[128, 256]
+    unknown: Literal["as it is", "inverted"]
+
+
+AS_WRITTEN = Variant(128, "as it is")
+AS_PROGRAMMED = Variant(256, "inverted")
+
+
+class Setting(NamedTuple):
+    """A row of table II, and one of its columns."""
+
+    keypoints: int
+    ratio: float
+    modification: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """What was measured.
+
+    Parameters
+    ----------
+    shares
+        For every setting the share of right matches in each pair (P,); nan where nothing matched.
+    matches
+        For every setting the number of matches in each pair (P,).
+    found
+        Keypoints found in each map (2 P,), by how many were asked for.
+    """
+
+    shares: dict[Setting, FloatArray] = field(default_factory=dict)
+    matches: dict[Setting, npt.NDArray[np.int64]] = field(default_factory=dict)
+    found: dict[int, npt.NDArray[np.int64]] = field(default_factory=dict)
+
+
+_Looks = tuple[FloatArray, dict[str, npt.NDArray[np.uint8]]]
+
+
+def compare_modifications(
+    pairs: Sequence[MapPair],
+    keypoints: Sequence[int],
+    ratios: Sequence[float],
+    variants: Sequence[Variant],
+    tolerance_m: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> dict[Variant, Study]:
+    """Match every pair with every number of keypoints, modification and ratio.
+
+    Parameters
+    ----------
+    tolerance_m
+        How far from its true place a right match may be [m].
+    say
+        Is told how far the work is.
+    """
+    studies = {variant: Study() for variant in variants}
+    for count in keypoints:
+        say(f"{count} keypoints")
+        looks: dict[str, _Looks] = {}
+        for pair in pairs:
+            for name, grid in ((pair.target_name, pair.target), (pair.source_name, pair.source)):
+                if name not in looks:
+                    looks[name] = _looks_of(grid, count)
+        for variant, study in studies.items():
+            shares, matches = _measured(pairs, looks, variant, ratios, tolerance_m)
+            for (ratio, letter), values in shares.items():
+                setting = Setting(count, ratio, letter)
+                study.shares[setting] = np.array(values)
+                study.matches[setting] = np.array(matches[ratio, letter])
+            sides = [len(looks[name][0]) for pair in pairs for name in (pair.target_name, pair.source_name)]
+            study.found[count] = np.array(sides)
+    return studies
+
+
+def _measured(
+    pairs: Sequence[MapPair],
+    looks: Mapping[str, _Looks],
+    variant: Variant,
+    ratios: Sequence[float],
+    tolerance_m: float,
+) -> tuple[dict[tuple[float, str], list[float]], dict[tuple[float, str], list[int]]]:
+    shares: dict[tuple[float, str], list[float]] = {(r, m): [] for r in ratios for m in MODIFICATIONS}
+    counts: dict[tuple[float, str], list[int]] = {(r, m): [] for r in ratios for m in MODIFICATIONS}
+    for pair in pairs:
+        for letter, how in MODIFICATIONS.items():
+            target, source = (_described(looks[name], how, variant) for name in (pair.target_name, pair.source_name))
+            everything = match_all(target, source)
+            for ratio in ratios:
+                kept = everything.clearer_than(ratio)
+                shares[ratio, letter].append(kept.share_right(pair, tolerance_m))
+                counts[ratio, letter].append(len(kept.ratios))
+    return shares, counts
+
+
+def _looks_of(grid: TbmGrid, count: int) -> _Looks:
+    """Return the keypoints of a grid [m] and their descriptors in each image."""
+    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
+    images = {
+        "pignistic": channels.pignistic,
+        "occupied": channels.occupied,
+        "free": channels.free,
+        "as it is": channels.unknown,
+        "inverted": np.asarray(255 - channels.unknown, dtype=np.uint8),
+    }
+    orb = orb_of(FeatureConfig(keypoints=count))
+    keypoints = orb.detect(channels.pignistic, None)
+    if not keypoints:
+        return np.empty((0, 2)), {name: np.empty((0, 32), dtype=np.uint8) for name in images}
+    described = {name: orb.compute(image, keypoints) for name, image in images.items()}
+    points = channels.to_metres([keypoint.pt for keypoint in described["pignistic"][0]])
+    return points, {name: np.asarray(found, dtype=np.uint8) for name, (_, found) in described.items()}
+
+
+def _described(looks: _Looks, how: Descriptor, variant: Variant) -> Described:
+    points, found = looks
+    names = ["pignistic"] if how == "pignistic" else ["occupied", "free", variant.unknown]
+    # ORB's tests are sorted by how much each tells beside those before it: the first are the best (Rublee 2011).
+    return Described(points, joined([found[name][:, : variant.bits // 8] for name in names], how))

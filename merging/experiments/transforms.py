@@ -1,0 +1,83 @@
+"""Table III: what the paper says of its transform's accuracy, beside what it could not know."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from merging.aligner import align
+from merging.config import MergeConfig
+from merging.consensus import find_consensus
+from merging.experiments.detectors import RANSAC_PIXELS
+from merging.experiments.map_pair import MapPair
+from merging.features import describe, match
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tbm_map import TbmMap
+
+
+@dataclass(frozen=True)
+class TransformResult:
+    """What was found for one pair.
+
+    Parameters
+    ----------
+    matches, right
+        Matches that passed Lowe's test, and how many of them are right.
+    least_m, most_m, geometric_mean_m
+        Distances of all matches after the affine transform, which the paper reports [m]; None where none was found.
+    affine_error_m
+        How far that transform truly puts the source's cells from their places, on average [m].
+    rigid_error_m
+        The same of the rigid motion that most matches agree on.
+    default_error_m
+        The same of the default method, which needs no keypoints; None where it refuses.
+    """
+
+    matches: int
+    right: int
+    least_m: float | None
+    most_m: float | None
+    geometric_mean_m: float | None
+    affine_error_m: float | None
+    rigid_error_m: float | None
+    default_error_m: float | None
+
+
+def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -> TransformResult:
+    """Align a pair as the paper's program does, by the rigid consensus, and by the default method."""
+    features = [describe(grid, config.features) for grid in (pair.target, pair.source)]
+    matches = match(features[0], features[1], config.features)
+    target, source = matches.target_points, matches.source_points
+    affine = _affine(target, source, RANSAC_PIXELS * pair.target.geometry.resolution)
+    apart = None if affine is None else np.hypot(*(source @ affine[:, :2].T + affine[:, 2] - target).T)
+    consensus = find_consensus(matches, config.consensus)
+    found = align(TbmMap(pair.target), TbmMap(pair.source), MergeConfig())
+    return TransformResult(
+        matches=len(matches),
+        right=int(pair.is_right(target, source, tolerance_m).sum()),
+        least_m=None if apart is None else float(apart.min()),
+        most_m=None if apart is None else float(apart.max()),
+        geometric_mean_m=None if apart is None else geometric_mean(apart),
+        affine_error_m=None if affine is None else pair.displacement_m(affine),
+        rigid_error_m=None if consensus is None else pair.displacement_m(_matrix(consensus.T_target_source)),
+        default_error_m=pair.displacement_m(_matrix(found.T_target_source))
+        if found.accepted and found.T_target_source is not None
+        else None,
+    )
+
+
+def geometric_mean(values: FloatArray) -> float:
+    """Return the geometric mean of values (N,) of zero or more; one zero makes it zero."""
+    return float(np.exp(np.mean(np.log(values)))) if (values > 0.0).all() else 0.0
+
+
+def _affine(target: FloatArray, source: FloatArray, threshold_m: float) -> FloatArray | None:
+    """Return the affine transform (2, 3) that the paper's program fits, with everything else at OpenCV's defaults."""
+    if len(source) < 3:
+        return None
+    matrix, _ = cv2.estimateAffine2D(source, target, ransacReprojThreshold=threshold_m)
+    return None if matrix is None else np.asarray(matrix, dtype=np.float64)
+
+
+def _matrix(motion: SE2) -> FloatArray:
+    return motion.matrix()[:2]

@@ -1,0 +1,28 @@
+import numpy as np
+import pytest
+
+from merging.config import FeatureConfig, MergeConfig
+from merging.experiments.map_pair import MapPair
+from merging.experiments.transforms import geometric_mean, measure_transforms
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+
+
+def test_the_true_error_stands_beside_the_distances(pair):
+    result = measure_transforms(pair, MergeConfig(features=FeatureConfig(keypoints=300)), 0.5)
+    assert 0.8 * result.matches < result.right <= result.matches
+    assert result.least_m <= result.geometric_mean_m <= result.most_m
+    assert result.affine_error_m < 0.3
+    assert result.rigid_error_m < 0.1
+
+
+def test_without_matches_there_is_nothing_to_tell():
+    nothing = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    result = measure_transforms(MapPair("one", "two", nothing, nothing, SE2.identity()), MergeConfig(), 0.5)
+    assert (result.matches, result.right) == (0, 0)
+    assert result.geometric_mean_m is result.affine_error_m is result.default_error_m is None
+
+
+def test_geometric_mean():
+    assert geometric_mean(np.array([1.0, 4.0, 2.0])) == pytest.approx(2.0)
+    assert geometric_mean(np.array([1.0, 0.0])) == 0.0

@@ -1,0 +1,26 @@
+import json
+
+import pytest
+
+from tbmslam.map_folder import save_map
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tools.paper_maps import PaperMapsError, load_pairs, pair_of_area
+
+
+def test_pairs_are_loaded_with_their_true_poses(tmp_path):
+    cut = pair_of_area(500.0, 0.2)
+    poses = {"robot_0": SE2(5.0, 1.0, 0.3), "robot_1": SE2(5.0, 1.0, 0.3) @ cut.T_target_source}
+    for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
+        save_map(tmp_path / name, TbmMap(grid))
+    truth = {name: {"T_reference_map": list(pose)} for name, pose in poses.items()}
+    (tmp_path / "truth.json").write_text(json.dumps({"robots": truth}))
+    (pair,) = load_pairs(tmp_path, 10, 0.2)
+    assert pair.name == "robot_0 - robot_1"
+    assert pair.T_target_source == pytest.approx(cut.T_target_source)
+    with pytest.raises(PaperMapsError, match=r"no two of 2 maps share 100% of the smaller one"):
+        load_pairs(tmp_path, 10, 1.0)
+
+
+def test_a_pair_fills_its_area():
+    assert pair_of_area(600.0, 0.2).overlap() > 0.2

@@ -1,0 +1,87 @@
+import base64
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tools.reproduce_paper import main
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+def test_from_simulated_drives_to_the_report(tmp_path, capsys):
+    small = [
+        "--world",
+        "apartment",
+        "--drives",
+        "3",
+        "--duration",
+        "40",
+        "--keypoints",
+        "100,300",
+        "--ratios",
+        "0.7,0.8",
+    ]
+    assert main([*small, "--areas", "600", "--repeat", "2", "-o", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.endswith(f"report -> {tmp_path / 'report.html'}\n")
+    page = (tmp_path / "report.html").read_text()
+    for title in ("Figure 1", "Table I:", "Table II:", "Figure 3", "Table III:", "Table IV:", "Figure 2", "Settings"):
+        assert f"<h2>{title}" in page
+    assert "<script" not in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(pictures) == 4 + 3 + 1 + 6
+    for picture in pictures:
+        assert cv2.imdecode(np.frombuffer(base64.b64decode(picture), np.uint8), cv2.IMREAD_COLOR) is not None
+    # Bags of the same name in different folders have each their own truth.
+    truth = json.loads((tmp_path / "maps" / "truth.json").read_text())
+    assert max(robot["ate_m"] for robot in truth["robots"].values()) < 0.5
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert list(figures["table_1"]) == ["robot_0 - robot_1", "robot_0 - robot_2", "robot_1 - robot_2"]
+    assert {(study["bits"], study["unknown"]) for study in figures["table_2"]} == {
+        (bits, unknown) for bits in (128, 256) for unknown in ("as it is", "inverted")
+    }
+    assert len(figures["table_2"][0]["rows"]) == 2 * 2 * 5
+    assert figures["table_4"]["cut to 600 m²"]["area_m2"] > 300.0
+
+    again = ["--maps", str(tmp_path / "maps"), "--keypoints", "100", "--ratios", "0.7", "--areas", "", "--pairs", "1"]
+    assert main([*again, "--repeat", "2", "-o", str(tmp_path / "again")]) == 0
+    assert list(json.loads((tmp_path / "again" / "figures.json").read_text())["table_3"]) == ["robot_0 - robot_1"]
+
+
+def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
+    assert main(["--maps", str(tmp_path), "-o", str(tmp_path / "out")]) == 1
+    assert re.fullmatch(
+        r"reproduce_paper: .*truth.json does not say where the maps lie .*: make them with build_maps .*\n",
+        capsys.readouterr().err,
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a.bag", "--maps", "b"], "--maps has the maps already: give no recordings"),
+        (["--pairs", "17"], "--pairs must be within 1 and 16"),
+        (["--ratios", "0"], "--ratios, --areas, --tolerance and --resolution must be positive"),
+        (["--keypoints", "many"], "invalid literal"),
+    ],
+)
+def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):
+    with pytest.raises(SystemExit) as left:
+        main([*arguments, "-o", str(tmp_path)])
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from tools.reproduce_paper import parser; parser().print_help(); print('numpy' in sys.modules)"
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout  # noqa: S603 - a fixed command
+    assert "--maps DIR" in out
+    assert out.endswith("False\n")

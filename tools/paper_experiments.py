@@ -1,0 +1,100 @@
+"""All experiments of the paper on some pairs of maps."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from merging.config import FeatureConfig, MergeConfig
+from merging.experiments.detectors import DetectorResult, compare_detectors
+from merging.experiments.durations import DurationResult, measure_durations
+from merging.experiments.halves import Halves, fuse_halves
+from merging.experiments.map_pair import MapPair
+from merging.experiments.modifications import Study, Variant, compare_modifications
+from merging.experiments.transforms import TransformResult, measure_transforms
+from tools.paper_maps import pair_of_area
+
+VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """What the experiments depend on.
+
+    Parameters
+    ----------
+    keypoints, ratios
+        Rows of table II; the middle ones also serve the other tables.
+    default_keypoints, default_ratio
+        What the paper's program takes by default.
+    tolerance_m
+        How far from its true place a right match may be [m].
+    areas_m2
+        Areas of table IV for which pairs are cut from a building [m^2].
+    repeats
+        Timed runs of each pair.
+    """
+
+    keypoints: tuple[int, ...] = (100, 500, 1000, 2500, 5000)
+    ratios: tuple[float, ...] = (0.5, 0.6, 0.7, 0.8)
+    default_keypoints: int = 1000
+    default_ratio: float = 0.7
+    tolerance_m: float = 0.5
+    areas_m2: tuple[float, ...] = (4125.0, 4900.0, 5625.0, 8700.0, 12100.0, 13200.0)
+    repeats: int = 10
+
+    @property
+    def features(self) -> FeatureConfig:
+        """The paper's program's keypoints."""
+        return FeatureConfig(keypoints=self.default_keypoints, ratio=self.default_ratio)
+
+
+@dataclass(frozen=True)
+class PaperResults:
+    """What came out.
+
+    Parameters
+    ----------
+    detectors
+        Table I: by pair and detector.
+    studies
+        Table II and figure 3: by variant.
+    transforms
+        Table III: by pair.
+    durations
+        Table IV: of the pairs, then of those cut to the paper's areas.
+    halves
+        Figure 2.
+    """
+
+    detectors: Mapping[str, Mapping[str, DetectorResult]]
+    studies: Mapping[Variant, Study]
+    transforms: Mapping[str, TransformResult]
+    durations: Mapping[str, DurationResult]
+    halves: Halves
+
+
+def run_experiments(
+    pairs: Sequence[MapPair], settings: PaperSettings, say: Callable[[str], None] = lambda _: None
+) -> PaperResults:
+    """Run all experiments; `say` is told which is next."""
+    say("table I: detectors")
+    detectors = {
+        pair.name: compare_detectors(pair, settings.default_keypoints, settings.default_ratio, settings.tolerance_m)
+        for pair in pairs
+    }
+    studies = compare_modifications(
+        pairs,
+        settings.keypoints,
+        settings.ratios,
+        VARIANTS,
+        settings.tolerance_m,
+        lambda part: say(f"table II: {part}"),
+    )
+    say("table III: transforms")
+    config = MergeConfig(features=settings.features)
+    transforms = {pair.name: measure_transforms(pair, config, settings.tolerance_m) for pair in pairs}
+    say("table IV: times")
+    timed = {pair.name: pair for pair in pairs}
+    resolution = pairs[0].target.geometry.resolution
+    timed |= {f"cut to {area:g} m²": pair_of_area(area, resolution) for area in settings.areas_m2}
+    durations = {name: measure_durations(pair, settings.repeats, settings.features) for name, pair in timed.items()}
+    return PaperResults(detectors, studies, transforms, durations, fuse_halves(pairs[0].target))

@@ -1,0 +1,115 @@
+"""Maps for the paper's experiments, made by this project's own programs, and the pairs whose true poses are known."""
+
+import itertools
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from datasets.synthetic.map_pairs import building_of_area, cut_pairs
+from merging.experiments.map_pair import MapPair
+from tbmslam.errors import TbmSlamError
+from tbmslam.grid import TbmGrid
+from tbmslam.map_folder import load_map
+from tbmslam.se2 import SE2
+from tools import build_maps, make_world
+from tools.pair_files import KnownPair
+
+_FLOOR_SHARE = 0.6
+"""Of the canvas that two maps turned against each other need, what the floor itself takes."""
+
+
+class PaperMapsError(TbmSlamError):
+    """There are no maps that the experiments could use."""
+
+
+def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
+    """Let a robot drive several times through one building, and return the bags.
+
+    Parameters
+    ----------
+    folder
+        Where the bags go, one folder a drive.
+    words
+        More options of make_world, the building among them.
+    drives
+        How many.
+    seed
+        Of the building; drives have this one and the following.
+
+    Raises
+    ------
+    PaperMapsError
+        If they cannot be simulated; make_world has said why.
+    """
+    bags = []
+    for drive in range(drives):
+        out = folder / f"drive_{drive}"
+        code = make_world.main(["--seed", str(seed), "--drive-seed", str(seed + drive), "--out", str(out), *words])
+        if code:
+            raise PaperMapsError("the building could not be simulated: see the message above")
+        bags.append(out / "robot_0.bag")
+    return bags
+
+
+def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str]) -> Path:
+    """Map recordings by build_maps with more of its options, and return the folder with the maps and their truth.
+
+    Raises
+    ------
+    PaperMapsError
+        If they cannot be mapped; build_maps has said why.
+    """
+    code = build_maps.main([*map(str, recordings), "-o", str(folder), *words])
+    if code:
+        raise PaperMapsError("the recordings could not be mapped: see the message above")
+    return folder
+
+
+def map_simulated(bags: Sequence[Path], folder: Path, words: Sequence[str]) -> Path:
+    """Map simulated drives, each on its own, with the truth beside the bags as reference."""
+    truths = [str(bag.with_suffix(".truth.tum")) for bag in bags]
+    return map_recordings(bags, folder, ["--separate", "--reference", *truths, *words])
+
+
+def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
+    """Return the pairs of the maps that build_maps wrote into a folder, with their true poses.
+
+    Parameters
+    ----------
+    folder
+        With robot_0, robot_1, ... and truth.json.
+    most
+        Pairs at the most, the first ones.
+    min_overlap
+        Share of the smaller map that both must know.
+
+    Raises
+    ------
+    PaperMapsError
+        If there is no truth, or no pair.
+    """
+    path = folder / "truth.json"
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))["robots"]
+        poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in entries.items()}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PaperMapsError(
+            f"{path} does not say where the maps lie ({error!r}): make them with build_maps and --reference or --robots"
+        ) from None
+    grids: dict[str, TbmGrid] = {name: load_map(folder / name).grid for name in poses}
+    pairs: list[MapPair] = []
+    for target, source in itertools.combinations(poses, 2):
+        pair = MapPair(target, source, grids[target], grids[source], poses[target].inverse() @ poses[source])
+        if len(pairs) < most and pair.overlap() >= min_overlap:
+            pairs.append(pair)
+    if not pairs:
+        raise PaperMapsError(f"{folder}: no two of {len(poses)} maps share {min_overlap:.0%} of the smaller one")
+    return pairs
+
+
+def pair_of_area(area_m2: float, resolution: float) -> MapPair:
+    """Return a pair cut from a building such that the merged map's rectangle has about this area."""
+    building = building_of_area(_FLOOR_SHARE * area_m2, 1, resolution)
+    known = KnownPair.of(next(cut_pairs(building, 1, [0.5])))
+    assert known.T_target_source is not None  # noqa: S101 - cut pairs overlap
+    return MapPair("a", "b", known.target.grid, known.source.grid, known.T_target_source)

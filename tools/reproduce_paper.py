@@ -1,0 +1,198 @@
+"""Repeat the paper's experiments on maps whose true relative poses are known, and write a report.
+
+Every table and figure of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model",
+SEIM 2021, with the paper's values beside those measured here. Into the output folder go report.html, figures.json, and
+the recordings and maps where they are made first.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from merging.experiments.map_pair import MapPair
+    from tools.paper_experiments import PaperResults, PaperSettings
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py -o out/paper
+      five simulated drives through one office, mapped as the paper's were: ten pairs
+  python tools/%(prog)s.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
+      one's own recording, cut into five robots; the truth is the default SLAM's map of the whole
+  python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
+      maps made before (a folder that build_maps wrote, with its truth.json)
+
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="reproduce_paper",
+        description=__doc__,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    grammar.add_argument("recordings", nargs="*", type=Path, help="bags or logs of one drive; none: simulated drives")
+    grammar.add_argument("-o", "--out", type=Path, required=True, help="folder for everything; made when missing")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    maps = grammar.add_argument_group("maps")
+    maps.add_argument("--maps", type=Path, metavar="DIR", help="use these, which build_maps made, and make none")
+    maps.add_argument("--world", default="office", help="kind of the simulated building (office)")
+    maps.add_argument("--seed", type=int, default=1, help="of the building and the drives (1)")
+    maps.add_argument("--drives", type=int, default=5, metavar="N", help="simulated drives through all of it (5)")
+    maps.add_argument("--duration", type=float, metavar="S", help="seconds a simulated drive lasts at most")
+    maps.add_argument("--robots", type=int, default=5, metavar="N", help="robots that recordings are cut into (5)")
+    maps.add_argument(
+        "--overlap", type=float, default=0.8, metavar="F", help="share that neighbours have in common (0.8)"
+    )
+    maps.add_argument("--preset", default="viny", help="the SLAM that makes the maps (viny, as in the paper)")
+    maps.add_argument(
+        "--resolution", type=float, default=0.1, metavar="M", help="side of a cell (0.1, as in the paper)"
+    )
+    experiments = grammar.add_argument_group("experiments")
+    experiments.add_argument("--pairs", type=int, default=10, metavar="N", help="pairs of maps at most, to 16 (10)")
+    experiments.add_argument("--min-overlap", type=float, default=0.25, metavar="F", help="of the smaller map (0.25)")
+    experiments.add_argument("--tolerance", type=float, default=0.5, metavar="M", help="a right match is so near (0.5)")
+    experiments.add_argument("--keypoints", default="100,500,1000,2500,5000", metavar="N,...", help="rows of table II")
+    experiments.add_argument("--ratios", default="0.5,0.6,0.7,0.8", metavar="R,...", help="rows of table II")
+    experiments.add_argument("--areas", default="4125,4900,5625,8700,12100,13200", metavar="M2,...", help="of table IV")
+    experiments.add_argument(
+        "--repeat", type=int, default=10, metavar="N", help="timed runs of each pair, 2 or more (10)"
+    )
+    return grammar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    grammar = parser()
+    args = grammar.parse_args(argv)
+    try:
+        _check(args)
+    except ValueError as error:
+        grammar.error(str(error))
+    from tbmslam.errors import TbmSlamError
+
+    try:
+        _reproduce(args, sys.argv[1:] if argv is None else argv)
+    except (TbmSlamError, OSError) as error:
+        if args.debug:
+            raise
+        sys.stderr.write(f"reproduce_paper: {error}\n")
+        return 1
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Turn texts into what they mean.
+
+    Raises
+    ------
+    ValueError
+        When one of them means nothing.
+    """
+    args.keypoints = tuple(int(text) for text in args.keypoints.split(","))
+    args.ratios = tuple(float(text) for text in args.ratios.split(","))
+    args.areas = tuple(float(text) for text in args.areas.split(",") if text)
+    if not 1 <= args.pairs <= 16 or args.repeat < 2 or min(args.drives, args.robots) < 2:
+        raise ValueError("--pairs must be within 1 and 16, --repeat, --drives and --robots at least 2")
+    if min(*args.keypoints, *args.ratios, *args.areas, args.tolerance, args.resolution) <= 0.0:
+        raise ValueError("--keypoints, --ratios, --areas, --tolerance and --resolution must be positive")
+    if args.maps is not None and args.recordings:
+        raise ValueError("--maps has the maps already: give no recordings")
+
+
+def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
+    import json
+
+    from tbmslam.atomic_file import write_text
+    from tools.paper_experiments import run_experiments
+    from tools.paper_maps import load_pairs
+    from tools.paper_record import record_of
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    pairs = load_pairs(args.maps or _make_maps(args), args.pairs, args.min_overlap)
+    settings = _settings(args)
+    results = run_experiments(pairs, settings, _say)
+    command = " ".join(["reproduce_paper", *words])
+    write_text(args.out / "figures.json", json.dumps(record_of(results, settings, command), indent=2) + "\n")
+    write_text(args.out / "report.html", _report(args, command, pairs, settings, results))
+    print(f"report -> {args.out / 'report.html'}")
+
+
+def _make_maps(args: argparse.Namespace) -> Path:
+    from tools.paper_maps import map_recordings, map_simulated, simulate_recordings
+
+    how = ["--preset", args.preset, "--set", f"map.resolution={args.resolution}"]
+    if args.recordings:
+        cut = ["--robots", str(args.robots), "--overlap", str(args.overlap)]
+        return map_recordings(args.recordings, args.out / "maps", [*how, *cut])
+    _say("simulating drives")
+    world = ["--world", args.world, "--odometry", "good", "--rate", "5"]
+    world += [] if args.duration is None else ["--duration", str(args.duration)]
+    bags = simulate_recordings(args.out / "bags", world, args.drives, args.seed)
+    _say("mapping")
+    return map_simulated(bags, args.out / "maps", how)
+
+
+def _settings(args: argparse.Namespace) -> "PaperSettings":
+    from tools.paper_experiments import PaperSettings
+
+    default_keypoints = 1000 if 1000 in args.keypoints else args.keypoints[0]
+    default_ratio = 0.7 if 0.7 in args.ratios else args.ratios[0]
+    return PaperSettings(
+        args.keypoints, args.ratios, default_keypoints, default_ratio, args.tolerance, args.areas, args.repeat
+    )
+
+
+def _report(
+    args: argparse.Namespace,
+    command: str,
+    pairs: "Sequence[MapPair]",
+    settings: "PaperSettings",
+    results: "PaperResults",
+) -> str:
+    from tools.machine import describe_machine
+    from tools.paper_feature_sections import curve_section, detector_section, modification_section
+    from tools.paper_merge_sections import duration_section, halves_section, map_section, transform_section
+    from tools.paper_page import PaperTable, Section, paper_page
+
+    made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
+    source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"
+    lead = [
+        (
+            'All tables and figures of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable '
+            f'Belief Model", SEIM 2021, measured on {len(pairs)} pairs: {source}, cells of '
+            f"{pairs[0].target.geometry.resolution:g} m, every map in a frame of its own, turned and shifted at "
+            "random. The true transforms are known, so a right match is a fact here and not an estimate."
+        ),
+        (
+            "The paper's maps (MIT Stata Center, floor 2) and its code's runs are not at hand, so single numbers "
+            "cannot agree; what can be compared is which way is better, and by how much."
+        ),
+    ]
+    parameters = {**vars(settings), **{key: str(value) for key, value in sorted(vars(args).items())}}
+    rows = [[key, str(value)] for key, value in {**parameters, **describe_machine()}.items()]
+    sections = [
+        map_section(pairs),
+        detector_section(results, settings),
+        modification_section(results, settings),
+        curve_section(results, settings),
+        transform_section(results, settings),
+        duration_section(results),
+        halves_section(results),
+        Section("Settings", [f"Command: {command}"], [PaperTable("Exact settings", ["parameter", "value"], rows)]),
+    ]
+    return paper_page("The paper's experiments, repeated", lead, sections)
+
+
+def _say(text: str) -> None:
+    """Tell who waits what is going on."""
+    sys.stderr.write(f"reproduce_paper: {text}\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
