@@ -27,6 +27,10 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
 """
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety")
+FAULTS = (
+    *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "clock_offset", "clock_step"),
+    *("stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "glass", "people", "furniture", "carried"),
+)
 PIXELS_PER_METRE = 25
 ROUTE_COLOURS = ((200, 90, 0), (0, 150, 60), (40, 40, 220), (190, 0, 190), (0, 150, 200), (120, 120, 0))
 
@@ -50,6 +54,13 @@ def parser() -> argparse.ArgumentParser:
     world.add_argument("--overlap", type=float, default=0.3, metavar="F", help="share of a way in common (0.3)")
     world.add_argument("--speed", type=float, default=0.65, metavar="M/S", help="largest speed (0.65)")
     world.add_argument("--odometry", choices=("none", "good", "poor"), default="good", help="odometry's errors (good)")
+    world.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME@S[+S]",
+        help="something goes wrong after so many seconds, for so many (10); may be repeated: " + ", ".join(FAULTS),
+    )
     laser = grammar.add_argument_group("laser (by default MIT Stata Center's)")
     laser.add_argument("--beams", type=int, default=1040, help="beams a scan; 180, 181, 361 span half a turn (1040)")
     laser.add_argument("--rate", type=float, default=20.0, metavar="HZ", help="scans a second (20)")
@@ -101,11 +112,13 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
     from datasets.synthetic.buildings import make_world
     from datasets.synthetic.drives import plan_drives
+    from datasets.synthetic.faults import Fault, inject
     from datasets.synthetic.odometry_noise import OdometryNoise
     from datasets.synthetic.simulation import simulate
     from datasets.synthetic.truth import write_truth
     from tools.progress import ProgressBars
 
+    faults = [Fault.parse(text) for text in args.fault]
     seed = args.seed if args.drive_seed is None else args.drive_seed
     world = make_world(args.world, args.seed)
     drives = plan_drives(
@@ -120,6 +133,8 @@ def make(args: argparse.Namespace) -> None:
     noise = OdometryNoise.preset(args.odometry)
     watch = ProgressBars()
     robots = simulate(world, drives, laser_of(args), noise, seed, watch)
+    for fault in faults:
+        robots = [inject(robot, fault, world, seed) for robot in robots]
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
     for robot, bag in watch.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
         if args.format == "mcap":
@@ -128,6 +143,7 @@ def make(args: argparse.Namespace) -> None:
             write_ros1_bag(robot, args.out / bag, compression=args.compression, no_return=args.no_return)
         print(f"{args.out / bag}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
     run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
+    run["faults"] = [vars(fault) for fault in faults]
     write_truth(args.out, world, robots, bags, run)
     draw(world, robots, args.out / "world.png")
     print(f"{args.out / 'truth.json'}, world.npz, world.png: the truth, for evaluation only")

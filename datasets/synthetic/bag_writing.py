@@ -153,10 +153,11 @@ def _odometry_entries(robot: SimulatedRobot, messages: Messages) -> Iterator[Ent
 
 
 def _scan_entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> Iterator[Entry]:
-    for reading in robot.readings:
+    for index, reading in enumerate(robot.readings):
         stamp = _nanoseconds(reading.scan.stamp)
+        taken = stamp if robot.recorded is None else _nanoseconds(float(robot.recorded[index]))
         fields = _scan_fields(reading.scan, robot, no_return)
-        yield stamp + _SCAN_DELAY, SCAN_TOPIC, messages.scan(stamp, LASER_FRAME, fields)
+        yield taken + _SCAN_DELAY, SCAN_TOPIC, messages.scan(stamp, LASER_FRAME, fields)
 
 
 def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> dict[str, object]:

@@ -32,7 +32,9 @@ class SimulatedRobot:
     odometry
         All odometry (50 Hz), in an odometry frame that begins at the robot's first pose.
     truth
-        The robot's true pose in the world's frame at every scan's stamp.
+        The robot's true pose in the world's frame at the time of every scan, which is its stamp unless that is wrong.
+    recorded
+        When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong.
     """
 
     name: str
@@ -40,6 +42,7 @@ class SimulatedRobot:
     readings: tuple[Reading, ...] = field(repr=False)
     odometry: Trajectory
     truth: Trajectory
+    recorded: FloatArray | None = field(default=None, repr=False)
 
 
 def simulate(

@@ -1,0 +1,231 @@
+"""What goes wrong on real robots, done to a simulated one at a time of choice."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.synthetic.simulation import SimulatedRobot, poses_at
+from datasets.synthetic.surroundings import behind_glass, ranges_of, with_moved_boxes, with_people
+from datasets.synthetic.world import World
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.trajectory import Trajectory
+
+_JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, as the robot sees it
+_CLOCK_FAULT = 82.2  # as in some recordings of the MIT Stata Center [s]
+_CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
+_CARRIED_FOR = 2.0  # [s]
+_COVER = 0.25  # where blocked beams end [m]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that goes wrong.
+
+    Parameters
+    ----------
+    name
+        Which, one of `FAULTS`.
+    at
+        When it begins, since the start of the drive [s].
+    seconds
+        How long it lasts, where it ends at all [s].
+    """
+
+    name: str
+    at: float
+    seconds: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check name and times."""
+        if self.name not in FAULTS:
+            raise ValueError(f"a fault must be one of {', '.join(FAULTS)}, got {self.name!r}")
+        if not (0.0 <= self.at < math.inf and 0.0 < self.seconds <= math.inf):
+            raise ValueError(f"at must not be negative and seconds be positive, got {self.at}, {self.seconds}")
+
+    @classmethod
+    def parse(cls, text: str) -> "Fault":
+        """Read NAME@TIME or NAME@TIME+SECONDS."""
+        found = re.fullmatch(r"([a-z_]+)@([0-9.]+)(?:\+([0-9.]+))?", text)
+        if found is None:
+            raise ValueError(f"a fault must look like laser_gap@30 or laser_gap@30+60, got {text!r}")
+        return cls(found[1], float(found[2]), float(found[3] or 10.0))
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A robot, and the stamps [s] between which something goes wrong."""
+
+    robot: SimulatedRobot
+    begin: float
+    end: float
+    world: World
+    rng: np.random.Generator
+
+    def scans(self) -> npt.NDArray[np.bool_]:
+        """Return which scans (S,) fall into the time."""
+        return np.asarray((self.robot.truth.stamps >= self.begin) & (self.robot.truth.stamps < self.end))
+
+    def odometry(self) -> npt.NDArray[np.bool_]:
+        """Return which samples of the odometry (N,) fall into the time."""
+        return np.asarray((self.robot.odometry.stamps >= self.begin) & (self.robot.odometry.stamps < self.end))
+
+
+def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> SimulatedRobot:
+    """Return the robot's recording as it is with a fault; its truth stays true, under the stamps of the scans.
+
+    Parameters
+    ----------
+    world
+        Where it drove.
+    seed
+        Draws what the fault leaves to chance.
+    """
+    begin = float(robot.truth.stamps[0]) + fault.at
+    scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]))
+    return FAULTS[fault.name](scene)
+
+
+def _odometry_gap(scene: _Scene) -> SimulatedRobot:
+    """Leave odometry out."""
+    odometry, kept = scene.robot.odometry, ~scene.odometry()
+    return replace(scene.robot, odometry=Trajectory(odometry.stamps[kept], odometry.poses[kept]))
+
+
+def _odometry_jump(scene: _Scene) -> SimulatedRobot:
+    """Let odometry jump once, and go on from there."""
+    before = _odometry_at(scene.robot, scene.begin)
+    return _odometry_moved(scene.robot, scene.begin, before @ _JUMP @ before.inverse())
+
+
+def _odometry_reset(scene: _Scene) -> SimulatedRobot:
+    """Let odometry begin anew at zero."""
+    return _odometry_moved(scene.robot, scene.begin, _odometry_at(scene.robot, scene.begin).inverse())
+
+
+def _odometry_freeze(scene: _Scene) -> SimulatedRobot:
+    """Let odometry stand still while the robot drives, and then catch up at once."""
+    poses = scene.robot.odometry.poses.copy()
+    poses[scene.odometry()] = _odometry_at(scene.robot, scene.begin)
+    return replace(scene.robot, odometry=Trajectory(scene.robot.odometry.stamps, poses))
+
+
+def _clock_offset(scene: _Scene) -> SimulatedRobot:
+    """Let the stamps of all scans lag behind the clock of the odometry."""
+    return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_FAULT)
+
+
+def _clock_step(scene: _Scene) -> SimulatedRobot:
+    """Let the clock of the scans be wrong for a while."""
+    return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_STEP * scene.scans())
+
+
+def _stamps_back(scene: _Scene) -> SimulatedRobot:
+    """Let every tenth stamp of the scans be a little too early."""
+    early = scene.scans() & (np.arange(len(scene.robot.truth)) % 10 == 0)
+    return _restamped(scene.robot, scene.robot.truth.stamps - _STEP_BACK * early)
+
+
+def _stamps_twice(scene: _Scene) -> SimulatedRobot:
+    """Let every other scan bear the stamp of the scan before."""
+    stamps = scene.robot.truth.stamps.copy()
+    twice = np.flatnonzero(scene.scans() & (np.arange(len(stamps)) % 2 == 1))
+    stamps[twice] = stamps[np.maximum(twice - 1, 0)]
+    return _restamped(scene.robot, stamps)
+
+
+def _laser_gap(scene: _Scene) -> SimulatedRobot:
+    """Unplug the laser while the robot drives on."""
+    kept, truth = ~scene.scans(), scene.robot.truth
+    readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
+    return replace(scene.robot, readings=readings, truth=Trajectory(truth.stamps[kept], truth.poses[kept]))
+
+
+def _beams_blocked(scene: _Scene) -> SimulatedRobot:
+    """Cover half of the beams by something on the robot."""
+    ranges = ranges_of(scene.robot)
+    half = ranges[:, : ranges.shape[1] // 2]
+    half[:] = (_COVER + scene.rng.normal(0.0, 0.003, half.shape)).astype(np.float32)
+    return _rescanned(scene.robot, scene.scans(), ranges)
+
+
+def _glass(scene: _Scene) -> SimulatedRobot:
+    """Make some walls of glass, which most beams pass."""
+    return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
+
+
+def _people(scene: _Scene) -> SimulatedRobot:
+    """Let people walk around the robot."""
+    return _rescanned(scene.robot, scene.scans(), with_people(scene.robot, scene.begin, scene.rng))
+
+
+def _furniture(scene: _Scene) -> SimulatedRobot:
+    """Stand boxes around, and move all of them at once."""
+    ranges = with_moved_boxes(scene.robot, scene.begin, scene.rng)
+    return _rescanned(scene.robot, np.ones(len(ranges), dtype=np.bool_), ranges)
+
+
+def _carried(scene: _Scene) -> SimulatedRobot:
+    """Carry the robot to where it would have been later, while its wheels stand still."""
+    begin, end = scene.begin, scene.end
+    T_before_after = _odometry_at(scene.robot, begin) @ _odometry_at(scene.robot, end).inverse()
+    robot = _laser_gap(replace(scene, robot=_odometry_gap(scene)))
+    robot = _odometry_moved(robot, end, T_before_after)
+    later = _CARRIED_FOR - (end - begin)
+    stamps = robot.truth.stamps + later * (robot.truth.stamps >= end)
+    wheels = robot.odometry.stamps + later * (robot.odometry.stamps >= end)
+    robot = replace(robot, odometry=Trajectory(wheels, robot.odometry.poses))
+    return replace(_restamped(robot, stamps), recorded=None)
+
+
+FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
+    "odometry_gap": _odometry_gap,
+    "odometry_jump": _odometry_jump,
+    "odometry_reset": _odometry_reset,
+    "odometry_freeze": _odometry_freeze,
+    "clock_offset": _clock_offset,
+    "clock_step": _clock_step,
+    "stamps_back": _stamps_back,
+    "stamps_twice": _stamps_twice,
+    "laser_gap": _laser_gap,
+    "beams_blocked": _beams_blocked,
+    "glass": _glass,
+    "people": _people,
+    "furniture": _furniture,
+    "carried": _carried,
+}
+"""Everything that can go wrong, by name."""
+
+
+def _odometry_at(robot: SimulatedRobot, stamp: float) -> SE2:
+    clipped = np.clip([stamp], robot.odometry.stamps[0], robot.odometry.stamps[-1])
+    return SE2.from_array(poses_at(robot.odometry, clipped)[0])
+
+
+def _odometry_moved(robot: SimulatedRobot, since: float, T_new_old: SE2) -> SimulatedRobot:
+    """Return the robot with its odometry in another frame from some moment on."""
+    poses = robot.odometry.poses.copy()
+    late = robot.odometry.stamps >= since
+    poses[late] = Trajectory(robot.odometry.stamps[late], poses[late]).transformed(T_new_old).poses
+    return replace(robot, odometry=Trajectory(robot.odometry.stamps, poses))
+
+
+def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
+    """Return the robot with other stamps in its scans, which are still recorded when they were."""
+    stamps = np.round(stamps * 1e6) / 1e6
+    readings = tuple(
+        replace(reading, scan=replace(reading.scan, stamp=float(stamp)))
+        for reading, stamp in zip(robot.readings, stamps, strict=True)
+    )
+    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=robot.truth.stamps)
+
+
+def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: FloatArray) -> SimulatedRobot:
+    """Return the robot with other ranges (S, B) in those scans (S,) that change."""
+    readings = list(robot.readings)
+    for index in np.flatnonzero(changed).tolist():
+        readings[index] = replace(readings[index], scan=replace(readings[index].scan, ranges=ranges[index]))
+    return replace(robot, readings=tuple(readings))

@@ -1,0 +1,80 @@
+"""Surroundings that are no fixed walls: glass, people, things that are moved."""
+
+import numpy as np
+
+from datasets.synthetic.simulation import SimulatedRobot
+from datasets.synthetic.world import World
+from tbmslam.kernels.ray_casting import cast_rays
+from tbmslam.se2 import SE2, FloatArray
+
+_GLASS_SHARE, _PASSING = 0.15, 0.8  # of the walls, and of the beams that meet them
+_LONG_WALL = 1.0  # [m]
+_PEOPLE, _PERSON, _WALKING = 4, 0.2, 0.9  # number, radius [m], speed [m/s]
+_BOXES, _BOX = 12, 0.5  # number, side [m]
+_KEPT_FREE = 0.7  # from the robot's way to the middle of a box [m]
+
+
+def ranges_of(robot: SimulatedRobot) -> FloatArray:
+    """Return the ranges (S, B) of all scans [m]."""
+    return np.array([reading.scan.ranges for reading in robot.readings])
+
+
+def behind_glass(robot: SimulatedRobot, world: World, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans where some of the long walls are of glass."""
+    lengths = np.hypot(world.walls[:, 2] - world.walls[:, 0], world.walls[:, 3] - world.walls[:, 1])
+    is_glass = (lengths > _LONG_WALL) & (rng.random(len(lengths)) < _GLASS_SHARE)
+    seen = ranges_of(robot)
+    if is_glass.all() or not is_glass.any():
+        return seen
+    others = World(world.name, world.seed, world.walls[~is_glass], world.places)
+    scans = robot.laser.scans(others, robot.truth.stamps, robot.truth.poses, rng)
+    through = np.array([scan.ranges for scan in scans])
+    passes = (through > seen + 0.1) & (rng.random(seen.shape) < _PASSING)
+    return np.where(passes, through, seen)
+
+
+def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with people who walk past the robot from a stamp on."""
+    stamps, poses = robot.truth.stamps, robot.truth.poses
+    things = []
+    centres = np.cumsum(rng.normal(0.0, 0.02, (_PEOPLE, len(stamps), 2)), axis=1)
+    phases = rng.uniform(0.0, 2.0 * np.pi, _PEOPLE)
+    for index in range(len(stamps)):
+        angles = phases + (stamps[index] - since) * _WALKING / np.linspace(1.0, 2.5, _PEOPLE)
+        around = np.linspace(1.0, 2.5, _PEOPLE)[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+        places = poses[index, :2] + around + np.tanh(centres[:, index])
+        things.append(np.vstack([_polygon(place, _PERSON, 8, 0.0) for place in places]))
+    return _before(robot, things, rng)
+
+
+def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with boxes beside the way that stand elsewhere from a stamp on."""
+    way = robot.truth.poses[::10, :2]
+    places: list[FloatArray] = []
+    while len(places) < 2 * _BOXES:
+        place = way[rng.integers(len(way))] + rng.uniform(-2.0, 2.0, 2)
+        if np.hypot(*(way - place).T).min() > _KEPT_FREE:
+            places.append(place)
+    boxes = [_polygon(place, _BOX / np.sqrt(2.0), 4, rng.uniform(0.0, np.pi)) for place in places]
+    before, after = np.vstack(boxes[:_BOXES]), np.vstack(boxes[_BOXES:])
+    return _before(robot, [before if stamp < at else after for stamp in robot.truth.stamps], rng)
+
+
+def _before(robot: SimulatedRobot, things: list[FloatArray], rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with things (N, 4) before what was seen, others for each scan."""
+    ranges = ranges_of(robot)
+    scan = robot.readings[0].scan
+    for index, walls in enumerate(things):
+        sensor = np.array([SE2.from_array(robot.truth.poses[index]) @ robot.laser.T_robot_sensor])
+        nearer = np.empty((1, ranges.shape[1]))
+        cast_rays(walls, sensor, scan.angle_min, scan.angle_increment, robot.laser.range_max, nearer)
+        nearer += rng.normal(0.0, robot.laser.noise, nearer.shape)
+        ranges[index] = np.minimum(ranges[index], nearer[0].astype(np.float32))
+    return ranges
+
+
+def _polygon(centre: FloatArray, radius: float, corners: int, turn: float) -> FloatArray:
+    """Return the sides (N, 4) of a regular polygon [m]."""
+    angles = turn + np.arange(corners + 1) * 2.0 * np.pi / corners
+    points = centre + radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    return np.hstack((points[:-1], points[1:]))
