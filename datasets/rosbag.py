@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from datasets.beam_angles import angle_warning
+from datasets.clock_steps import ClockSteps
 from datasets.counts import ReadingCounts
 from datasets.frames import plain
 from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
@@ -19,8 +20,6 @@ from datasets.scan_intake import ScanIntake
 from tbmslam.laser_scan import Reading
 
 logger = logging.getLogger(__name__)
-
-_CLOCK_JUMP_S = 1.0
 
 
 def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
@@ -58,6 +57,7 @@ class _Pass:
         mounting = Mounting(plan.to_sensor, plan.sensor_pose, options.upside_down)
         self._plan = plan
         self._counts = counts
+        self._clock = ClockSteps(plan.clock.steady_lag, counts)
         survey = plan.survey
         self._intake = ScanIntake(survey.range_rules(), step, options.gap_s, counts, survey.longest_sweep())
         self._motion = _motion(plan, mounting)
@@ -123,9 +123,7 @@ class _Pass:
             self._counts.drop("other_frame")
             return
         raw = scan_of(message.content, message.bag_time)
-        lag = self._plan.clock.steady_lag
-        if lag is not None and abs(message.bag_time - raw.stamp - lag) > _CLOCK_JUMP_S:
-            self._counts.clock_disagreements += 1
+        raw = raw._replace(stamp=self._clock.corrected(raw.stamp, message.bag_time))
         scan = self._intake.take(raw)
         if scan is not None:
             self._pairing.add(scan, message.bag_time)

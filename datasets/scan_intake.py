@@ -111,7 +111,7 @@ class ScanIntake:
             step = raw.stamp - self._last_stamp
             if step < 0.0:
                 self._counts.backward_stamps += 1
-                self._counts.incidents.add(raw.stamp, f"the stamps of the scans step back by {-step:.3f} s")
+                self._counts.incidents.add(raw.stamp, "the stamps of the scans step back")
             if step > self._gap_s:
                 self._counts.add_gap(self._last_stamp, step)
         self._counts.beam_count_changes += self._last_beams not in (None, len(raw.ranges))

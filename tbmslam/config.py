@@ -6,11 +6,14 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from tbmslam.blocked_beams import BlockedBeamsConfig
+from tbmslam.continuity import ContinuityConfig
 from tbmslam.deskew import DeskewConfig
 from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.motion import MotionConfig
+from tbmslam.odometry_check import OdometryCheckConfig
 from tbmslam.parameters import ConfigError, changed
 from tbmslam.particle_tracker import ParticleTrackerConfig
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
@@ -71,6 +74,9 @@ class SlamConfig(BaseModel):
     )
     keyframes: KeyframeConfig = KeyframeConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
+    continuity: ContinuityConfig = ContinuityConfig()
+    blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
+    odometry_check: OdometryCheckConfig = OdometryCheckConfig()
     map: MapConfig = MapConfig()
 
 
@@ -94,6 +100,8 @@ def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: M
         deskew=DeskewConfig(enabled=False),
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
+        continuity=ContinuityConfig(enabled=False),
+        blocked_beams=BlockedBeamsConfig(enabled=False),
         map=cells,
     )
 
@@ -110,6 +118,8 @@ PRESETS: Mapping[str, SlamConfig] = {
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
         map=MapConfig(max_cells=200_000_000),
+        continuity=ContinuityConfig(enabled=False),
+        blocked_beams=BlockedBeamsConfig(enabled=False),
     ),
 }
 

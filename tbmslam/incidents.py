@@ -1,9 +1,11 @@
 """What went wrong during a drive, and when: for warnings that name a time."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 _MOST_KEPT = 100
+_SOON_S = 5.0
 
 
 class Incident(NamedTuple):
@@ -33,12 +35,12 @@ class Incident(NamedTuple):
         return {"at_s": round(self.stamp - start, 3), "stamp": self.stamp, "what": self.what, "seconds": self.seconds}
 
 
+@dataclass
 class Incidents:
     """Incidents in the order in which they were found; after the first hundred they are only counted."""
 
-    def __init__(self) -> None:
-        self._kept: list[Incident] = []
-        self.number = 0
+    _kept: list[Incident] = field(default_factory=list)
+    number: int = 0
 
     def __iter__(self) -> Iterator[Incident]:
         """Yield those that were kept."""
@@ -49,7 +51,12 @@ class Incidents:
         return len(self._kept)
 
     def add(self, stamp: float, what: str, seconds: float = 0.0) -> int:
-        """Note an incident and return its number."""
+        """Note an incident and return its number; one that goes on soon after lasts longer instead."""
+        for number in range(len(self._kept) - 1, max(len(self._kept) - 4, -1), -1):
+            known = self._kept[number]
+            if known.what == what and 0.0 <= stamp - known.stamp - known.seconds <= _SOON_S:
+                self.lengthen(number, stamp + seconds)
+                return number
         self.number += 1
         if len(self._kept) < _MOST_KEPT:
             self._kept.append(Incident(stamp, what, seconds))

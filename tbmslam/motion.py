@@ -1,7 +1,7 @@
 """Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,8 @@ class MotionConfig(BaseModel):
     heading_per_radian: float = Field(0.1, ge=0, description="more of it per turned radian [rad/rad]")
     position_per_second: float = Field(0.5, gt=0, description="position uncertainty without odometry [m/s]")
     heading_per_second: float = Field(0.5, gt=0, description="heading uncertainty without odometry [rad/s]")
+    jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
+    jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,13 @@ class Prediction:
         The pose.
     deviations
         Standard deviations (3,) of x, y [m] and theta [rad] that the last step adds.
+    jump
+        How far the odometry stepped where that is impossible, so that it was left out [m]; else 0.
     """
 
     T_map_robot: SE2
     deviations: FloatArray
+    jump: float = 0.0
 
 
 class MotionModel:
@@ -65,7 +70,11 @@ class MotionModel:
             start = reading.T_odom_robot or SE2.identity()
             return Prediction(start, np.zeros(3))
         if reading.T_odom_robot is not None and self._T_odom_robot is not None:
-            return self._by_odometry(self._T_odom_robot, reading.T_odom_robot)
+            before, now = self._T_odom_robot, reading.T_odom_robot
+            distance, since = math.hypot(now.x - before.x, now.y - before.y), abs(reading.scan.stamp - self._stamp)
+            if not distance <= self._config.jump + self._config.jump_per_second * since:
+                return replace(self._by_constant_velocity(reading), jump=distance)
+            return self._by_odometry(before, now)
         return self._by_constant_velocity(reading)
 
     def coasting(self, reading: Reading) -> SE2:

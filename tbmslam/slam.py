@@ -2,13 +2,15 @@
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tbmslam.config import SlamConfig
 from tbmslam.deskew import deskewed
 from tbmslam.drive_correction import spread_corrections
+from tbmslam.drive_monitor import DriveMonitor
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
 from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
@@ -47,6 +49,8 @@ class Slam:
 
     Attributes
     ----------
+    incidents
+        What went wrong, and when.
     correction_m
         How far closing loops moved the robot at the most, known when the map is finished [m].
     """
@@ -66,12 +70,22 @@ class Slam:
         self._keyframes: list[TrackedKeyframe] = []
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
+        self._monitor = DriveMonitor(self.config.continuity, self.config.blocked_beams, self.config.odometry_check)
+        self.incidents = self._monitor.incidents
+        self._parts = [(0, 0)]  # first reading and first keyframe of what hangs together
+
+    @property
+    def started(self) -> float:
+        """Stamp of the first reading [s]; 0 before it."""
+        return self._stamps[0] if self._stamps else 0.0
 
     def process(self, reading: Reading) -> SE2:
         """Place one reading, learn from it, and return the robot's pose T_map_robot."""
+        reading = self._monitor.cleaned(reading)
         T_robot_sensor = reading.T_robot_sensor
         prediction = self._motion.predict(reading)
         scan, match = self._placed(reading, prediction)
+        match = self._checked(scan, match, prediction, T_robot_sensor)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
         self._variances += prediction.deviations**2
@@ -80,23 +94,27 @@ class Slam:
             keyframe = TrackedKeyframe(len(self._poses), scan, T_robot_sensor, match, self._variances)
             self._keyframes.append(keyframe)
             self._variances = np.zeros(3)
+            self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
         self._poses.append(T_map_robot)
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
-        """Close the loops, render the map of everything processed so far and return it."""
-        poses = np.array(self._poses, dtype=np.float64).reshape(-1, 3)
+        """Close the loops, render the map of everything processed so far and return it.
+
+        Where the robot got lost, it is the map of the longest part of the drive that hangs together.
+        """
+        readings, kept = self._longest_part()
+        poses = np.array(self._poses[readings], dtype=np.float64).reshape(-1, 3)
         tracked = poses
-        poses = self._close_loops(poses)
+        poses = self._close_loops(poses, kept)
         if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
-        trajectory = Trajectory(np.array(self._stamps), poses)
+        trajectory = Trajectory(np.array(self._stamps[readings]), poses)
         keyframes = Keyframes.from_scans(
-            [k.scan for k in self._keyframes],
-            [trajectory.pose(k.index) for k in self._keyframes],
-            [k.T_robot_sensor for k in self._keyframes],
+            [k.scan for k in kept], [trajectory.pose(k.index) for k in kept], [k.T_robot_sensor for k in kept]
         )
+        self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
@@ -121,9 +139,39 @@ class Slam:
             match = self._tracker.match(scan, match.T_map_sensor, deviations, other_guess)
         return scan, match
 
-    def _close_loops(self, poses: FloatArray) -> FloatArray:
+    def _checked(self, scan: LaserScan, match: ScanMatch, prediction: Prediction, T_robot_sensor: SE2) -> ScanMatch:
+        """Return where the laser was; where it got lost, a new part of the drive begins."""
+        guess = prediction.T_map_robot @ T_robot_sensor
+        found = self._monitor.checked(scan, match, guess, prediction.jump)
+        if found is None:
+            self._tracker = self._make_tracker()
+            self._parts.append((len(self._poses), len(self._keyframes)))
+            found = ScanMatch(guess, 0.0, moved=False)
+        return found
+
+    def _longest_part(self) -> tuple[slice, list[TrackedKeyframe]]:
+        """Return the readings of the part with the most keyframes, and these."""
+        ends = [*self._parts[1:], (len(self._poses), len(self._keyframes))]
+        parts = list(zip(self._parts, ends, strict=True))
+        (first, first_keyframe), (end, end_keyframe) = max(parts, key=lambda part: part[1][1] - part[0][1])
+        for (begin, _), (stop, _) in parts:
+            if begin != first:
+                self._leave_out(begin, stop)
+        kept = [
+            replace(k, index=k.index - first, scan=self._monitor.cleared(k.scan))
+            for k in self._keyframes[first_keyframe:end_keyframe]
+        ]
+        return slice(first, end), kept
+
+    def _leave_out(self, begin: int, end: int) -> None:
+        """Note that a part of the drive is not in the map."""
+        since, until = self._stamps[begin], self._stamps[end - 1]
+        interval = f"{since - self.started:.1f} {until - self.started:.1f}"
+        what = f"left out of the map, make a robot of it by --interval {interval}"
+        self.incidents.add(since, what, max(until - since, 0.0))
+
+    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe]) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
-        kept = self._keyframes
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(kept) >= 2:
             tracked = np.array([k.match.T_map_sensor for k in kept])

@@ -5,7 +5,7 @@ of the parts measures that of a whole stretch, and shares it out.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ParamSpec, TypeVar
 
 from tbmslam.config import SlamConfig
@@ -15,6 +15,7 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.slam import Slam
+from tbmslam.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracker import Tracker
 
 _P = ParamSpec("_P")
@@ -55,8 +56,8 @@ class TimedSlam(Slam):
     def _make_tracker(self) -> Tracker:
         return _TimedTracker(super()._make_tracker(), self.clock)
 
-    def _close_loops(self, poses: FloatArray) -> FloatArray:
-        return self.clock.timed("closing", super()._close_loops, poses)
+    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe]) -> FloatArray:
+        return self.clock.timed("closing", super()._close_loops, poses, kept)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         return self.clock.timed("rendering", super()._rendered, keyframes)

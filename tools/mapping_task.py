@@ -132,7 +132,8 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
     run = _run_record(task, recording)
-    tbm_map = slam.finish(run)
+    tbm_map = slam.finish(run | _noted(recording, slam))
+    run |= _noted(recording, slam)  # once more: only now it is known what is left out of the map
     watch.finished(task.name, tbm_map)
     (task.folder / "run.json").unlink(missing_ok=True)
     with watch.during("saving"):
@@ -184,6 +185,14 @@ def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
         "recording": {"name": recording.name, "files": [dict(file) for file in task.files], **description},
         "segment": task.segment._asdict() if task.segment else None,
         "counts": recording.counts.as_dict(),
-        "warnings": recording_warnings(recording),
         "config": task.config.slam.model_dump(mode="json"),
+    }
+
+
+def _noted(recording: Recording, slam: Slam) -> dict[str, object]:
+    """Return what is odd about a recording and its drive, in sentences, and when what went wrong."""
+    incidents = sorted([*recording.counts.incidents, *slam.incidents])
+    return {
+        "warnings": recording_warnings(recording) + [incident.text(slam.started) for incident in slam.incidents],
+        "incidents": [incident.as_dict(slam.started) for incident in incidents],
     }

@@ -120,7 +120,8 @@ def _clock_offset(scene: _Scene) -> SimulatedRobot:
 
 def _clock_step(scene: _Scene) -> SimulatedRobot:
     """Let the clock of the scans be wrong for a while."""
-    return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_STEP * scene.scans())
+    robot = _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_STEP * scene.scans())
+    return replace(robot, truth=scene.robot.truth)  # the reader sets the clock right
 
 
 def _stamps_back(scene: _Scene) -> SimulatedRobot:

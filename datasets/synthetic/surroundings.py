@@ -1,5 +1,7 @@
 """Surroundings that are no fixed walls: glass, people, things that are moved."""
 
+import math
+
 import numpy as np
 
 from datasets.synthetic.simulation import SimulatedRobot
@@ -9,7 +11,8 @@ from tbmslam.se2 import SE2, FloatArray
 
 _GLASS_SHARE, _PASSING = 0.15, 0.8  # of the walls, and of the beams that meet them
 _LONG_WALL = 1.0  # [m]
-_PEOPLE, _PERSON, _WALKING = 4, 0.2, 0.9  # number, radius [m], speed [m/s]
+_EVERY, _IN_SIGHT = 3.0, 8.0  # a person crosses the way so often, and is in sight before and after [s]
+_PERSON, _WALKING = 0.2, 1.0  # radius [m], speed [m/s]
 _BOXES, _BOX = 12, 0.5  # number, side [m]
 _KEPT_FREE = 0.7  # from the robot's way to the middle of a box [m]
 
@@ -34,16 +37,19 @@ def behind_glass(robot: SimulatedRobot, world: World, rng: np.random.Generator) 
 
 
 def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with people who walk past the robot from a stamp on."""
+    """Return the ranges (S, B) of all scans with people from a stamp on who cross the robot's way."""
     stamps, poses = robot.truth.stamps, robot.truth.poses
+    number = max(math.ceil((stamps[-1] - since) / _EVERY), 1)
+    meetings = since + np.arange(number) * _EVERY
+    met = np.searchsorted(stamps, meetings).clip(0, len(stamps) - 1)
+    angles = rng.uniform(0.0, 2.0 * np.pi, (2, number))
+    directions = np.stack((np.cos(angles[0]), np.sin(angles[0])), axis=1)
+    passing = poses[met, :2] + 1.2 * np.stack((np.cos(angles[1]), np.sin(angles[1])), axis=1)
     things = []
-    centres = np.cumsum(rng.normal(0.0, 0.02, (_PEOPLE, len(stamps), 2)), axis=1)
-    phases = rng.uniform(0.0, 2.0 * np.pi, _PEOPLE)
-    for index in range(len(stamps)):
-        angles = phases + (stamps[index] - since) * _WALKING / np.linspace(1.0, 2.5, _PEOPLE)
-        around = np.linspace(1.0, 2.5, _PEOPLE)[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
-        places = poses[index, :2] + around + np.tanh(centres[:, index])
-        things.append(np.vstack([_polygon(place, _PERSON, 8, 0.0) for place in places]))
+    for stamp in stamps:
+        there = np.abs(stamp - meetings) < _IN_SIGHT
+        walked = passing[there] + directions[there] * (_WALKING * (stamp - meetings[there]))[:, None]
+        things.append(np.vstack([np.zeros((0, 4)), *(_polygon(place, _PERSON, 8, 0.0) for place in walked)]))
     return _before(robot, things, rng)
 
 

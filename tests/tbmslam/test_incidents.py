@@ -16,9 +16,22 @@ def test_an_incident_tells_its_time():
 
 def test_memory_is_bounded_and_all_are_counted():
     incidents = Incidents()
-    numbers = [incidents.add(float(k), "x") for k in range(150)]
-    incidents.lengthen(numbers[3], 5.0)
-    incidents.lengthen(numbers[3], 4.0)
-    incidents.lengthen(numbers[149], 500.0)
+    numbers = [incidents.add(10.0 * k, "x") for k in range(150)]
+    incidents.lengthen(numbers[3], 32.0)
+    incidents.lengthen(numbers[3], 31.0)
+    incidents.lengthen(numbers[149], 5000.0)
     assert (len(incidents), incidents.number) == (100, 150)
     assert [incident.seconds for incident in incidents][:5] == [0.0, 0.0, 0.0, 2.0, 0.0]
+
+
+def test_what_goes_on_is_one_incident():
+    incidents = Incidents()
+    for stamp in (1.0, 2.0, 5.0, 20.0):
+        incidents.add(stamp, "stamps step back")
+        incidents.add(stamp + 0.1, "no scans", 0.5)
+    assert [incident.text(0.0) for incident in incidents] == [
+        "at 1.0 s: stamps step back, for 4.0 s",
+        "at 1.1 s: no scans, for 4.5 s",
+        "at 20.0 s: stamps step back",
+        "at 20.1 s: no scans, for 0.5 s",
+    ]

@@ -70,3 +70,13 @@ def test_without_odometry_the_motion_goes_on():
     # A stamp that steps back predicts no motion backwards, and a long pause no flight.
     assert model.predict(reading(0.05, None)).T_map_robot == pytest.approx((0.1, 0, 0.05))
     assert model.predict(reading(500.0, None)).T_map_robot.x < 1.2
+
+
+def test_a_step_that_no_robot_makes_is_not_believed():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, SE2(0, 0, 0)), SE2.identity())
+    prediction = model.predict(reading(0.1, SE2(1e30, 0, 0)))
+    assert prediction.jump == pytest.approx(1e30)
+    assert prediction.T_map_robot == SE2.identity()
+    assert model.predict(reading(10.0, SE2(100.0, 0, 0))).jump == 0.0
+    assert model.predict(reading(0.1, SE2(1.9, 0, 0))).T_map_robot.x == pytest.approx(1.9)

@@ -1,0 +1,134 @@
+"""Beams blocked by something on the robot: they end at the same near distance wherever it drives and how it turns."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2, FloatArray
+
+
+class BlockedBeamsConfig(BaseModel):
+    """When a beam counts as blocked by the robot itself."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    enabled: bool = Field(True, description="look for beams that something on the robot blocks")
+    spread: float = Field(0.02, gt=0, description="how far the ranges of such a beam differ, at the most [m]")
+    near: float = Field(1.0, gt=0, description="they end within this [m]")
+    travelled: float = Field(2.0, gt=0, description="after such a way and turn constant ranges are suspicious [m]")
+    turned: float = Field(1.0, gt=0, description="turn that they must outlast: walls beside a way do not [rad]")
+    very_near: float = Field(0.35, gt=0, description="few walls are as near as this for long [m]")
+    soon: float = Field(0.7, gt=0, description="way for ranges as near as that [m]")
+    soon_turned: float = Field(0.35, gt=0, description="turn for ranges as near as that [rad]")
+    fewest: int = Field(5, ge=1, description="neighbouring beams that must be blocked together")
+    step: float = Field(0.3, gt=0, description="way or turn between two looks [m, rad]")
+
+
+class BlockedBeams:
+    """Follows every beam while the robot moves.
+
+    Parameters
+    ----------
+    config
+        When a beam counts as blocked.
+
+    Attributes
+    ----------
+    blocked
+        Which beams (B,) are blocked now.
+    """
+
+    def __init__(self, config: BlockedBeamsConfig) -> None:
+        self._config = config
+        self._last: SE2 | None = None
+        self._spans: list[tuple[float, float, npt.NDArray[np.int64]]] = []
+        self._forget(0)
+
+    def _forget(self, beams: int) -> None:
+        """Begin with scans of so many beams."""
+        self.blocked: npt.NDArray[np.bool_] = np.zeros(beams, dtype=np.bool_)
+        self._hidden = self.blocked  # with those suspected to be blocked
+        self._range: FloatArray = np.full(beams, np.nan)  # where a beam ended when it began to be constant
+        self._since, self._way_then, self._left, self._right = np.zeros((4, beams))
+        self._way = self._turn = 0.0
+
+    def look(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
+        """Learn from a scan; return whether beams are blocked from now on that were not."""
+        if len(scan.ranges) != len(self.blocked):
+            self._end(self.blocked, scan.stamp)
+            self._forget(len(scan.ranges))
+            self._last = None
+        last = self._last or T_odom_robot
+        way = math.hypot(T_odom_robot.x - last.x, T_odom_robot.y - last.y)
+        turn = math.remainder(T_odom_robot.theta - last.theta, 2.0 * math.pi)
+        if self._last is not None and way < self._config.step and abs(turn) < self._config.step:
+            return False
+        self._last = T_odom_robot
+        return self._follow(scan, way, turn)
+
+    def without(self, scan: LaserScan) -> LaserScan:
+        """Return the scan without what blocked beams say; a beam that sees far again says what it sees.
+
+        What is very near and did not change since the last look is not believed either, as long as it does not.
+        """
+        if len(scan.ranges) != len(self._hidden) or not self._hidden.any():
+            return scan
+        same = np.abs(scan.ranges - self._range) <= self._config.spread
+        return replace(scan, ranges=np.where(self._hidden & same, np.nan, scan.ranges))
+
+    def cleared(self, scan: LaserScan) -> LaserScan:
+        """Return an earlier scan without the beams that were blocked, as is known afterwards."""
+        hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
+        for since, until, beams in [*self._spans, *self._open_spans()]:
+            if since <= scan.stamp < until and beams.max() < len(hidden):
+                hidden[beams] = True
+        return replace(scan, ranges=np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
+
+    def _follow(self, scan: LaserScan, way: float, turn: float) -> bool:
+        config, ranges = self._config, scan.ranges
+        self._way, self._turn = self._way + way, self._turn + turn
+        # What got lost on the way proves nothing, and what ends far off is not on the robot.
+        ends = np.isfinite(ranges) & ~(np.abs(ranges - self._range) <= config.spread)
+        ended = ends & self.blocked
+        if ended.any():
+            self._end(ended, scan.stamp)
+        self._range[ends] = ranges[ends]
+        self._since[ends], self._way_then[ends] = scan.stamp, self._way
+        self._left[ends] = self._right[ends] = self._turn
+        np.maximum(self._left, self._turn, out=self._left)
+        np.minimum(self._right, self._turn, out=self._right)
+        near = np.flatnonzero(self._range < config.near)
+        blocked, suspected = np.zeros((2, len(ranges)), dtype=np.bool_)
+        if len(near) >= config.fewest:
+            travelled, turned = self._way - self._way_then[near], self._left[near] - self._right[near]
+            suspected[near] = (self._range[near] < config.very_near) & (travelled + turned > 0.0)
+            soon = suspected[near] & (travelled >= config.soon) & (turned >= config.soon_turned)
+            blocked[near] = soon | ((travelled >= config.travelled) & (turned >= config.turned))
+            blocked, suspected = _in_runs(blocked, config.fewest), _in_runs(suspected, config.fewest)
+        more = bool((blocked & ~self.blocked).any())
+        self.blocked, self._hidden = blocked, blocked | suspected
+        return more
+
+    def _end(self, beams: npt.NDArray[np.bool_], stamp: float) -> None:
+        """Note when beams were blocked that no longer are."""
+        for since in np.unique(self._since[beams]):
+            self._spans.append((float(since), stamp, np.flatnonzero(beams & (self._since == since))))
+
+    def _open_spans(self) -> list[tuple[float, float, npt.NDArray[np.int64]]]:
+        starts = np.unique(self._since[self.blocked])
+        return [(float(s), math.inf, np.flatnonzero(self.blocked & (self._since == s))) for s in starts]
+
+
+def _in_runs(marked: npt.NDArray[np.bool_], fewest: int) -> npt.NDArray[np.bool_]:
+    """Return only those marks (B,) that have enough marked neighbours in a row."""
+    if not marked.any():
+        return marked
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False]))))
+    kept = np.zeros_like(marked)
+    for begin, end in edges.reshape(-1, 2):
+        kept[begin:end] = end - begin >= fewest
+    return kept

@@ -1,0 +1,67 @@
+"""Whether a scan goes on where the last one was: two scans tell free space, and a wrong pose puts walls into it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2
+
+_FEWEST_HITS = 20
+
+
+class ContinuityConfig(BaseModel):
+    """When a robot that drove on is told from one that was carried elsewhere."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    enabled: bool = Field(True, description="look for moments at which the robot got lost")
+    doubtful: float = Field(0.5, ge=0, le=1, description="share of hits on known surfaces below which to look")
+    max_range: float = Field(40.0, gt=0, description="hits beyond this are not compared [m]")
+    depth: float = Field(0.3, gt=0, description="how far a hit must lie in free space to contradict [m]")
+    max_contradiction: float = Field(
+        0.12, ge=0, le=1, description="share of both scans' hits in the other's free space that is no continuation"
+    )
+    far: float = Field(0.3, gt=0, description="a scan placed so far from where the odometry puts it [m, rad]")
+    min_agreement: float = Field(
+        0.7, ge=0, le=1, description="must have this share of its hits on what the last scan hit"
+    )
+
+
+class Comparison(NamedTuple):
+    """How two scans at poses go together.
+
+    Parameters
+    ----------
+    contradiction
+        Share of hits in what the other scan saw free, the smaller of both shares: people before the laser put many of
+        one scan's hits there, but none of the other's.
+    agreement
+        Share of hits on what the other scan hit, the smaller of both.
+    """
+
+    contradiction: float
+    agreement: float
+
+
+def compare_scans(before: LaserScan, after: LaserScan, T_before_after: SE2, config: ContinuityConfig) -> Comparison:
+    """Compare two scans, the second of which was taken at a pose seen from the first."""
+    one = _shares(before, after, T_before_after, config)
+    other = _shares(after, before, T_before_after.inverse(), config)
+    return Comparison(min(one[0], other[0]), min(one[1], other[1]))
+
+
+def _shares(seeing: LaserScan, seen: LaserScan, T_seeing_seen: SE2, config: ContinuityConfig) -> tuple[float, float]:
+    """Return the shares of a scan's hits in another's free space and on its hits."""
+    points = T_seeing_seen.apply(seen.hit_points(config.max_range))
+    distances = np.hypot(points[:, 0], points[:, 1])
+    turns = (np.arctan2(points[:, 1], points[:, 0]) - seeing.angle_min) * np.sign(seeing.angle_increment)
+    beams = np.round(turns % (2.0 * math.pi) / abs(seeing.angle_increment)).astype(np.int64)
+    inside = beams < len(seeing.ranges)
+    ranges = seeing.ranges[beams[inside]]
+    beyond = (ranges - distances[inside])[np.isfinite(ranges)]
+    if len(beyond) < _FEWEST_HITS:
+        return 0.0, 0.0
+    return float(np.mean(beyond > config.depth)), float(np.mean(np.abs(beyond) <= config.depth))

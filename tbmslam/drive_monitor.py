@@ -1,0 +1,108 @@
+"""What watches over a drive: notices what goes wrong, says when, and keeps the worst out of the map."""
+
+import logging
+import math
+from dataclasses import replace
+
+from tbmslam.blocked_beams import BlockedBeams, BlockedBeamsConfig
+from tbmslam.continuity import ContinuityConfig, compare_scans
+from tbmslam.incidents import Incidents
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.odometry_check import OdometryCheck, OdometryCheckConfig
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2
+
+_log = logging.getLogger(__name__)
+
+_SAID_AT_MOST = 20
+LOST = "lost, the scans fit neither the map nor the odometry, as if the robot had been carried"
+
+
+class DriveMonitor:
+    """Watches over one drive.
+
+    Parameters
+    ----------
+    continuity, beams, odometry
+        When something is wrong.
+
+    Attributes
+    ----------
+    incidents
+        What went wrong, and when.
+    """
+
+    def __init__(self, continuity: ContinuityConfig, beams: BlockedBeamsConfig, odometry: OdometryCheckConfig) -> None:
+        self.incidents = Incidents()
+        self._continuity = continuity
+        self._beams = BlockedBeams(beams) if beams.enabled else None
+        self._odometry = OdometryCheck(odometry)
+        self._last: tuple[LaserScan, SE2] | None = None
+        self._T_map_robot = SE2.identity()
+
+    def cleaned(self, reading: Reading) -> Reading:
+        """Return the reading without beams that are known to be blocked; look at its odometry."""
+        if self._odometry.jumps(reading.scan.stamp, reading.T_odom_robot):
+            self.incidents.add(reading.scan.stamp, "the odometry jumps")
+        if self._beams is None:
+            return reading
+        if self._beams.look(reading.scan, reading.T_odom_robot or self._T_map_robot):
+            share = self._beams.blocked.mean()
+            self.incidents.add(reading.scan.stamp, f"something on the robot blocks {share:.0%} of the beams")
+        scan = self._beams.without(reading.scan)
+        return reading if scan is reading.scan else replace(reading, scan=scan)
+
+    def checked(self, scan: LaserScan, match: ScanMatch, guess: SE2, jump: float) -> ScanMatch | None:
+        """Return where a scan was taken: as it was matched, or as the odometry says; None where neither can be.
+
+        A scan that hardly matches continues the scan before, or else it puts walls into space just seen free.
+
+        Parameters
+        ----------
+        scan, match
+            The scan and where it was placed.
+        guess
+            Where it was expected, T_map_sensor.
+        jump
+            How far the odometry stepped where that was not believed [m]; else 0.
+        """
+        last = self._last
+        if jump:
+            self.incidents.add(scan.stamp, f"the odometry steps by {jump:.0f} m, which is not believed")
+        found: ScanMatch | None = match
+        if self._continuity.enabled and last is not None and match.score < self._continuity.doubtful:
+            if not self._continues(last, scan, match.T_map_sensor, guess):
+                is_there = self._continues(last, scan, guess, guess)
+                found = ScanMatch(guess, match.score, moved=False) if is_there else None
+            if found is None:
+                self.incidents.add(scan.stamp, LOST)
+        self._last = (scan, (found or match).T_map_sensor)
+        return found
+
+    def note_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
+        """Compare the odometry's motion with what was found."""
+        self._T_map_robot = T_map_robot
+        if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
+            self.incidents.add(reading.scan.stamp, "odometry and scans disagree about the motion")
+
+    def cleared(self, scan: LaserScan) -> LaserScan:
+        """Return an earlier scan without the beams that turned out to be blocked."""
+        return scan if self._beams is None else self._beams.cleared(scan)
+
+    def tell(self, name: str, start: float) -> None:
+        """Log the incidents, with the time since a stamp [s]."""
+        for number, incident in enumerate(self.incidents):
+            if number == _SAID_AT_MOST:
+                _log.warning("%s: and %d more", name, self.incidents.number - number)
+                return
+            _log.warning("%s: %s", name, incident.text(start))
+
+    def _continues(self, last: tuple[LaserScan, SE2], scan: LaserScan, T_map_sensor: SE2, guess: SE2) -> bool:
+        """Tell whether a scan at a pose does not contradict the one before, nor the odometry for no good reason."""
+        config = self._continuity
+        comparison = compare_scans(last[0], scan, last[1].inverse() @ T_map_sensor, config)
+        moved = guess.inverse() @ T_map_sensor
+        is_far = max(math.hypot(moved.x, moved.y), abs(moved.theta)) > config.far
+        if is_far and comparison.agreement < config.min_agreement:
+            return False
+        return comparison.contradiction <= config.max_contradiction

@@ -1,0 +1,111 @@
+import math
+
+import numpy as np
+import pytest
+
+from datasets import open_recording
+from datasets.synthetic.bag_writing import write_ros1_bag
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.drives import plan_drives
+from datasets.synthetic.faults import FAULTS, Fault, inject
+from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.odometry_noise import OdometryNoise
+from datasets.synthetic.simulation import simulate
+from tools.make_world import FAULTS as OFFERED
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world("apartment", 4)
+
+
+@pytest.fixture(scope="module")
+def robot(world):
+    angle_min, step = SimulatedLaser.field_of(181)
+    laser = SimulatedLaser(beams=181, angle_min=angle_min, angle_increment=step, rate=5.0)
+    return simulate(world, plan_drives(world, 1, duration=20.0, seed=4), laser, OdometryNoise.preset("none"), 4)[0]
+
+
+def with_fault(robot, world, name, at=5.0, seconds=6.0):
+    return inject(robot, Fault(name, at, seconds), world, 1)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_leaves_a_recording_that_can_be_read(robot, world, tmp_path, name):
+    faulty = with_fault(robot, world, name)
+    write_ros1_bag(faulty, tmp_path / "run.bag")
+    readings = list(open_recording([tmp_path / "run.bag"]))
+    assert 0.6 * len(robot.readings) < len(readings) <= len(robot.readings)
+    again = with_fault(robot, world, name)
+    assert [r.scan.stamp for r in faulty.readings] == [r.scan.stamp for r in again.readings]
+    assert len(faulty.truth) == len(faulty.readings)
+    for one, other in zip(faulty.readings, again.readings, strict=True):
+        np.testing.assert_array_equal(one.scan.ranges, other.scan.ranges)
+
+
+def test_the_program_offers_all_of_them():
+    assert tuple(FAULTS) == OFFERED
+
+
+def steps(trajectory):
+    return np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T)
+
+
+def test_odometry_faults(robot, world):
+    assert np.diff(with_fault(robot, world, "odometry_gap").odometry.stamps).max() == pytest.approx(6.0, abs=0.1)
+    assert steps(with_fault(robot, world, "odometry_jump").odometry).max() == pytest.approx(math.hypot(2, 1), abs=0.1)
+    reset = with_fault(robot, world, "odometry_reset").odometry
+    assert reset.poses[np.searchsorted(reset.stamps, robot.truth.stamps[0] + 5.0)] == pytest.approx(0.0, abs=0.05)
+    frozen = with_fault(robot, world, "odometry_freeze").odometry
+    held = (frozen.stamps >= frozen.stamps[0] + 5.1) & (frozen.stamps < frozen.stamps[0] + 10.9)
+    assert np.ptp(frozen.poses[held], axis=0).max() == 0.0
+
+
+def test_clock_faults(robot, world):
+    assert np.diff(with_fault(robot, world, "stamps_back").truth.stamps).min() == pytest.approx(-0.1, abs=1e-5)
+    twice = with_fault(robot, world, "stamps_twice").truth.stamps
+    assert (np.diff(twice) == 0.0).sum() == 15
+    late = with_fault(robot, world, "clock_offset")
+    assert late.recorded - late.truth.stamps == pytest.approx(np.full(len(late.truth), 82.2), abs=1e-5)
+    stepped = np.array([reading.scan.stamp for reading in with_fault(robot, world, "clock_step").readings])
+    assert np.unique(np.round(robot.truth.stamps - stepped, 3)).tolist() == [0.0, 3.0]
+
+
+def test_scan_faults(robot, world):
+    gap = with_fault(robot, world, "laser_gap")
+    assert np.diff(gap.truth.stamps).max() == pytest.approx(6.2, abs=0.01)
+    for name, at, share in (("beams_blocked", 30, 0.45), ("glass", 30, 0.0), ("people", 40, 0.0)):
+        faulty = with_fault(robot, world, name)
+        changed = [
+            np.mean(one.scan.ranges != other.scan.ranges)
+            for one, other in zip(robot.readings, faulty.readings, strict=True)
+        ]
+        assert max(changed[:25]) == 0.0 == max(changed[56:])
+        assert max(changed[25:55]) > share
+        assert changed[at] >= share
+    before, after = (
+        np.array([r.scan.ranges for r in with_fault(robot, world, "furniture", at=at).readings]) for at in (0.0, 100.0)
+    )
+    assert (before != after).any()
+
+
+def test_a_carried_robot_loses_the_way_between(robot, world):
+    carried = with_fault(robot, world, "carried")
+    jump = int(np.argmax(np.diff(carried.truth.stamps)))
+    assert np.diff(carried.truth.stamps)[jump] == pytest.approx(2.2, abs=0.01)
+    assert steps(carried.truth)[jump] > 1.0
+    assert steps(carried.odometry).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("people", "a fault must look like laser_gap@30 or laser_gap@30"),
+        ("fire@3", "a fault must be one of odometry_gap, .*, got 'fire'"),
+        ("people@3+0", "seconds be positive, got 3.0, 0.0"),
+    ],
+)
+def test_faults_that_cannot_be_meant(text, message):
+    with pytest.raises(ValueError, match=message):
+        Fault.parse(text)
+    assert Fault.parse("people@3+2.5") == Fault("people", 3.0, 2.5)

@@ -1,0 +1,112 @@
+"""What goes wrong in drives: a right map, or a warning that names the time."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.simulation import poses_at
+from tbmslam.drive_monitor import LOST
+from tbmslam.laser_scan import Reading
+from tbmslam.se2 import SE2
+from tbmslam.slam import Slam
+from tbmslam.trajectory_errors import absolute_errors
+
+
+@pytest.fixture
+def robot(drive_in):
+    return drive_in("apartment", 30.0, odometry="good")
+
+
+def mapped(readings):
+    slam = Slam()
+    for reading in readings:
+        slam.process(reading)
+    return slam, slam.finish().drives[0]
+
+
+def said(slam):
+    return [incident.text(slam.started) for incident in slam.incidents]
+
+
+def test_an_ordinary_drive_has_no_incident(robot):
+    slam, _ = mapped(robot.readings)
+    assert said(slam) == []
+
+
+def carried(robot, begin, end):
+    """Carry the robot on from one reading to a later one while its wheels stand still."""
+    before, after = robot.readings[begin].T_odom_robot, robot.readings[end].T_odom_robot
+    moved = [replace(r, T_odom_robot=before @ after.inverse() @ r.T_odom_robot) for r in robot.readings[end:]]
+    return [*robot.readings[: begin + 1], *moved]
+
+
+def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(robot, caplog):
+    readings = carried(robot, 60, 120)
+    slam, drive = mapped(readings)
+    (lost, left_out) = [i for i in slam.incidents if i.what == LOST or "left out" in i.what]
+    assert lost.what == LOST
+    assert lost.stamp == readings[61].scan.stamp
+    assert left_out.stamp == readings[0].scan.stamp
+    assert "make a robot of it by --interval 0.0 12.0" in left_out.what
+    assert len(drive.trajectory) == len(readings) - 61
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any(LOST in line for line in caplog.messages)
+    assert drive.keyframes.stamps[0] == readings[61].scan.stamp
+
+
+def test_the_laser_unplugged_for_a_while_costs_only_that_while(robot):
+    readings = [*robot.readings[:60], *robot.readings[130:]]
+    slam, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert not any(i.what == LOST for i in slam.incidents)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.3
+
+
+def test_odometry_that_jumps_is_told_and_does_no_harm(robot):
+    far = SE2(1e7, 0.0, 0.0)
+    readings = [
+        r if k < 60 else replace(r, T_odom_robot=(far if k == 60 else SE2(1.0, 2.0, 1.0)) @ r.T_odom_robot)
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any("at 12.0 s: the odometry steps by 10000000 m, which is not believed" in line for line in said(slam))
+    assert any("the odometry jumps" in line for line in said(slam))
+
+
+def test_covered_beams_do_not_end_up_in_the_map(robot):
+    readings = []
+    for reading in robot.readings:
+        ranges = reading.scan.ranges.copy()
+        ranges[40:80] = 0.3
+        readings.append(replace(reading, scan=replace(reading.scan, ranges=ranges)))
+    slam, drive = mapped(readings)
+    assert any("something on the robot blocks 22% of the beams" in line for line in said(slam))
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+    kept = np.concatenate([drive.keyframes.scan(k).ranges for k in range(len(drive.keyframes))])
+    assert not (np.abs(kept - 0.3) < 1e-6).any()
+
+
+def test_many_incidents_are_not_all_said(robot, caplog):
+    slam = Slam(name="robot_7")
+    for number in range(30):
+        slam.incidents.add(100.0 * number, f"incident {number}")
+    slam.process(robot.readings[0])
+    with caplog.at_level(logging.WARNING):
+        slam.finish()
+    assert len(caplog.messages) == 21
+    assert caplog.messages[-1] == "robot_7: and 10 more"
+
+
+def test_odometry_in_a_bag_that_stops_for_a_while(robot):
+    stamps = robot.truth.stamps
+    odometry = poses_at(robot.odometry, stamps)
+    readings = [
+        Reading(r.scan, None if 40 <= k < 110 else SE2.from_array(pose), r.T_robot_sensor)
+        for k, (r, pose) in enumerate(zip(robot.readings, odometry, strict=True))
+    ]
+    _, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
