@@ -1,6 +1,11 @@
 """Mapping to be watched in Rerun: scans, the growing map, the drive and closed loops, live or into a file."""
 
+import logging
 import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,6 +18,9 @@ from tbmslam.map_pictures import draw_grid
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 
+_log = logging.getLogger(__name__)
+
+_PATIENCE_S = 30.0
 _SCAN_EVERY_S, _ROUNDING_S = 0.2, 1e-3
 _SCAN_POINTS = 360
 _MAP_EVERY = 25
@@ -50,18 +58,22 @@ class RerunViewer:
             raise ViewerError(
                 "watching needs rerun-sdk, which is not installed: pip install 'tbmslam[viewer]'"
             ) from None
+        if file is None and sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+            raise ViewerError("a viewer cannot be started (there is no screen here): give a file, --viewer FILE.rrd")
+        self._file = file
         self._rerun: Any = rerun
         self._stream: Any = rerun.RecordingStream("tbmslam")
         self._robots: dict[str, _Robot] = {}
         try:
             if file is None:
-                self._stream.spawn()
+                with _own_programs_found():
+                    self._stream.spawn()
             else:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 self._stream.save(file)
         except (OSError, RuntimeError, ValueError) as error:
             place = "a viewer cannot be started" if file is None else f"{file}: cannot be written"
-            reason = " ".join(str(error).split())
+            reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")
             raise ViewerError(f"{place} ({reason}): give another file, --viewer FILE.rrd") from error
 
     def __enter__(self) -> Self:
@@ -69,9 +81,23 @@ class RerunViewer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """Bring everything to the viewer or the file."""
-        self._stream.flush()
-        self._stream.disconnect()
+        """Bring everything to the viewer or the file.
+
+        Raises
+        ------
+        ViewerError
+            If the file is not complete. A viewer that somebody closed is only warned of: the map does not need it.
+        """
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE_S)
+            self._stream.disconnect()
+        except (RuntimeError, OSError) as fault:
+            reason = str(fault).splitlines()[0]
+            if self._file is not None:
+                raise ViewerError(
+                    f"{self._file}: is not complete ({reason}): make room or give another file"
+                ) from fault
+            _log.warning("the viewer was gone before the end (%s)", reason)
 
     def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
         """Show where a robot is, and now and then what it sees and the map so far."""
@@ -133,6 +159,17 @@ class RerunViewer:
             vertex_texcoords=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
             albedo_texture=np.dstack([grey] * 3),
         )
+
+
+@contextmanager
+def _own_programs_found() -> Iterator[None]:
+    """Let the viewer be found beside this Python, also where its environment was not activated."""
+    before = os.environ.get("PATH", "")
+    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{before}"
+    try:
+        yield
+    finally:
+        os.environ["PATH"] = before
 
 
 class _Robot:

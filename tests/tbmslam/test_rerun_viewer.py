@@ -88,6 +88,8 @@ def test_live_it_starts_a_viewer_or_says_why_not(monkeypatch):
     needs_rerun()
     import rerun
 
+    monkeypatch.setenv("DISPLAY", ":0")
+
     started = []
 
     def start(stream):
@@ -98,8 +100,35 @@ def test_live_it_starts_a_viewer_or_says_why_not(monkeypatch):
         assert len(started) == 1
 
     def refuse(stream):
-        raise RuntimeError("no such program\nrerun")
+        raise RuntimeError("no such program.\nLong advice")
 
     monkeypatch.setattr(rerun.RecordingStream, "spawn", refuse)
-    with pytest.raises(ViewerError, match=r"a viewer cannot be started \(no such program rerun\): give another file"):
+    with pytest.raises(ViewerError, match=r"a viewer cannot be started \(no such program\): give another file"):
         RerunViewer()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there always is a screen")
+def test_without_a_screen_there_is_no_live_viewing(monkeypatch):
+    needs_rerun()
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ViewerError, match=r"\(there is no screen here\): give a file, --viewer FILE\.rrd"):
+        RerunViewer()
+
+
+def test_a_viewer_that_was_closed_costs_no_map_but_a_file_must_be_whole(monkeypatch, tmp_path, caplog):
+    needs_rerun()
+    import rerun
+
+    def severed(stream, timeout_sec):
+        raise RuntimeError("connection severed\nUnknown error")
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda _: None)
+    monkeypatch.setattr(rerun.RecordingStream, "flush", severed)
+    with RerunViewer():
+        pass
+    assert "the viewer was gone before the end (connection severed)" in caplog.text
+    viewer = RerunViewer(tmp_path / "a.rrd")
+    with pytest.raises(ViewerError, match=r"a\.rrd: is not complete \(connection severed\)"), viewer:
+        pass
