@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Alternative
+from merging.baselines.methods import BASELINES, align_baseline
 from merging.candidates import Candidate, find_candidates, refine_all
 from merging.confidence import confidences
 from merging.config import MergeConfig, VerificationConfig
@@ -59,6 +60,8 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
     """
     config = config or MergeConfig()
     resolution = comparison_resolution([target.grid, source.grid], config)
+    if config.method in BASELINES:
+        return align_baseline(target.grid, source.grid, resolution, config)
     return align_views(view_of(target.grid, resolution, config), view_of(source.grid, resolution, config), config)
 
 

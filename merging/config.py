@@ -4,10 +4,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from merging.baselines.config import BaselinesConfig
 from tbmslam.submap import SubmapConfig
 from tbmslam.wall_limits import FACING, Limits
 
-Method = Literal["correlation", "features"]
+Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
 Rule = Literal[
     "disjunctive",
@@ -302,7 +303,8 @@ class MergeConfig(_Config):
     Parameters
     ----------
     method
-        How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's.
+        How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's, and the
+        others are `merging.baselines`.
     rule
         How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
         `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`.
@@ -330,3 +332,4 @@ class MergeConfig(_Config):
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()
     joint: JointConfig = JointConfig()
+    baselines: BaselinesConfig = BaselinesConfig()

@@ -1,0 +1,131 @@
+"""Birk and Carpin: a random walk that adapts its steps finds where two maps look most alike.
+
+A. Birk, S. Carpin, "Merging occupancy grid maps from multiple robots", Proceedings of the IEEE, 2006; the walk is that
+of S. Carpin, G. Pillonetto, "Motion planning using adaptive random walks", 2005. Cells are free, wall or unknown. Two
+maps are the less alike the farther the cells of either are from the nearest cell of the same state in the other, as means
+over the cells of a state, by the Manhattan distance; cells that meet and disagree cost more, those that agree save
+some (the "lock"). Alignments with a low acceptance index, ai = 1 - agr / (agr + dis), are accepted. Fusion that makes
+disagreeing cells unknown is the rule `unanimous`.
+
+Chosen here: many walks at once, which start all over the plane, instead of one; the second half of the steps is walked
+from the best place so far; the covariance of the steps is diagonal; a sample of the cells is compared, so that a step
+costs the same for every map; the lock counts shares of the cells.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.alignment import Alignment
+from merging.baselines.agreement import Agreement, answer
+from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.config import BirkCarpinConfig
+from merging.baselines.placing import Placing
+from merging.config import MergeConfig
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import FloatArray
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame; both have known cells."""
+    how = config.baselines.birk_carpin
+    maps = CellStates.of(target), CellStates.of(source)
+    placing = Placing.of(*maps)
+    place = _walk(_Likeness.of(*maps, placing, how), placing, how)
+    index = float(Agreement.of(*maps, placing, place[None]).index()[0])
+    words = f"acceptance index {index:.3f}, to be at most {how.max_index:g}"
+    return answer("birk-carpin", maps, placing, place, (words, index <= how.max_index), config)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One state's cells of one map: some of them, and every cell's Manhattan distance to the nearest [cells]."""
+
+    points: Points
+    distances: Field
+    geometry: GridGeometry
+
+    @classmethod
+    def of(cls, states: CellStates, state: int, sample: int) -> "_Side":
+        there = states.states == state
+        distances = cv2.distanceTransform((~there).astype(np.uint8), cv2.DIST_L1, 3)
+        return cls(states.some(there, sample), np.asarray(distances, dtype=np.float32), states.geometry)
+
+    def mean_distance(self, points: Points) -> FloatArray:
+        """Return the mean distance (K,) of points (K, N) from this state's cells [cells]; off the grid an estimate."""
+        left, bottom, right, top = self.geometry.bounds()
+        margin = 0.5 * self.geometry.resolution
+        x = np.clip(points.real, left + margin, right - margin)
+        y = np.clip(points.imag, bottom + margin, top - margin)
+        beyond = (np.abs(points.real - x) + np.abs(points.imag - y)) / self.geometry.resolution
+        return np.asarray((read(self.distances, self.geometry, x + 1j * y) + beyond).mean(axis=1), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _Likeness:
+    """How unlike two maps are at places."""
+
+    maps: tuple[CellStates, CellStates]
+    placing: Placing
+    sides: list[tuple[_Side, _Side]]
+    how: BirkCarpinConfig
+
+    @classmethod
+    def of(cls, target: CellStates, source: CellStates, placing: Placing, how: BirkCarpinConfig) -> "_Likeness":
+        states = [state for state in (IS_FREE, IS_WALL) if all((one.states == state).any() for one in (target, source))]
+        sides = [(_Side.of(target, state, how.sample), _Side.of(source, state, how.sample)) for state in states]
+        return cls((target, source), placing, sides, how)
+
+    def cost(self, places: FloatArray) -> FloatArray:
+        """Return psi + lock * (dis - agr) at places (K, 3)."""
+        total = np.zeros(len(places))
+        for target, source in self.sides:
+            total += target.mean_distance(self.placing.into_target(source.points, places))
+            total += source.mean_distance(self.placing.into_source(target.points, places))
+        agreement = Agreement.of(*self.maps, self.placing, places, 2 * self.how.sample)
+        return total + self.how.lock * (agreement.disagreeing - agreement.agreeing)
+
+
+def _walk(likeness: _Likeness, placing: Placing, how: BirkCarpinConfig) -> FloatArray:
+    """Return the best place that the walks come by."""
+    rng = np.random.default_rng(how.seed)
+    radius = 0.5 * placing.reach_m * np.sqrt(rng.random(how.walkers))
+    angle = 2.0 * np.pi * rng.random(how.walkers)
+    turns = 2.0 * np.pi * np.arange(how.walkers) / how.walkers
+    starts = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), turns))
+    wide = np.array((0.1 * placing.reach_m, 0.1 * placing.reach_m, 0.3))
+    best, _ = _steps(likeness, starts, wide, how.steps // 2, how, rng)
+    narrow = np.array((0.5, 0.5, 0.05))
+    best, _ = _steps(likeness, np.tile(best, (how.walkers, 1)), narrow, how.steps - how.steps // 2, how, rng)
+    return best
+
+
+def _steps(
+    likeness: _Likeness,
+    places: FloatArray,
+    spread: FloatArray,
+    count: int,
+    how: BirkCarpinConfig,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Walk from places (K, 3); each walk draws steps like those it took last."""
+    costs = likeness.cost(places)
+    # As if the walks had come by steps as wide as the first ones shall be.
+    taken = rng.normal(0.0, 1.0, (how.memory, len(places), 3)) * spread
+    slots: npt.NDArray[np.intp] = np.zeros(len(places), dtype=np.intp)
+    best, least = places[costs.argmin()].copy(), float(costs.min())
+    for _ in range(count):
+        deviation = np.maximum(taken.std(axis=0), 0.02 * spread)
+        steps = rng.normal(taken.mean(axis=0), deviation)
+        found = likeness.cost(places + steps)
+        accepted = (found < costs) | (rng.random(len(places)) < how.daring)
+        places = np.where(accepted[:, None], places + steps, places)
+        costs = np.where(accepted, found, costs)
+        # What was refused makes the next steps smaller: it counts as a step half as wide.
+        taken[slots, np.arange(len(places))] = np.where(accepted[:, None], steps, steps * rng.uniform(-0.5, 0.5))
+        slots = (slots + 1) % how.memory
+        if costs.min() < least:
+            best, least = places[costs.argmin()].copy(), float(costs.min())
+    return best, least

@@ -1,0 +1,79 @@
+"""Carpin: Hough spectra give the rotation, projections onto two axes the shift.
+
+S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 2008. The circular correlation of
+the maps' Hough spectra offers rotations. For each, both maps' walls are counted along x and along y; correlated, these
+spectra offer the shift along either axis. No search, no iterations; the acceptance index chooses among the offers.
+
+Chosen here: both maps are first turned so that the target's main direction is an axis, where the projections of
+straight walls have peaks; several peaks along each axis are combined; offers are rated by agreeing less a multiple of
+disagreeing cells, since the index alone is best where next to nothing meets; the best few are moved uphill on that, as
+bins of half a degree are wide at a map's far end.
+"""
+
+import itertools
+
+import numpy as np
+
+from merging.alignment import Alignment
+from merging.baselines.agreement import Agreement, answer
+from merging.baselines.cell_states import IS_WALL, CellStates, Points
+from merging.baselines.hough_spectrum import BINS, hough_spectrum, likely_turns
+from merging.baselines.placing import Placing, climb
+from merging.config import MergeConfig
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import FloatArray
+
+_BEST = 8
+"""Offers that are made exact."""
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame; both have known cells."""
+    how = config.baselines.carpin
+    maps = CellStates.of(target), CellStates.of(source)
+    walls = [one.some(one.states == IS_WALL) for one in maps]
+    if min(len(points) for points in walls) == 0:
+        return Alignment("carpin", accepted=False, reason="a map has no walls")
+    placing = Placing.of(*maps)
+    cell = target.geometry.resolution
+    fixed, moving = walls[0] - placing.target_centre, walls[1] - placing.source_centre
+    spectra = [hough_spectrum(points, np.ones(len(points)), cell) for points in (fixed, moving)]
+    axis = np.pi * float(spectra[0].argmax()) / BINS
+    offers = [
+        (shift.real, shift.imag, turn)
+        for turn in likely_turns(spectra[0], spectra[1], how.turns)
+        for shift in _shifts(fixed * np.exp(-1j * axis), moving * np.exp(1j * (turn - axis)), cell, how.peaks)
+        * np.exp(1j * axis)
+    ]
+
+    def rating(places: FloatArray) -> FloatArray:
+        agreement = Agreement.of(*maps, placing, places, 1500)
+        return agreement.agreeing - how.penalty * agreement.disagreeing
+
+    places = np.array(offers)
+    best = places[np.argsort(-rating(places), kind="stable")[:_BEST]]
+    best = climb(rating, best, 4.0 * cell, np.pi / BINS)
+    place = best[rating(best).argmax()]
+    index = float(Agreement.of(*maps, placing, place[None]).index()[0])
+    words = f"acceptance index {index:.3f}, to be at most {how.max_index:g}"
+    return answer("carpin", maps, placing, place, (words, index <= how.max_index), config)
+
+
+def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:
+    """Return shifts (peaks^2,) at which the walls' counts along x and those along y correlate most."""
+    along = [
+        _shifts_along(one, other, cell, peaks) for one, other in ((fixed.real, moving.real), (fixed.imag, moving.imag))
+    ]
+    return np.array([complex(x, y) for x, y in itertools.product(*along)])
+
+
+def _shifts_along(fixed: FloatArray, moving: FloatArray, cell: float, peaks: int) -> FloatArray:
+    low = float(min(fixed.min(), moving.min()))
+    size = round((max(fixed.max(), moving.max()) - low) / cell) + 2
+    counts = [np.bincount(np.floor((one - low) / cell).astype(np.intp), minlength=size) for one in (fixed, moving)]
+    spectra = [np.fft.rfft(one - one.mean(), 2 * size) for one in counts]
+    likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), 2 * size)
+    around = np.stack([np.roll(likeness, step) for step in range(-4, 5)])
+    maxima = np.flatnonzero(likeness == around.max(axis=0))
+    best = maxima[np.argsort(-likeness[maxima], kind="stable")[:peaks]]
+    return np.asarray(np.where(best < size, best, best - 2 * size) * cell, dtype=np.float64)

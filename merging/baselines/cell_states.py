@@ -1,0 +1,88 @@
+"""A grid whose cells are free, wall or unknown, and arrays over its cells read at points of the plane."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.grid import GridGeometry, TbmGrid
+
+Points = npt.NDArray[np.complexfloating]
+"""Points of the plane, x + iy [m]: a rotation is a product."""
+Field = npt.NDArray[np.float32]
+
+IS_UNKNOWN, IS_FREE, IS_WALL = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class CellStates:
+    """What is known of a map if one must decide.
+
+    Parameters
+    ----------
+    geometry
+        Where the cells lie.
+    states
+        IS_UNKNOWN, IS_FREE or IS_WALL (rows, cols).
+    """
+
+    geometry: GridGeometry
+    states: npt.NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, grid: TbmGrid) -> "CellStates":
+        """Decide for what has more mass; cells where neither has are unknown."""
+        free, wall = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
+        states = np.where(wall > free, np.uint8(IS_WALL), np.where(free > wall, np.uint8(IS_FREE), np.uint8(0)))
+        return cls(grid.geometry, states)
+
+    def some(self, chosen: npt.NDArray[np.bool_], limit: int | None = None) -> Points:
+        """Return the centres (N,) of the chosen cells, or of at most `limit` of them, evenly spread."""
+        return self.centres(evenly(chosen, limit))
+
+    def centres(self, cells: npt.NDArray[np.intp]) -> Points:
+        """Return the centres (N,) of cells (N,), counted row by row."""
+        rows, cols = np.divmod(cells, self.geometry.cols)
+        g = self.geometry
+        return g.origin_x + (cols + 0.5) * g.resolution + 1j * (g.origin_y + (rows + 0.5) * g.resolution)
+
+    @cached_property
+    def known(self) -> tuple[Points, npt.NDArray[np.uint8]]:
+        """Known cells, twenty thousand at most: their centres (N,) and states (N,)."""
+        cells = evenly(self.states != IS_UNKNOWN, 20_000)
+        return self.centres(cells), self.states.ravel()[cells]
+
+    @cached_property
+    def centre(self) -> complex:
+        """The middle of what is known."""
+        points = self.known[0]
+        x, y = points.real, points.imag
+        return complex(float(x.min() + x.max()) / 2.0, float(y.min() + y.max()) / 2.0)
+
+    @cached_property
+    def radius_m(self) -> float:
+        """Distance of the farthest known cell from the middle [m]."""
+        return float(np.abs(self.known[0] - self.centre).max())
+
+
+def evenly(chosen: npt.NDArray[np.bool_], limit: int | None) -> npt.NDArray[np.intp]:
+    """Return the indices, row by row, of the chosen cells (rows, cols), or of at most `limit` evenly among them."""
+    cells = np.flatnonzero(chosen)
+    if limit is None or len(cells) <= limit:
+        return cells
+    return np.asarray(cells[np.linspace(0, len(cells) - 1, limit).astype(np.intp)])
+
+
+def read(values: Field, geometry: GridGeometry, points: Points, outside: float = 0.0) -> Field:
+    """Return what an array over the cells (rows, cols) holds at points (...); `outside` where they lie off the grid."""
+    framed = np.pad(values, 1, constant_values=outside)
+    return np.asarray(framed.ravel()[_framed_cells(geometry, points)], dtype=np.float32)
+
+
+def _framed_cells(geometry: GridGeometry, points: Points) -> npt.NDArray[np.int32]:
+    """Return indices of cells in a grid that has a frame of one cell around it, in which all other points lie."""
+    rows = np.clip((points.imag - geometry.origin_y) / geometry.resolution + 1.0, 0.0, geometry.rows + 1.0)
+    cols = np.clip((points.real - geometry.origin_x) / geometry.resolution + 1.0, 0.0, geometry.cols + 1.0)
+    return rows.astype(np.int32) * np.int32(geometry.cols + 2) + cols.astype(np.int32)

@@ -1,0 +1,38 @@
+"""Dobrokhvalov and Filatov, whose paper this project began with: whatever the keypoints agree on is accepted.
+
+M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model", SEIM 2021. The keypoints,
+their descriptors on three masses and their matches are those of `--method features`, which lets the walls confirm and
+refine what is found. The paper's program does neither: it takes any transform that it can fit, three matches being
+enough. Cells are fused by the rule `disjunctive`.
+
+Chosen here: the motion is rigid, as the paper writes it, though its program lets it stretch and shear.
+"""
+
+from merging.alignment import Alignment
+from merging.config import MergeConfig
+from merging.consensus import find_consensus
+from merging.features import describe, match
+from tbmslam.grid import TbmGrid
+
+_ENOUGH = 3
+"""Matches that determine the program's affine transform."""
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame."""
+    matches = match(describe(target, config.features), describe(source, config.features), config.features)
+    rigid = config.consensus.model_copy(update={"min_inliers": _ENOUGH})
+    consensus = find_consensus(matches, rigid)
+    if consensus is None or consensus.count < _ENOUGH:
+        reason = f"no {_ENOUGH} of {len(matches)} matches agree on a motion"
+        return Alignment("dobrokhvalov-filatov", accepted=False, reason=reason, matches=len(matches))
+    return Alignment(
+        method="dobrokhvalov-filatov",
+        accepted=True,
+        reason=f"{consensus.count} of {len(matches)} matches agree",
+        T_target_source=consensus.T_target_source,
+        matches=len(matches),
+        inliers=consensus.count,
+        rmse_m=consensus.rmse_m,
+        scale=consensus.scale,
+    )

@@ -1,0 +1,63 @@
+"""Howard: robots that meet measure where the other is, and that measurement joins their maps.
+
+A. Howard, "Multi-robot simultaneous localization and mapping using particle filters", IJRR 2006. An encounter gives the
+relative pose of two robots, and each robot's readings enter the common map from there, forward and backward in
+time. Merged values are averaged: the rule `average`.
+
+Chosen here: finished maps take the place of the readings, so that the measurement's error stays, where Howard's filter
+would work on it; several encounters are averaged; an encounter is believed. No program here can know of encounters
+but the benchmark, which simulates them.
+"""
+
+import cmath
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from merging.alignment import Alignment
+from tbmslam.se2 import SE2
+
+METRES, DEGREES = 0.05, 1.0
+"""Standard deviations of a simulated measurement of a pose, along each axis and of its direction."""
+
+
+class Encounter(NamedTuple):
+    """Two robots see each other.
+
+    Parameters
+    ----------
+    T_target_robot
+        Where the target's robot stands in its own map.
+    T_robot_other
+        Where it sees the source's robot: the measurement.
+    T_source_other
+        Where that robot stands in its own map.
+    """
+
+    T_target_robot: SE2
+    T_robot_other: SE2
+    T_source_other: SE2
+
+
+def align(encounters: Sequence[Encounter]) -> Alignment:
+    """Find where a source lies in a target's frame from what the robots measured."""
+    if not encounters:
+        return Alignment("howard", accepted=False, reason="the robots never met")
+    met = [one.T_target_robot @ one.T_robot_other for one in encounters]
+    motions = [there @ one.T_source_other.inverse() for there, one in zip(met, encounters, strict=True)]
+    theta = cmath.phase(sum(cmath.exp(1j * motion.theta) for motion in motions))
+    rotation = SE2(0.0, 0.0, theta)
+    # About the places where they met: a turn moves what is far from them, not what is near.
+    places = rotation.apply([(one.T_source_other.x, one.T_source_other.y) for one in encounters])
+    x, y = np.mean([(there.x, there.y) for there in met] - places, axis=0)
+    reason = f"the robots met {len(encounters)} time{'s' if len(encounters) > 1 else ''}"
+    return Alignment("howard", accepted=True, reason=reason, T_target_source=SE2(float(x), float(y), theta))
+
+
+def measured(T_target_robot: SE2, T_source_other: SE2, T_target_source: SE2, rng: np.random.Generator) -> Encounter:
+    """Simulate an encounter: the true relative pose with a normal error of `METRES` and `DEGREES`."""
+    true = T_target_robot.inverse() @ T_target_source @ T_source_other
+    x, y, theta = rng.normal(0.0, (METRES, METRES, math.radians(DEGREES)))
+    return Encounter(T_target_robot, SE2(true.x + x, true.y + y, true.theta + theta), T_source_other)

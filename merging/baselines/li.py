@@ -1,0 +1,94 @@
+"""Li and Nashashibi: a genetic algorithm maximises the likelihood of the source's occupancy in the target.
+
+H. Li, F. Nashashibi, "A new method for occupancy grid maps merging: application to multi-vehicle cooperative local
+mapping and moving object detection in outdoor environment", ICARCV 2012; H. Li, M. Tsukada, F. Nashashibi, M. Parent,
+"Multivehicle cooperative local mapping", 2014. The objective rates a pose by the probabilities of being occupied of
+the cells that meet; vehicles know roughly where they are, and the genetic algorithm finds the rest. Cells are averaged:
+the rule `average`.
+
+Chosen here: differential evolution (scipy) is the genetic algorithm; nobody knows roughly, so that it searches the
+whole plane; the objective is, over samples of walls and of free cells, how far the target's blurred probability leans
+to their side of one half on average, so that unknown cells count neither for nor against; accepted is what reaches a
+mean likelihood of the walls that meet known cells.
+"""
+
+import cv2
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from merging.alignment import Alignment
+from merging.baselines.agreement import answer
+from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.config import LiConfig
+from merging.baselines.placing import Placing
+from merging.config import MergeConfig
+from tbmslam.belief import pignistic
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import FloatArray
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame; both have known cells."""
+    how = config.baselines.li
+    maps = CellStates.of(target), CellStates.of(source)
+    walls, free = (maps[1].some(maps[1].states == state, how.sample) for state in (IS_WALL, IS_FREE))
+    if len(walls) == 0 or not (maps[0].states == IS_WALL).any():
+        return Alignment("li", accepted=False, reason="a map has no walls")
+    placing = Placing.of(*maps)
+    lean = _lean(target, how.blur_m)
+    geometry = target.geometry
+
+    def loss(vectors: FloatArray) -> FloatArray:
+        """Rate places (3, K) as the library hands them over, the less the better."""
+        places = vectors.reshape(3, -1).T
+        occupied = read(lean, geometry, placing.into_target(walls, places)).mean(axis=1)
+        empty = read(lean, geometry, placing.into_target(free, places)).mean(axis=1) if len(free) else 0.0
+        return np.asarray(empty - occupied, dtype=np.float64)
+
+    reach = 0.8 * placing.reach_m
+    found = differential_evolution(
+        loss,
+        [(-reach, reach), (-reach, reach), (-np.pi, np.pi)],
+        strategy="best1bin",
+        popsize=1,
+        init=_population(how, reach),
+        maxiter=how.generations,
+        mutation=(0.4, 0.9),
+        recombination=0.8,
+        tol=0.0,
+        seed=np.random.default_rng(how.seed),
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+    )
+    place = np.asarray(found.x, dtype=np.float64)
+    likelihood = _likelihood(lean, target, placing.into_target(walls, place[None])[0])
+    words = f"mean likelihood {likelihood:.2f} of the walls that meet known cells, to be {how.min_likelihood:g}"
+    return answer("li", maps, placing, place, (words, likelihood >= how.min_likelihood), config)
+
+
+def _population(how: LiConfig, reach: float) -> FloatArray:
+    """Return the first generation (population, 3), evenly drawn."""
+    rng = np.random.default_rng(how.seed)
+    return rng.uniform((-reach, -reach, -np.pi), (reach, reach, np.pi), (how.population, 3))
+
+
+def _lean(grid: TbmGrid, blur_m: float) -> Field:
+    """Return how far every cell's blurred probability leans to being occupied: 1 surely, -1 surely free, 0 unknown.
+
+    A wall a little beside where it should be is still likely: near walls the blurred wall counts, not the free space.
+    """
+    lean = (2.0 * pignistic(grid.masses) - 1.0).astype(np.float32)
+    sigma = blur_m / grid.geometry.resolution
+    near = cv2.GaussianBlur(np.maximum(lean, 0.0), (0, 0), sigma)
+    # A thin line, blurred, keeps its height.
+    near = np.minimum(near * sigma * np.sqrt(2.0 * np.pi), 1.0)
+    return np.asarray(np.where(near > 0.1, near, np.minimum(lean, near)), dtype=np.float32)
+
+
+def _likelihood(lean: Field, target: TbmGrid, points: Points) -> float:
+    """Return the mean probability of being occupied at points that meet known cells; 0 where fewer than ten do."""
+    known = read(target.is_known().astype(np.float32), target.geometry, points) > 0.0
+    if np.count_nonzero(known) < 10:
+        return 0.0
+    return float((0.5 + 0.5 * read(lean, target.geometry, points)[known]).mean())

@@ -1,0 +1,141 @@
+"""Saeedi et al.: probabilistic generalised Voronoi diagrams of two maps are laid onto each other.
+
+S. Saeedi, L. Paull, M. Trentini, M. Seto, H. Li, "Efficient map merging using a probabilistic generalized Voronoi
+diagram", IROS 2012, and "Group mapping: a topological approach to map merging for multiple robots", 2014. The diagram
+runs midway between obstacles, and each of its cells carries the probability of the occupancy grid. Log odds are then
+added, and an entropy filter rejects what would make a cell less certain: the rules `log-odds` and `entropy-filter`.
+
+Chosen here: the diagram is the integer medial axis (W. Hesselink, J. Roerdink, 2008), free cells whose neighbour has
+its nearest wall elsewhere; Hough spectra of the diagrams offer rotations; for each, every shift is tried by correlating
+the diagrams, cells of like clearance only; the best are moved uphill on the same. Accepted is what lowers the entropy
+of enough of the overlap: the share of its cells that the entropy filter lets pass.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.alignment import Alignment
+from merging.baselines.agreement import Agreement, answer
+from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.config import SaeediConfig
+from merging.baselines.hough_spectrum import hough_spectrum, likely_turns
+from merging.baselines.placing import Placing, climb
+from merging.baselines.shift_search import Channel, ShiftSearch
+from merging.config import MergeConfig
+from tbmslam.belief import pignistic
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import FloatArray
+
+_CLEARANCES_M = (0.0, 0.6, 1.0, 1.6, np.inf)
+"""Cells of the diagram whose distances to walls lie in one of these intervals are like each other."""
+_FINALISTS = 24
+
+
+@dataclass(frozen=True)
+class VoronoiDiagram:
+    """The lines midway between walls.
+
+    Parameters
+    ----------
+    points
+        Its cells (N,).
+    probabilities
+        Of being free (N,).
+    clearances_m
+        Distances to the nearest wall (N,) [m].
+    """
+
+    points: Points
+    probabilities: FloatArray
+    clearances_m: FloatArray
+
+    @classmethod
+    def of(cls, grid: TbmGrid, states: CellStates, min_apart_m: float) -> "VoronoiDiagram":
+        """Find the free cells on either side of which another wall is the nearest."""
+        wall = states.states == IS_WALL
+        resolution = grid.geometry.resolution
+        distances, nearest = _nearest_walls(wall)
+        on_line = np.zeros(wall.shape, dtype=np.bool_)
+        for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            apart = np.abs(nearest[here] - nearest[there])
+            # A bend in one wall has its ends no farther apart than they are away.
+            on_line[here] |= apart > np.maximum(min_apart_m / resolution, 1.2 * distances[here])
+        cells = np.flatnonzero(on_line & (states.states == IS_FREE))
+        free = 1.0 - pignistic(grid.masses).ravel()[cells]
+        return cls(states.centres(cells), free, distances.ravel()[cells].astype(np.float64) * resolution)
+
+    def channels(self, centre: complex, turn: float) -> list[Channel]:
+        """Return its cells about a centre and turned, those of like clearance together."""
+        points = (self.points - centre) * np.exp(1j * turn)
+        kinds = np.digitize(self.clearances_m, _CLEARANCES_M) - 1
+        return [(points[kinds == kind], self.probabilities[kinds == kind]) for kind in range(len(_CLEARANCES_M) - 1)]
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame; both have known cells."""
+    how = config.baselines.saeedi
+    maps = CellStates.of(target), CellStates.of(source)
+    placing = Placing.of(*maps)
+    diagrams = [
+        VoronoiDiagram.of(grid, states, how.min_apart_m) for grid, states in zip((target, source), maps, strict=True)
+    ]
+    if min(len(diagram.points) for diagram in diagrams) == 0 or not all((one.states == IS_WALL).any() for one in maps):
+        return Alignment("saeedi", accepted=False, reason="a map has no walls that face each other")
+    places = _proposals(diagrams[0], diagrams[1], placing, how)
+    fields = _fields(diagrams[0], target.geometry, how.cell_m)
+    kinds = diagrams[1].channels(0.0, 0.0)
+
+    def likeness(places: FloatArray) -> FloatArray:
+        return np.asarray(
+            sum(
+                read(field, target.geometry, placing.into_target(points, places)) @ free
+                for field, (points, free) in zip(fields, kinds, strict=True)
+            ),
+            dtype=np.float64,
+        )
+
+    places = climb(likeness, places, 2.0 * target.geometry.resolution, 0.01)
+    place = places[likeness(places).argmax()]
+    gain = 1.0 - float(Agreement.of(*maps, placing, place[None]).index()[0])
+    words = f"the entropy sinks in {gain:.0%} of the cells that meet, to be {how.min_gain:.0%}"
+    return answer("saeedi", maps, placing, place, (words, gain >= how.min_gain), config)
+
+
+def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:
+    """Return every cell's distance to the nearest wall cell [cells] and where that is, column + i row."""
+    if not wall.any():
+        return np.full(wall.shape, np.inf, dtype=np.float32), np.zeros(wall.shape, dtype=np.complex64)
+    distances, labels = cv2.distanceTransformWithLabels(
+        (~wall).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    rows, cols = np.nonzero(wall)
+    of_label = np.zeros(labels.max() + 1, dtype=np.complex64)
+    of_label[labels[wall]] = cols + 1j * rows
+    return np.asarray(distances, dtype=np.float32), of_label[labels]
+
+
+def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing, how: SaeediConfig) -> FloatArray:
+    """Return the places (K, 3) at which the diagrams meet most."""
+    spectra = [hough_spectrum(diagram.points, diagram.probabilities, how.cell_m / 2.0) for diagram in (target, source)]
+    search = ShiftSearch.over(target.channels(placing.target_centre, 0.0), placing.reach_m, how.cell_m)
+    found = []
+    for turn in likely_turns(spectra[0], spectra[1], how.turns):
+        scores, shifts = search.best(source.channels(placing.source_centre, float(turn)), how.peaks)
+        found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
+    ranked = np.concatenate(found)
+    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][:_FINALISTS, 1:])
+
+
+def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> list[Field]:
+    """Return an image (rows, cols) of the diagram for each kind of clearance, blurred."""
+    images = []
+    for points, free in diagram.channels(0.0, 0.0):
+        image = np.zeros((geometry.rows, geometry.cols), dtype=np.float32)
+        rows = ((points.imag - geometry.origin_y) / geometry.resolution).astype(np.intp)
+        cols = ((points.real - geometry.origin_x) / geometry.resolution).astype(np.intp)
+        image[rows, cols] = free
+        images.append(np.asarray(cv2.GaussianBlur(image, (0, 0), blur_m / geometry.resolution), dtype=np.float32))
+    return images

@@ -1,0 +1,63 @@
+"""Every shift of one set of points against another, rated at once by Fourier transforms."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from merging.baselines.cell_states import Field, Points
+from tbmslam.se2 import FloatArray
+
+Channel = tuple[Points, FloatArray]
+"""Points about a map's middle (N,) and what each counts (N,)."""
+
+
+@dataclass(frozen=True)
+class ShiftSearch:
+    """The target's side of a search; the source's is given turned.
+
+    Parameters
+    ----------
+    spectra
+        Of the target's channels.
+    size
+        Rows and columns of the images.
+    cell_m
+        Their cells [m].
+    """
+
+    spectra: tuple[npt.NDArray[np.complex64], ...]
+    size: tuple[int, int]
+    cell_m: float
+
+    @classmethod
+    def over(cls, channels: Sequence[Channel], reach_m: float, cell_m: float) -> "ShiftSearch":
+        """Prepare a search over all shifts up to a reach; the target's channels are blurred by a cell."""
+        side = scipy.fft.next_fast_len(math.ceil(2.2 * reach_m / cell_m), real=True)
+        images = [cv2.GaussianBlur(_image(channel, (side, side), cell_m), (0, 0), 1.0) for channel in channels]
+        return cls(tuple(scipy.fft.rfft2(image) for image in images), (side, side), cell_m)
+
+    def best(self, channels: Sequence[Channel], count: int) -> tuple[FloatArray, Points]:
+        """Return the scores and shifts (count,) of the highest peaks: products that meet, summed over the channels."""
+        product = sum(
+            spectrum * np.conj(scipy.fft.rfft2(_image(channel, self.size, self.cell_m)))
+            for spectrum, channel in zip(self.spectra, channels, strict=True)
+        )
+        scores = scipy.fft.irfft2(product, self.size).astype(np.float32)
+        peaks = np.flatnonzero(scores == cv2.dilate(scores, np.ones((5, 5), np.uint8)))
+        best = peaks[np.argsort(-scores.ravel()[peaks], kind="stable")[:count]]
+        rows, cols = np.divmod(best, self.size[1])
+        rows, cols = (np.where(at < side / 2, at, at - side) for at, side in zip((rows, cols), self.size, strict=True))
+        return scores.ravel()[best].astype(np.float64), (cols + 1j * rows) * self.cell_m
+
+
+def _image(channel: Channel, size: tuple[int, int], cell_m: float) -> Field:
+    """Add up points in the cells they lie in; the middle is cell (0, 0), and what is below comes in from behind."""
+    points, weights = channel
+    rows = np.floor(points.imag / cell_m).astype(np.intp) % size[0]
+    cols = np.floor(points.real / cell_m).astype(np.intp) % size[1]
+    return np.bincount(rows * size[1] + cols, weights, size[0] * size[1]).reshape(size).astype(np.float32)

@@ -1,0 +1,91 @@
+"""Trehard et al.: masses of two maps are consistent as far as the disjunctive operator leaves them committed.
+
+G. Trehard, Z. Alsayed, E. Pollard, B. Bradai, F. Nashashibi, "Credibilist simultaneous localization and mapping with
+a lidar", IROS 2014, match a scan with a map so. Cells hold masses of the Transferable Belief Model; the disjunction of
+two beliefs keeps on a hypothesis only what both hold, m(A) = m1(A) m2(A) for free and for occupied, and gives the rest
+to the unknown. Merged cells are conjunctions: the rule `conjunctive`.
+
+Chosen here: maps take the place of the scan, and the mass that the disjunction leaves on occupied, over the walls of
+both, is maximised; every rotation and shift is tried by correlation on coarse cells, and the best are moved uphill on
+the maps' own cells, all walls widened by a cell. The consistency is that mass as a share of what either map
+calls occupied where the other knows anything.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from merging.alignment import Alignment
+from merging.baselines.agreement import answer
+from merging.baselines.cell_states import IS_WALL, CellStates, Field, Points, evenly, read
+from merging.baselines.config import TrehardConfig
+from merging.baselines.placing import Placing, climb
+from merging.baselines.shift_search import ShiftSearch
+from merging.config import MergeConfig
+from tbmslam.belief import OCCUPIED, UNKNOWN
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import FloatArray
+
+
+def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame; both have known cells."""
+    how = config.baselines.trehard
+    maps = CellStates.of(target), CellStates.of(source)
+    sides = _Side.of(target, maps[0], how.sample), _Side.of(source, maps[1], how.sample)
+    if min(len(side.walls) for side in sides) == 0:
+        return Alignment("trehard", accepted=False, reason="a map has no walls")
+    placing = Placing.of(*maps)
+
+    def sums(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the disjunction's mass on occupied, and what it could be at the most (K,)."""
+        forth, back = placing.into_target(sides[1].walls, places), placing.into_source(sides[0].walls, places)
+        met = [sides[0].meet(forth, sides[1].masses), sides[1].meet(back, sides[0].masses)]
+        return met[0][0] + met[1][0], met[0][1] + met[1][1]
+
+    places = _proposals(sides, placing, how)
+    places = climb(lambda places: sums(places)[0], places, 0.2, np.pi / how.turns)
+    place = places[sums(places)[0].argmax()]
+    agreed, possible = (float(one[0]) for one in sums(place[None]))
+    consistency = agreed / possible if possible > 0.0 else 0.0
+    words = f"consistency {consistency:.2f}, to be {how.min_consistency:g}"
+    return answer("trehard", maps, placing, place, (words, consistency >= how.min_consistency), config)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One map: some of its walls with their masses as shares of all, and masses of every cell to hold walls against."""
+
+    walls: Points
+    masses: Field
+    occupied: Field
+    committed: Field
+    geometry: GridGeometry
+
+    @classmethod
+    def of(cls, grid: TbmGrid, states: CellStates, sample: int) -> "_Side":
+        cells = evenly(states.states == IS_WALL, sample)
+        occupied = np.ascontiguousarray(grid.masses[..., OCCUPIED])
+        masses = occupied.ravel()[cells]
+        wide = np.asarray(cv2.dilate(occupied, np.ones((3, 3), np.uint8)), dtype=np.float32)
+        committed = np.maximum(wide, 1.0 - grid.masses[..., UNKNOWN]).astype(np.float32)
+        return cls(states.centres(cells), masses / max(float(masses.sum()), 1e-9), wide, committed, grid.geometry)
+
+    def meet(self, points: Points, masses: Field) -> tuple[FloatArray, FloatArray]:
+        """Hold the other map's walls (K, N) against this one: mass on occupied in both, and where this one knows."""
+        agreed, possible = (read(field, self.geometry, points) @ masses for field in (self.occupied, self.committed))
+        return np.asarray(agreed, dtype=np.float64), np.asarray(possible, dtype=np.float64)
+
+
+def _proposals(sides: tuple[_Side, _Side], placing: Placing, how: TrehardConfig) -> FloatArray:
+    """Return the places (K, 3) at which walls meet most on coarse cells."""
+    target, source = sides
+    cell = max(2.0 * placing.reach_m / how.cells_along, target.geometry.resolution)
+    search = ShiftSearch.over([(target.walls - placing.target_centre, target.masses)], placing.reach_m, cell)
+    found = []
+    for turn in 2.0 * np.pi * np.arange(how.turns) / how.turns:
+        turned = (source.walls - placing.source_centre) * np.exp(1j * turn)
+        scores, shifts = search.best([(turned, source.masses)], how.peaks)
+        found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
+    ranked = np.concatenate(found)
+    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][: how.finalists, 1:])
