@@ -11,6 +11,11 @@ import argparse
 import sys
 from pathlib import Path
 
+from tools.merge import METHODS
+
+PAIR_METHODS = (*METHODS, "howard")
+"""Howard's needs to be told of encounters, so that `merge` cannot offer it."""
+
 EXAMPLES = """examples:
   python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
       two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
@@ -20,6 +25,8 @@ EXAMPLES = """examples:
       ten drives through ten buildings each, and a line on the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
       every .npz pair of a folder (see datasets/synthetic/map_pairs.py), with a line for each that went wrong
+  python tools/%(prog)s.py align map-pairs/ --method all
+      one table of our methods and the related work's
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
 """
@@ -55,7 +62,12 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
     align = commands.add_parser("align", help="how often pairs of maps are aligned rightly")
     align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
-    align.add_argument("--method", choices=("correlation", "features"), default="correlation", help="(correlation)")
+    align.add_argument(
+        "--method",
+        default="correlation",
+        metavar="NAME,...",
+        help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is told of a simulated encounter",
+    )
     align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
     align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
     merge = commands.add_parser("merge", help="cost of a merge against the area of the maps, and of many robots")
@@ -109,6 +121,7 @@ def _check(args: argparse.Namespace) -> None:
     from tools.simulated_recording import SimulatedRecording
 
     if args.command == "align":
+        args.method = _pair_methods(args.method)
         return
     if args.command == "merge":
         args.areas = [float(area) for area in args.areas.split(",")]
@@ -135,6 +148,14 @@ def _check(args: argparse.Namespace) -> None:
     for name in ("repeat", "seeds"):
         if getattr(args, name) < 1:
             raise ValueError(f"--{name} must be at least 1, got {getattr(args, name)}")
+
+
+def _pair_methods(text: str) -> list[str]:
+    names = list(PAIR_METHODS) if text == "all" else text.split(",")
+    for name in names:
+        if name not in PAIR_METHODS:
+            raise ValueError(f"--method: there is no {name!r}; there are {', '.join(PAIR_METHODS)}, all")
+    return names
 
 
 def _run(args: argparse.Namespace) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
-METHODS = ("correlation", "features")
+METHODS = ("correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov")
 RULES = (
     "disjunctive",
     "conjunctive",
@@ -130,7 +130,8 @@ def _parser() -> argparse.ArgumentParser:
     finding.add_argument(
         "--method",
         choices=METHODS,
-        help="try every rotation and shift (correlation, default) or match keypoints (features, the paper's)",
+        help="try every rotation and shift (correlation, default), match keypoints (features, the paper's), or do as "
+        "the related work does: for comparison, each accepts by its own lights",
     )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")

@@ -4,8 +4,9 @@ import argparse
 import itertools
 import json
 import statistics
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -53,41 +54,59 @@ class PairResult:
 
 def benchmark_pairs(args: argparse.Namespace) -> None:
     """Align all pairs of a folder and print the tables."""
-    from merging.config import MergeConfig
     from tbmslam.atomic_file import write_bytes, write_text
     from tbmslam.errors import TbmSlamError
 
     paths = sorted(args.pairs.glob("*.npz"))
     if not paths:
         raise TbmSlamError(f"{args.pairs} holds no .npz pair of maps: give the folder that does")
-    config = MergeConfig(method=args.method)
-    measure(paths[0], config)  # compiles
-    results = [measure(path, config) for path in paths]
-    print(summary(results, args.method))
-    print()
-    print(calibration_table(results))
-    if args.details:
+    results = {method: _measure_all(paths, method) for method in args.method}
+    first = results[args.method[0]]
+    if len(results) > 1:
+        print(comparison(results))
+    else:
+        print(summary(first, args.method[0]))
         print()
-        print(details(results))
+        print(calibration_table(first))
+    if args.details:
+        for method, found in results.items():
+            print(f"\n{method}\n{details(found)}")
     machine = describe_machine()
     print(", ".join(f"{key} {value}" for key, value in machine.items()))
     if args.json:
-        record = {"machine": machine, "method": args.method, "pairs": [asdict(result) for result in results]}
+        pairs = {method: [asdict(one) for one in found] for method, found in results.items()}
+        record = {"machine": machine, "methods": pairs}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
     if args.plot:
         from tools.calibration_plot import draw_calibration
 
-        write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in results], BINS))
+        write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in first], BINS))
 
 
-def measure(path: Path, config: object) -> PairResult:
+def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:
+    measure(paths[0], method)  # compiles
+    results = []
+    for path in paths:
+        results.append(measure(path, method))
+        sys.stderr.write(f"benchmark: {method} {path.stem}: {results[-1].reason}\n")
+    return results
+
+
+def measure(path: Path, method: str) -> PairResult:
     """Align one pair."""
     from merging.aligner import align
+    from merging.baselines import howard
+    from merging.config import MergeConfig
+    from tools.pair_encounters import encounters_of
     from tools.pair_files import load_pair
 
     pair = load_pair(path)
+    encounters = encounters_of(pair)
     start = time.process_time()
-    found = align(pair.target, pair.source, config)  # type: ignore[arg-type]
+    if method == "howard":
+        found = howard.align(encounters)
+    else:
+        found = align(pair.target, pair.source, MergeConfig.model_validate({"method": method}))
     cpu_s = time.process_time() - start
     errors: tuple[float | None, float | None] = (None, None)
     if pair.T_target_source is not None and found.T_target_source is not None:
@@ -124,6 +143,29 @@ def summary(results: Sequence[PairResult], method: str) -> str:
         f"Refused as ambiguous: {sum(r.ambiguous for r in results)}."
     )
     return text_table(head, [[method, str(len(results)), *cells, str(wrong), false]]) + "\n" + notes
+
+
+def comparison(results: Mapping[str, Sequence[PairResult]]) -> str:
+    """Return one table of several methods on the same pairs."""
+    head = ["method", *(f"{overlap} %" for overlap in OVERLAPS), "all", "wrong but accepted", "negatives accepted"]
+    rows = []
+    for method, found in results.items():
+        true = [result for result in found if result.overlap is not None]
+        negatives = [result for result in found if result.overlap is None]
+        rows.append(
+            [
+                method,
+                *(_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS),
+                _share(true),
+                str(sum(r.accepted and not r.right for r in true)),
+                f"{sum(r.accepted for r in negatives)} of {len(negatives)}",
+                str(sum(r.right for r in true)),
+                number(_median([r.cpu_s for r in found]), 2),
+                f"{max(r.cpu_s for r in found):.2f}",
+            ]
+        )
+    table = text_table([*head, "best place right", "CPU s", "most"], rows)
+    return table + "\nAccepted and right, by overlap. Best place right: accepted or not. CPU s: median of a pair."
 
 
 def calibration_table(results: Sequence[PairResult]) -> str:

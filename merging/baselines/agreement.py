@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.alignment import Alignment
-from merging.baselines.cell_states import IS_UNKNOWN, CellStates, read
+from merging.baselines.cell_states import IS_UNKNOWN, CellStates
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
 from tbmslam.se2 import FloatArray
@@ -32,7 +32,7 @@ class Agreement:
         points, states = source.known
         every = max(1, len(points) // limit) if limit is not None else 1
         points, states = points[::every], states[::every]
-        there = read(target.states.astype(np.float32), target.geometry, placing.into_target(points, places))
+        there = target.field.at(placing.into_target(points, places))
         agreeing = np.mean(there == states, axis=1)
         return cls(agreeing, np.mean(there != IS_UNKNOWN, axis=1) - agreeing)
 

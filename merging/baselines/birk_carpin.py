@@ -2,10 +2,10 @@
 
 A. Birk, S. Carpin, "Merging occupancy grid maps from multiple robots", Proceedings of the IEEE, 2006; the walk is that
 of S. Carpin, G. Pillonetto, "Motion planning using adaptive random walks", 2005. Cells are free, wall or unknown. Two
-maps are the less alike the farther the cells of either are from the nearest cell of the same state in the other, as means
-over the cells of a state, by the Manhattan distance; cells that meet and disagree cost more, those that agree save
-some (the "lock"). Alignments with a low acceptance index, ai = 1 - agr / (agr + dis), are accepted. Fusion that makes
-disagreeing cells unknown is the rule `unanimous`.
+maps are the less alike the farther the cells of either are from the nearest cell of the same state in the other, as
+means over the cells of a state, by the Manhattan distance; cells that meet and disagree cost more, those that agree
+save some (the "lock"). Alignments with a low acceptance index, ai = 1 - agr / (agr + dis), are accepted. Fusion that
+makes disagreeing cells unknown is the rule `unanimous`.
 
 Chosen here: many walks at once, which start all over the plane, instead of one; the second half of the steps is walked
 from the best place so far; the covariance of the steps is diagonal; a sample of the cells is compared, so that a step
@@ -20,11 +20,11 @@ import numpy.typing as npt
 
 from merging.alignment import Alignment
 from merging.baselines.agreement import Agreement, answer
-from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
 from merging.baselines.config import BirkCarpinConfig
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray
 
 
@@ -44,23 +44,23 @@ class _Side:
     """One state's cells of one map: some of them, and every cell's Manhattan distance to the nearest [cells]."""
 
     points: Points
-    distances: Field
-    geometry: GridGeometry
+    distances: CellField
 
     @classmethod
     def of(cls, states: CellStates, state: int, sample: int) -> "_Side":
         there = states.states == state
         distances = cv2.distanceTransform((~there).astype(np.uint8), cv2.DIST_L1, 3)
-        return cls(states.some(there, sample), np.asarray(distances, dtype=np.float32), states.geometry)
+        return cls(states.some(there, sample), CellField.of(distances, states.geometry))
 
     def mean_distance(self, points: Points) -> FloatArray:
         """Return the mean distance (K,) of points (K, N) from this state's cells [cells]; off the grid an estimate."""
-        left, bottom, right, top = self.geometry.bounds()
-        margin = 0.5 * self.geometry.resolution
+        geometry = self.distances.geometry
+        left, bottom, right, top = geometry.bounds()
+        margin = 0.5 * geometry.resolution
         x = np.clip(points.real, left + margin, right - margin)
         y = np.clip(points.imag, bottom + margin, top - margin)
-        beyond = (np.abs(points.real - x) + np.abs(points.imag - y)) / self.geometry.resolution
-        return np.asarray((read(self.distances, self.geometry, x + 1j * y) + beyond).mean(axis=1), dtype=np.float64)
+        beyond = (np.abs(points.real - x) + np.abs(points.imag - y)) / geometry.resolution
+        return np.asarray((self.distances.at(x + 1j * y) + beyond).mean(axis=1), dtype=np.float64)
 
 
 @dataclass(frozen=True)

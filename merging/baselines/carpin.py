@@ -16,7 +16,7 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.agreement import Agreement, answer
-from merging.baselines.cell_states import IS_WALL, CellStates, Points
+from merging.baselines.cell_states import IS_WALL, CellStates, Points, Reals
 from merging.baselines.hough_spectrum import BINS, hough_spectrum, likely_turns
 from merging.baselines.placing import Placing, climb
 from merging.config import MergeConfig
@@ -67,7 +67,7 @@ def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:
     return np.array([complex(x, y) for x, y in itertools.product(*along)])
 
 
-def _shifts_along(fixed: FloatArray, moving: FloatArray, cell: float, peaks: int) -> FloatArray:
+def _shifts_along(fixed: Reals, moving: Reals, cell: float, peaks: int) -> FloatArray:
     low = float(min(fixed.min(), moving.min()))
     size = round((max(fixed.max(), moving.max()) - low) / cell) + 2
     counts = [np.bincount(np.floor((one - low) / cell).astype(np.intp), minlength=size) for one in (fixed, moving)]

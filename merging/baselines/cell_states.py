@@ -12,6 +12,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 Points = npt.NDArray[np.complexfloating]
 """Points of the plane, x + iy [m]: a rotation is a product."""
 Field = npt.NDArray[np.float32]
+Reals = npt.NDArray[np.floating]
 
 IS_UNKNOWN, IS_FREE, IS_WALL = 0, 1, 2
 
@@ -55,6 +56,11 @@ class CellStates:
         return self.centres(cells), self.states.ravel()[cells]
 
     @cached_property
+    def field(self) -> "CellField":
+        """The states, to be read at points; unknown off the grid."""
+        return CellField.of(self.states, self.geometry, IS_UNKNOWN)
+
+    @cached_property
     def centre(self) -> complex:
         """The middle of what is known."""
         points = self.known[0]
@@ -75,14 +81,31 @@ def evenly(chosen: npt.NDArray[np.bool_], limit: int | None) -> npt.NDArray[np.i
     return np.asarray(cells[np.linspace(0, len(cells) - 1, limit).astype(np.intp)])
 
 
-def read(values: Field, geometry: GridGeometry, points: Points, outside: float = 0.0) -> Field:
-    """Return what an array over the cells (rows, cols) holds at points (...); `outside` where they lie off the grid."""
-    framed = np.pad(values, 1, constant_values=outside)
-    return np.asarray(framed.ravel()[_framed_cells(geometry, points)], dtype=np.float32)
+@dataclass(frozen=True)
+class CellField:
+    """An array over the cells of a grid, read at points of the plane.
 
+    Parameters
+    ----------
+    framed
+        The array with a frame of one cell around it, in which all points off the grid lie; flat.
+    geometry
+        Where the cells lie, without the frame.
+    """
 
-def _framed_cells(geometry: GridGeometry, points: Points) -> npt.NDArray[np.int32]:
-    """Return indices of cells in a grid that has a frame of one cell around it, in which all other points lie."""
-    rows = np.clip((points.imag - geometry.origin_y) / geometry.resolution + 1.0, 0.0, geometry.rows + 1.0)
-    cols = np.clip((points.real - geometry.origin_x) / geometry.resolution + 1.0, 0.0, geometry.cols + 1.0)
-    return rows.astype(np.int32) * np.int32(geometry.cols + 2) + cols.astype(np.int32)
+    framed: Field
+    geometry: GridGeometry
+
+    @classmethod
+    def of(cls, values: npt.ArrayLike, geometry: GridGeometry, outside: float = 0.0) -> "CellField":
+        """Take an array (rows, cols), and what shall be read off the grid."""
+        framed = np.pad(np.asarray(values, dtype=np.float32), 1, constant_values=outside)
+        return cls(framed.ravel(), geometry)
+
+    def at(self, points: Points) -> Field:
+        """Return what the cells hold that points (...) lie in."""
+        g = self.geometry
+        rows = np.clip((points.imag - (g.origin_y - g.resolution)) / g.resolution, 0.0, g.rows + 1.0)
+        cols = np.clip((points.real - (g.origin_x - g.resolution)) / g.resolution, 0.0, g.cols + 1.0)
+        cells = rows.astype(np.int32) * np.int32(g.cols + 2) + cols.astype(np.int32)
+        return np.asarray(self.framed[cells], dtype=np.float32)

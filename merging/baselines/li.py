@@ -14,11 +14,11 @@ mean likelihood of the walls that meet known cells.
 
 import cv2
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from merging.alignment import Alignment
 from merging.baselines.agreement import answer
-from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates, Field, Points
 from merging.baselines.config import LiConfig
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
@@ -35,20 +35,19 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     if len(walls) == 0 or not (maps[0].states == IS_WALL).any():
         return Alignment("li", accepted=False, reason="a map has no walls")
     placing = Placing.of(*maps)
-    lean = _lean(target, how.blur_m)
-    geometry = target.geometry
+    lean = CellField.of(_lean(target, how.blur_m), target.geometry)
 
     def loss(vectors: FloatArray) -> FloatArray:
         """Rate places (3, K) as the library hands them over, the less the better."""
         places = vectors.reshape(3, -1).T
-        occupied = read(lean, geometry, placing.into_target(walls, places)).mean(axis=1)
-        empty = read(lean, geometry, placing.into_target(free, places)).mean(axis=1) if len(free) else 0.0
+        occupied = lean.at(placing.into_target(walls, places)).mean(axis=1)
+        empty = lean.at(placing.into_target(free, places)).mean(axis=1) if len(free) else 0.0
         return np.asarray(empty - occupied, dtype=np.float64)
 
     reach = 0.8 * placing.reach_m
     found = differential_evolution(
-        loss,
-        [(-reach, reach), (-reach, reach), (-np.pi, np.pi)],
+        loss,  # type: ignore[arg-type]  # the stubs know nothing of vectorised objectives
+        Bounds([-reach, -reach, -np.pi], [reach, reach, np.pi]),
         strategy="best1bin",
         popsize=1,
         init=_population(how, reach),
@@ -62,7 +61,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
         vectorized=True,
     )
     place = np.asarray(found.x, dtype=np.float64)
-    likelihood = _likelihood(lean, target, placing.into_target(walls, place[None])[0])
+    likelihood = _likelihood(lean, maps[0], placing.into_target(walls, place[None])[0])
     words = f"mean likelihood {likelihood:.2f} of the walls that meet known cells, to be {how.min_likelihood:g}"
     return answer("li", maps, placing, place, (words, likelihood >= how.min_likelihood), config)
 
@@ -86,9 +85,9 @@ def _lean(grid: TbmGrid, blur_m: float) -> Field:
     return np.asarray(np.where(near > 0.1, near, np.minimum(lean, near)), dtype=np.float32)
 
 
-def _likelihood(lean: Field, target: TbmGrid, points: Points) -> float:
+def _likelihood(lean: CellField, target: CellStates, points: Points) -> float:
     """Return the mean probability of being occupied at points that meet known cells; 0 where fewer than ten do."""
-    known = read(target.is_known().astype(np.float32), target.geometry, points) > 0.0
+    known = target.field.at(points) != IS_UNKNOWN
     if np.count_nonzero(known) < 10:
         return 0.0
-    return float((0.5 + 0.5 * read(lean, target.geometry, points)[known]).mean())
+    return float((0.5 + 0.5 * lean.at(points)[known]).mean())

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from merging.alignment import Alignment
 from merging.baselines.agreement import Agreement, answer
-from merging.baselines.cell_states import IS_FREE, IS_WALL, CellStates, Field, Points, read
+from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
 from merging.baselines.config import SaeediConfig
 from merging.baselines.hough_spectrum import hough_spectrum, likely_turns
 from merging.baselines.placing import Placing, climb
@@ -91,7 +91,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     def likeness(places: FloatArray) -> FloatArray:
         return np.asarray(
             sum(
-                read(field, target.geometry, placing.into_target(points, places)) @ free
+                field.at(placing.into_target(points, places)) @ free
                 for field, (points, free) in zip(fields, kinds, strict=True)
             ),
             dtype=np.float64,
@@ -129,7 +129,7 @@ def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing,
     return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][:_FINALISTS, 1:])
 
 
-def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> list[Field]:
+def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> list[CellField]:
     """Return an image (rows, cols) of the diagram for each kind of clearance, blurred."""
     images = []
     for points, free in diagram.channels(0.0, 0.0):
@@ -137,5 +137,5 @@ def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> l
         rows = ((points.imag - geometry.origin_y) / geometry.resolution).astype(np.intp)
         cols = ((points.real - geometry.origin_x) / geometry.resolution).astype(np.intp)
         image[rows, cols] = free
-        images.append(np.asarray(cv2.GaussianBlur(image, (0, 0), blur_m / geometry.resolution), dtype=np.float32))
+        images.append(CellField.of(cv2.GaussianBlur(image, (0, 0), blur_m / geometry.resolution), geometry))
     return images

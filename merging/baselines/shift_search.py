@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from merging.baselines.cell_states import Field, Points
+from merging.baselines.cell_states import Field, Points, Reals
 from tbmslam.se2 import FloatArray
 
-Channel = tuple[Points, FloatArray]
+Channel = tuple[Points, Reals]
 """Points about a map's middle (N,) and what each counts (N,)."""
 
 
@@ -30,7 +30,7 @@ class ShiftSearch:
         Their cells [m].
     """
 
-    spectra: tuple[npt.NDArray[np.complex64], ...]
+    spectra: tuple[npt.NDArray[np.complexfloating], ...]
     size: tuple[int, int]
     cell_m: float
 
@@ -43,11 +43,10 @@ class ShiftSearch:
 
     def best(self, channels: Sequence[Channel], count: int) -> tuple[FloatArray, Points]:
         """Return the scores and shifts (count,) of the highest peaks: products that meet, summed over the channels."""
-        product = sum(
-            spectrum * np.conj(scipy.fft.rfft2(_image(channel, self.size, self.cell_m)))
-            for spectrum, channel in zip(self.spectra, channels, strict=True)
-        )
-        scores = scipy.fft.irfft2(product, self.size).astype(np.float32)
+        product = np.zeros_like(self.spectra[0])
+        for spectrum, channel in zip(self.spectra, channels, strict=True):
+            product += spectrum * np.conj(scipy.fft.rfft2(_image(channel, self.size, self.cell_m)))
+        scores: Field = np.asarray(scipy.fft.irfft2(product, self.size), dtype=np.float32)
         peaks = np.flatnonzero(scores == cv2.dilate(scores, np.ones((5, 5), np.uint8)))
         best = peaks[np.argsort(-scores.ravel()[peaks], kind="stable")[:count]]
         rows, cols = np.divmod(best, self.size[1])

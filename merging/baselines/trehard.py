@@ -18,13 +18,13 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.agreement import answer
-from merging.baselines.cell_states import IS_WALL, CellStates, Field, Points, evenly, read
+from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
 from merging.baselines.config import TrehardConfig
 from merging.baselines.placing import Placing, climb
 from merging.baselines.shift_search import ShiftSearch
 from merging.config import MergeConfig
 from tbmslam.belief import OCCUPIED, UNKNOWN
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray
 
 
@@ -58,9 +58,8 @@ class _Side:
 
     walls: Points
     masses: Field
-    occupied: Field
-    committed: Field
-    geometry: GridGeometry
+    occupied: CellField
+    committed: CellField
 
     @classmethod
     def of(cls, grid: TbmGrid, states: CellStates, sample: int) -> "_Side":
@@ -68,19 +67,20 @@ class _Side:
         occupied = np.ascontiguousarray(grid.masses[..., OCCUPIED])
         masses = occupied.ravel()[cells]
         wide = np.asarray(cv2.dilate(occupied, np.ones((3, 3), np.uint8)), dtype=np.float32)
-        committed = np.maximum(wide, 1.0 - grid.masses[..., UNKNOWN]).astype(np.float32)
-        return cls(states.centres(cells), masses / max(float(masses.sum()), 1e-9), wide, committed, grid.geometry)
+        committed = np.maximum(wide, 1.0 - grid.masses[..., UNKNOWN])
+        fields = (CellField.of(values, grid.geometry) for values in (wide, committed))
+        return cls(states.centres(cells), masses / max(float(masses.sum()), 1e-9), *fields)
 
     def meet(self, points: Points, masses: Field) -> tuple[FloatArray, FloatArray]:
         """Hold the other map's walls (K, N) against this one: mass on occupied in both, and where this one knows."""
-        agreed, possible = (read(field, self.geometry, points) @ masses for field in (self.occupied, self.committed))
+        agreed, possible = (field.at(points) @ masses for field in (self.occupied, self.committed))
         return np.asarray(agreed, dtype=np.float64), np.asarray(possible, dtype=np.float64)
 
 
 def _proposals(sides: tuple[_Side, _Side], placing: Placing, how: TrehardConfig) -> FloatArray:
     """Return the places (K, 3) at which walls meet most on coarse cells."""
     target, source = sides
-    cell = max(2.0 * placing.reach_m / how.cells_along, target.geometry.resolution)
+    cell = max(2.0 * placing.reach_m / how.cells_along, target.occupied.geometry.resolution)
     search = ShiftSearch.over([(target.walls - placing.target_centre, target.masses)], placing.reach_m, cell)
     found = []
     for turn in 2.0 * np.pi * np.arange(how.turns) / how.turns:

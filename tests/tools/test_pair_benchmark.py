@@ -6,7 +6,7 @@ import pytest
 from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
-from tools.pair_benchmark import PairResult, calibration_table, details, summary
+from tools.pair_benchmark import PairResult, calibration_table, comparison, details, summary
 from tools.pair_files import PairFileError, load_pair
 
 
@@ -42,10 +42,35 @@ def test_pairs_are_aligned_and_told(folder, tmp_path, capsys):
     figures, plot = tmp_path / "figures.json", tmp_path / "plot.png"
     assert benchmark.main(["align", str(folder), "--json", str(figures), "--plot", str(plot), "--details"]) == 0
     assert "negatives accepted" in capsys.readouterr().out
-    pairs = {pair["name"]: pair for pair in json.loads(figures.read_text())["pairs"]}
+    pairs = {pair["name"]: pair for pair in json.loads(figures.read_text())["methods"]["correlation"]}
     assert len(pairs) == 3
     assert all(pair["right"] for name, pair in pairs.items() if name.endswith("100"))
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_several_methods_share_one_table(folder, capsys):
+    assert benchmark.main(["align", str(folder), "--method", "trehard,howard"]) == 0
+    table = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    rows = {row[0]: row[1:] for row in ([cell.strip() for cell in line.split("|")[1:-1]] for line in table)}
+    assert rows["method"][6:10] == ["all", "wrong but accepted", "negatives accepted", "best place right"]
+    assert rows["howard"][0] == "1/1"
+    assert rows["howard"][7:9] == ["0", "0 of 1"]
+    assert len(rows["trehard"]) == 12
+
+
+def test_the_comparison_counts_what_each_method_got_right():
+    right, wrong, refused = (result(50, 0.0, *rest) for rest in ((True, True), (False, True), (True, False)))
+    table = comparison({"one": [right, wrong], "two": [refused, result(None, 0.0, False, True)]})
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:4]]
+    assert rows[0] == ["one", "-", "-", "1/2", "-", "-", "-", "1/2", "1", "0 of 0", "1", "0.30", "0.30"]
+    assert rows[1] == ["two", "-", "-", "0/1", "-", "-", "-", "0/1", "0", "1 of 1", "1", "0.30", "0.30"]
+
+
+def test_methods_that_do_not_exist_are_wrong_usage(folder, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        benchmark.main(["align", str(folder), "--method", "trehard,guess"])
+    assert stopped.value.code == 2
+    assert "--method: there is no 'guess'; there are correlation, features, birk-carpin" in capsys.readouterr().err
 
 
 def test_a_folder_without_pairs_is_an_error(tmp_path, capsys):
