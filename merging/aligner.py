@@ -31,10 +31,13 @@ class View:
         Its walls and free space.
     features
         Its keypoints; none where the method has no use for them.
+    grid
+        The grid itself, for the related work's methods; None for others.
     """
 
     structure: Structure
     features: Features
+    grid: TbmGrid | None = None
 
 
 def view_of(grid: TbmGrid, resolution: float, config: MergeConfig) -> View | None:
@@ -43,7 +46,8 @@ def view_of(grid: TbmGrid, resolution: float, config: MergeConfig) -> View | Non
         return None
     seen = at_resolution(grid, resolution)
     features = describe(seen, config.features) if config.method == "features" else Features.none()
-    return View(Structure.from_grid(seen, config.structure), features)
+    kept = seen if config.method in BASELINES else None
+    return View(Structure.from_grid(seen, config.structure), features, kept)
 
 
 def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
@@ -70,6 +74,8 @@ def align_views(target: View | None, source: View | None, config: MergeConfig) -
     if target is None or source is None:
         empty = "target" if target is None else "source"
         return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it was seen")
+    if target.grid is not None and source.grid is not None:
+        return BASELINES[config.method](target.grid, source.grid, config)
     if config.method == "features":
         return _by_features(target, source, config)
     return _by_correlation(target.structure, source.structure, config)

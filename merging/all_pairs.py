@@ -8,7 +8,6 @@ from concurrent.futures import ProcessPoolExecutor
 
 from merging.aligner import View, align_views, comparison_resolution, view_of
 from merging.alignment import Alignment
-from merging.baselines.methods import BASELINES, align_baseline
 from merging.cluster_pairs import align_on_cluster
 from merging.config import MergeConfig
 from tbmslam.grid import TbmGrid
@@ -79,9 +78,6 @@ class _Crew:
 
     def align(self, pair: Pair) -> Alignment:
         """Align one pair (target, source)."""
-        if self._config.method in BASELINES:
-            grids = self._grids[pair[0]], self._grids[pair[1]]
-            return align_baseline(*grids, self._resolution, self._config)
         target, source = (self._view(name) for name in pair)
         return align_views(target, source, self._config)
 
