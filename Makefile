@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper docs test slow check install clean
+.PHONY: demo paper docs test slow check install clean kernel-coverage fuzz
 
 install: .venv/installed
 
