@@ -65,7 +65,7 @@ class Keyframes:
                 [(s.angle_min, s.angle_increment, s.range_min, s.range_max) for s in scans], dtype=np.float64
             ).reshape(-1, 4),
             offsets=np.concatenate(([0], np.cumsum([len(scan.ranges) for scan in scans]))).astype(np.int64),
-            ranges=np.concatenate([np.zeros(0), *(scan.ranges for scan in scans)]).astype(np.float32),
+            ranges=np.concatenate([np.zeros(0, np.float32), *(scan.ranges.astype(np.float32) for scan in scans)]),
             beam_steps=np.array([scan.beam_step for scan in scans], dtype=np.float64).reshape(-1, 3),
         )
 

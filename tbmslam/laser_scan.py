@@ -41,7 +41,7 @@ class Hits:
         return Hits(self.points[::step], self.normals[::step])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LaserScan:
     """One turn of a laser range finder.
 
@@ -115,7 +115,7 @@ class LaserScan:
         return Hits(*hits_of_scan(self.ranges, *directions, max_range, apart, 0.5))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Reading:
     """A scan and the odometry at its stamp.
 

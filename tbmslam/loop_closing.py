@@ -28,6 +28,8 @@ from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
+_SUBMAPS_KEPT = 500
+
 
 class LoopClosingConfig(BaseModel):
     """When a place is taken for one seen before."""
@@ -130,10 +132,14 @@ class _Drive:
         self._hits = DriveHits(scans, poses, config.submap.max_range)
         self._travelled = self._hits.travelled
         stretches = split_into_submaps(poses, config.submap.length)
-        self._submaps = [Submap(first, last, self._hits, config.submap, surfels) for first, last in stretches]
+        self._surfels = surfels
+        self._submaps: dict[int, Submap] = {}
         self._firsts, self._lasts = np.array(stretches).T.copy()
         self._ends = self._travelled[self._lasts]
         self._chain = MotionChain(chain)
+        self._anchors = (self._firsts + self._lasts) // 2
+        self._bridges = np.zeros((64, 2), dtype=np.int64)
+        self._bridge_count = 0
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
@@ -186,6 +192,17 @@ class _Drive:
             solved = optimise(self.poses[nodes], self._chain.between(nodes), joined, self.config.robust_width)
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
+    def _submap(self, number: int) -> Submap:
+        """Return a submap; those used last are kept, however long the drive is."""
+        submap = self._submaps.pop(number, None)
+        if submap is None:
+            first, last = int(self._firsts[number]), int(self._lasts[number])
+            submap = Submap(first, last, self._hits, self.config.submap, self._surfels)
+        self._submaps[number] = submap
+        if len(self._submaps) > _SUBMAPS_KEPT:
+            del self._submaps[next(iter(self._submaps))]
+        return submap
+
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the old submaps that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
         config = self.config
@@ -193,7 +210,7 @@ class _Drive:
         near = np.flatnonzero(self._is_old(keyframe) & (distances <= config.reach + config.max_shift))
         if not len(near):
             return []
-        drifts = self._ways(keyframe)[[self._submaps[number].anchor for number in near]]
+        drifts = self._ways(keyframe)[self._anchors[near]]
         shifts = np.minimum(0.3 + config.drift * drifts, config.max_shift)
         turns = np.minimum(0.03 + config.turn_drift * drifts, config.max_turn)
         order = [
@@ -211,12 +228,11 @@ class _Drive:
 
     def _ways(self, keyframe: int) -> FloatArray:
         """Return the length of the shortest way from a keyframe to all others, over closures too [m]."""
-        bridges = np.array([(e.source, e.target) for e in self.closures.values()], dtype=np.int64).reshape(-1, 2)
-        return shortest_ways(self._travelled, bridges, 0.5, keyframe)
+        return shortest_ways(self._travelled, self._bridges[: self._bridge_count], 0.5, keyframe)
 
     def _fit(self, keyframe: int, number: int, shift: float, turn: float) -> _PlacedBundle | None:
         """Search a keyframe's bundle in a submap; return where it lies, if it can be trusted."""
-        config, submap = self.config, self._submaps[number]
+        config, submap = self.config, self._submap(number)
         bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
         if len(bundle.points) < config.search_points // 2:
             return None
@@ -249,10 +265,19 @@ class _Drive:
         edges = []
         for one, information in zip(found, informations, strict=True):
             rotation = SE2(0.0, 0.0, one.pose.theta).matrix()
-            anchor = self._submaps[one.submap].anchor
+            anchor = int(self._anchors[one.submap])
             edges.append(MotionEdge(anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
+            if (one.keyframe, one.submap) not in self.closures:
+                self._add_bridge(anchor, one.keyframe)
             self.closures[one.keyframe, one.submap] = edges[-1]
         return edges
+
+    def _add_bridge(self, source: int, target: int) -> None:
+        """Let ways lead over a closure from now on."""
+        if self._bridge_count == len(self._bridges):
+            self._bridges = np.vstack((self._bridges, np.zeros_like(self._bridges)))
+        self._bridges[self._bridge_count] = source, target
+        self._bridge_count += 1
 
     def _determined(self, hessian: FloatArray, rival: FloatArray | None) -> FloatArray | None:
         """Return the curvature without the direction that a fit leaves open; None where a rival lies across.

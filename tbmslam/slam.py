@@ -2,8 +2,8 @@
 
 import logging
 import math
+from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tile_maps import TileMaps
-from tbmslam.tracked_keyframe import TrackedKeyframe, chain
+from tbmslam.tracked_keyframe import KeptScans, TrackedKeyframe, chain
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
@@ -65,8 +65,9 @@ class Slam:
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
         self._closer = self._make_closer()
-        self._stamps: list[float] = []
-        self._poses: list[SE2] = []
+        # Plain numbers, three for each pose: a day has millions.
+        self._stamps, self._poses = array("d"), array("d")
+        self._T_map_keyframe = SE2.identity()
         self._keyframes: list[TrackedKeyframe] = []
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
@@ -91,12 +92,13 @@ class Slam:
         self._variances += prediction.deviations**2
         if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
             self._tracker.learn(scan, match)
-            keyframe = TrackedKeyframe(len(self._poses), scan, T_robot_sensor, match, self._variances)
+            keyframe = TrackedKeyframe.of(len(self._stamps), scan, T_robot_sensor, match, self._variances)
             self._keyframes.append(keyframe)
+            self._T_map_keyframe = T_map_robot
             self._variances = np.zeros(3)
             self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
-        self._poses.append(T_map_robot)
+        self._poses.extend(T_map_robot)
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
@@ -105,14 +107,14 @@ class Slam:
         Where the robot got lost, it is the map of the longest part of the drive that hangs together.
         """
         readings, kept = self._longest_part()
-        poses = np.array(self._poses[readings], dtype=np.float64).reshape(-1, 3)
+        poses = np.array(self._poses).reshape(-1, 3)[readings]
         tracked = poses
         poses = self._close_loops(poses, kept)
         if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
         keyframes = Keyframes.from_scans(
-            [k.scan for k in kept], [trajectory.pose(k.index) for k in kept], [k.T_robot_sensor for k in kept]
+            KeptScans(kept), [trajectory.pose(k.index) for k in kept], [k.T_robot_sensor for k in kept]
         )
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
@@ -145,20 +147,20 @@ class Slam:
         found = self._monitor.checked(scan, match, guess, prediction.jump)
         if found is None:
             self._tracker = self._make_tracker()
-            self._parts.append((len(self._poses), len(self._keyframes)))
+            self._parts.append((len(self._stamps), len(self._keyframes)))
             found = ScanMatch(guess, 0.0, moved=False)
         return found
 
     def _longest_part(self) -> tuple[slice, list[TrackedKeyframe]]:
         """Return the readings of the part with the most keyframes, and these."""
-        ends = [*self._parts[1:], (len(self._poses), len(self._keyframes))]
+        ends = [*self._parts[1:], (len(self._stamps), len(self._keyframes))]
         parts = list(zip(self._parts, ends, strict=True))
         (first, first_keyframe), (end, end_keyframe) = max(parts, key=lambda part: part[1][1] - part[0][1])
         for (begin, _), (stop, _) in parts:
             if begin != first:
                 self._leave_out(begin, stop)
         kept = [
-            replace(k, index=k.index - first, scan=self._monitor.cleared(k.scan))
+            TrackedKeyframe.of(k.index - first, self._monitor.cleared(k.scan), k.T_robot_sensor, k.match, k.variances)
             for k in self._keyframes[first_keyframe:end_keyframe]
         ]
         return slice(first, end), kept
@@ -175,7 +177,7 @@ class Slam:
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(kept) >= 2:
             tracked = np.array([k.match.T_map_sensor for k in kept])
-            closed, closures = self._closer.close(tracked, [k.scan for k in kept], chain(kept), self._watch)
+            closed, closures = self._closer.close(tracked, KeptScans(kept), chain(kept), self._watch)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         if closed is None:
             return poses
@@ -195,7 +197,7 @@ class Slam:
         """Tell whether the robot is far enough from its last keyframe for a new one."""
         if not self._keyframes:
             return True
-        last, limits = self._poses[self._keyframes[-1].index], self.config.keyframes
+        last, limits = self._T_map_keyframe, self.config.keyframes
         distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
         return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
 

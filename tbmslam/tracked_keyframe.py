@@ -1,9 +1,11 @@
 """A keyframe as the tracker left it, and what is known of the motion from one to the next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge
@@ -11,7 +13,7 @@ from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class TrackedKeyframe:
     """A scan worth keeping, before loops are closed.
 
@@ -19,8 +21,10 @@ class TrackedKeyframe:
     ----------
     index
         Which reading of the drive it is.
-    scan
-        The scan.
+    outline
+        The scan without its ranges.
+    ranges
+        The ranges, in half the memory: a day's drive has some hundred thousand keyframes.
     T_robot_sensor
         Pose of the laser on the robot.
     match
@@ -30,10 +34,48 @@ class TrackedKeyframe:
     """
 
     index: int
-    scan: LaserScan
+    outline: LaserScan
+    ranges: npt.NDArray[np.float32]
     T_robot_sensor: SE2
     match: ScanMatch
     variances: FloatArray
+
+    @classmethod
+    def of(
+        cls, index: int, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch, variances: FloatArray
+    ) -> "TrackedKeyframe":
+        """Keep a scan."""
+        outline = replace(scan, ranges=_NO_RANGES)
+        return cls(index, outline, scan.ranges.astype(np.float32), T_robot_sensor, match, variances)
+
+    @property
+    def scan(self) -> LaserScan:
+        """The scan."""
+        return replace(self.outline, ranges=self.ranges.astype(np.float64))
+
+
+_NO_RANGES = np.zeros(0)
+
+
+class KeptScans(Sequence[LaserScan]):
+    """The scans of keyframes, each unpacked when it is asked for."""
+
+    def __init__(self, keyframes: Sequence[TrackedKeyframe]) -> None:
+        self._keyframes = keyframes
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._keyframes)
+
+    @overload
+    def __getitem__(self, index: int) -> LaserScan: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "KeptScans": ...
+
+    def __getitem__(self, index: int | slice) -> "LaserScan | KeptScans":
+        """Return one scan, or some."""
+        return KeptScans(self._keyframes[index]) if isinstance(index, slice) else self._keyframes[index].scan
 
 
 def chain(keyframes: Sequence[TrackedKeyframe]) -> list[MotionEdge]:

@@ -8,7 +8,7 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ScanMatch:
     """Where a scan was taken, as far as the map can tell.
 

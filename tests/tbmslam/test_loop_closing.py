@@ -4,6 +4,7 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.loop_closing import LoopCloser, LoopClosingConfig
 from tbmslam.pose_graph import MotionEdge, relative_pose
 from tbmslam.se2 import SE2
+from tbmslam.slam import Slam
 from tbmslam.surfel_map import SurfelConfig
 
 INFORMATION = np.diag([0.004**-2, 0.004**-2, 0.002**-2])
@@ -55,3 +56,17 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
     closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, scans, chain)
     assert closures == []
     np.testing.assert_array_equal(closed, poses)
+
+
+def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
+    """Forgotten ones are built anew and give the same poses."""
+    robot = drive_in("apartment", 60.0)
+    slam = Slam()
+    for reading in robot.readings:
+        slam.process(reading)
+    expected = slam.finish().drives[0]
+    monkeypatch.setattr("tbmslam.loop_closing._SUBMAPS_KEPT", 1)
+    found = slam.finish().drives[0]
+    assert len(expected.closures) > 0
+    np.testing.assert_array_equal(found.closures, expected.closures)
+    np.testing.assert_array_equal(found.trajectory.poses, expected.trajectory.poses)

@@ -3,14 +3,14 @@ import numpy as np
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
-from tbmslam.tracked_keyframe import TrackedKeyframe, chain
+from tbmslam.tracked_keyframe import KeptScans, TrackedKeyframe, chain
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 
 
 def keyframe(pose, information, variances):
     match = ScanMatch(pose, 0.9, moved=True, information=information)
-    return TrackedKeyframe(0, SCAN, SE2.identity(), match, np.array(variances))
+    return TrackedKeyframe.of(0, SCAN, SE2.identity(), match, np.array(variances))
 
 
 def test_a_step_knows_what_surfaces_and_odometry_know():
@@ -28,3 +28,17 @@ def test_a_step_knows_what_surfaces_and_odometry_know():
 
 def test_one_keyframe_has_no_steps():
     assert chain([keyframe(SE2.identity(), None, [1.0, 1.0, 1.0])]) == []
+
+
+def test_scans_are_kept_in_half_the_memory():
+    scan = LaserScan(1.0, -1.0, 0.1, 0.1, 9.0, np.array([1.5, np.inf, np.nan, 0.1]), 0.01, SE2(0.0, 0.1, 0.2))
+    match = ScanMatch(SE2.identity(), 0.9, moved=True)
+    kept = [TrackedKeyframe.of(index, scan, SE2.identity(), match, np.ones(3)) for index in range(3)]
+    assert kept[0].ranges.nbytes == scan.ranges.nbytes // 2
+    scans = KeptScans(kept)
+    assert len(scans) == 3
+    assert len(scans[1:]) == 2
+    for again in scans:
+        assert again.ranges.dtype == np.float64
+        np.testing.assert_allclose(again.ranges, scan.ranges, rtol=1e-7)
+        assert (again.stamp, again.beam_step, again.time_increment) == (1.0, scan.beam_step, 0.01)
