@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-import datasets
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
 from datasets.cached import cached
 from datasets.recording_warnings import recording_warnings
@@ -70,7 +69,7 @@ class MappingTask:
             "config": mapping_text(self.config),
             "share": self.share,
             "T_own_start": self.T_own_start,
-            "code": code_digest("tbmslam", datasets.__name__),
+            "code": code_digest("tbmslam", open_recording.__module__.rpartition(".")[0]),
             "versions": versions(),
         }
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

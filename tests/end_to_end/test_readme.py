@@ -16,10 +16,10 @@ COMMANDS = re.findall(r"^python (tools/\w+\.py .+)$", README.replace("\\\n", " "
 pytestmark = pytest.mark.xdist_group("flat")
 
 
-def test_the_example_of_the_library_runs(flat, flat_maps, tmp_path, monkeypatch):
+def test_the_example_of_the_library_runs(flat, tmp_path, monkeypatch):
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    (tmp_path / "robot_0.bag").symlink_to(flat / "robot_0.bag")
-    (tmp_path / "out").symlink_to(flat_maps)
+    for name in ("robot_0.bag", "robot_1.bag"):
+        (tmp_path / name).symlink_to(flat / name)
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})  # noqa: S102 - our own text
     assert [drive.name for drive in load_map(tmp_path / "merged").drives] == ["robot_0", "robot_1"]

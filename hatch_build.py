@@ -1,0 +1,76 @@
+"""What a wheel looks like: everything under tbmslam and merging.
+
+`datasets` and `tools` are names that other projects install too. In a wheel they are `tbmslam.datasets` and
+`tbmslam.tools`; the imports of them, and the commands that help texts show, are written accordingly while it is built.
+The source tree and an editable install keep the short names.
+"""
+
+import ast
+import re
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+HOMES = {"tbmslam": "tbmslam", "merging": "merging", "datasets": "tbmslam/datasets", "tools": "tbmslam/tools"}
+MOVED = tuple(package for package, home in HOMES.items() if package != home)
+
+
+class CustomBuildHook(BuildHookInterface[Any]):
+    """Puts the packages where a wheel has them."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Write the sources of a wheel to be, and have them included."""
+        if self.target_name != "wheel" or version != "standard":
+            return
+        root, staging = Path(self.root), Path(tempfile.mkdtemp())
+        self._staging = staging
+        scripts = self.metadata.core.scripts
+        commands = {target.rpartition(":")[2]: command for command, target in scripts.items()}
+        for package, home in HOMES.items():
+            for source in sorted((root / package).rglob("*")):
+                if source.is_file() and "__pycache__" not in source.parts:
+                    target = staging / home / source.relative_to(root / package)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    if source.suffix == ".py":
+                        target.write_text(for_wheel(source, commands), encoding="utf-8")
+                    else:
+                        shutil.copyfile(source, target)
+        for package in sorted({home.partition("/")[0] for home in HOMES.values()}):
+            build_data["force_include"][str(staging / package)] = package
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what was only for the build."""
+        del version, build_data, artifact_path
+        if hasattr(self, "_staging"):
+            shutil.rmtree(self._staging)
+
+
+def for_wheel(source: Path, commands: dict[str, str]) -> str:
+    """Return a module as a wheel has it.
+
+    Parameters
+    ----------
+    source
+        The module's file.
+    commands
+        Installed commands by the program that they run.
+    """
+    text = source.read_text(encoding="utf-8")
+    lines = text.splitlines(keepends=True)
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import) and any(name.name.partition(".")[0] in MOVED for name in node.names):
+            raise ValueError(
+                f"{source}:{node.lineno}: write `from ... import` for {' and '.join(MOVED)}: wheels move them"
+            )
+        if isinstance(node, ast.ImportFrom) and not node.level and str(node.module).partition(".")[0] in MOVED:
+            line = lines[node.lineno - 1]
+            lines[node.lineno - 1] = line[: node.col_offset] + re.sub(
+                r"^from (\w+)", r"from tbmslam.\1", line[node.col_offset :]
+            )
+    text = "".join(lines).replace("python tools/%(prog)s.py", "%(prog)s")
+    for program, command in commands.items():
+        text = text.replace(f"python tools/{program}.py", command).replace(f'prog="{program}"', f'prog="{command}"')
+    return text

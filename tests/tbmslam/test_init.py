@@ -1,0 +1,42 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tbmslam
+
+
+@pytest.mark.parametrize("name", tbmslam.__all__)
+def test_every_name_leads_somewhere(name):
+    assert getattr(tbmslam, name).__name__ == name
+    assert name in dir(tbmslam)
+
+
+def test_no_other_name():
+    with pytest.raises(AttributeError, match="module 'tbmslam' has no attribute 'Slamm'"):
+        _ = tbmslam.Slamm
+
+
+def test_names_are_loaded_when_they_are_used():
+    code = "import sys, tbmslam; tbmslam.TbmSlamError; print({'numpy', 'numba'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 - our code
+    assert done.stdout == "set()\n"
+
+
+def test_a_map_is_made_of_arrays_without_a_file():
+    slam = tbmslam.Slam(name="mine")
+    for step in range(4):
+        scan = tbmslam.LaserScan(
+            stamp=0.1 * step,
+            angle_min=-1.5,
+            angle_increment=0.01,
+            range_min=0.1,
+            range_max=10.0,
+            ranges=np.full(300, 3.0),
+        )
+        pose = slam.process(tbmslam.Reading(scan, T_odom_robot=tbmslam.SE2(0.0, 0.0, 0.0)))
+    assert pose == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    made = slam.finish()
+    assert made.grid.is_known().any()
+    assert len(made.drives[0].trajectory) == 4
