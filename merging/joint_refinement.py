@@ -77,9 +77,10 @@ def refine_jointly(
     None where a map has no keyframes, or too few closures between the robots were found to do better than rigidly.
     """
     reach = config.submap.max_range
-    tracks = [_Track(name, drive, poses[name], reach) for name in poses for drive in maps[name].drives]
-    if {track.map_name for track in tracks} != set(poses) or any(len(track.keyframes) < 2 for track in tracks):
+    drives = [(name, drive) for name in poses for drive in maps[name].drives]
+    if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):
         return None
+    tracks = [_Track(name, drive, poses[name], reach) for name, drive in drives]
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))
     rigid = np.vstack([track.sensors for track in tracks])
     chain = [edge for track, start in zip(tracks, starts, strict=False) for edge in track.chain(int(start), config)]
