@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan
+from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan, move_hits
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -33,7 +33,7 @@ class Hits:
 
     def placed(self, T_new_old: SE2) -> "Hits":
         """Return the same hits in another frame."""
-        return Hits(T_new_old.apply(self.points), SE2(0.0, 0.0, T_new_old.theta).apply(self.normals))
+        return Hits(*move_hits(self.points, self.normals, T_new_old))
 
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, so that at least `count` are left where there are as many."""

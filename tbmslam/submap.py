@@ -11,6 +11,7 @@ from tbmslam.drive_hits import DriveHits
 from tbmslam.kernels.correlation import WALL, GainField, best_places, correlate, search_field, share_in_free_space
 from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.surfels import extent
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.surfel_map import SurfelConfig, SurfelMap
@@ -136,10 +137,12 @@ def _search_field(
     lasers: FloatArray, ends: FloatArray, begins: npt.NDArray[np.int64], config: SubmapConfig
 ) -> tuple[GainField, Lattice]:
     """Return what points gain in each cell, and where the cells lie; ends (N, 2) of scans from lasers (K, 3)."""
-    low = np.minimum(lasers[:, :2].min(axis=0), ends.min(axis=0, initial=np.inf))
-    high = np.maximum(lasers[:, :2].max(axis=0), ends.max(axis=0, initial=-np.inf))
-    (left, bottom), (right, top) = (np.floor(corner / config.resolution).astype(int) for corner in (low, high))
-    lattice = Lattice(config.resolution, int(bottom) - 1, int(left) - 1)
+    spans = zip(extent(lasers), extent(ends), strict=True)
+    left, right, bottom, top = (
+        math.floor((max(pair) if upper else min(pair)) / config.resolution)
+        for pair, upper in zip(spans, (False, True, False, True), strict=True)
+    )
+    lattice = Lattice(config.resolution, bottom - 1, left - 1)
     counts = np.zeros((3, top - bottom + 3, right - left + 3), dtype=np.int32)
     count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins, 0)
     return search_field(counts, config.free_penalty), lattice

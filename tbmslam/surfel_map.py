@@ -13,11 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfel_search import search
-from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, add_hits, align, extent
+from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, add_hits, align, claim_tiles, extent
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray
-
-_AT_ONCE = 256  # hits inserted between two looks at the room there is: each may need four more tiles
 
 
 class SurfelConfig(BaseModel):
@@ -62,7 +60,8 @@ class SurfelMap:
     config
         What makes a surface element.
     spare
-        How much further than needed the lattice grows, so that it need not grow again soon [m].
+        How much further than needed the lattice grows, so that it need not grow again soon; 0 where all comes at
+        once [m].
     """
 
     def __init__(self, config: SurfelConfig, spare: float = 6.4) -> None:
@@ -82,10 +81,9 @@ class SurfelMap:
         if len(points) == 0:
             return
         self._grow_to_contain(points)
-        for start in range(0, len(points), _AT_ONCE):
-            some = slice(start, start + _AT_ONCE)
-            self._make_room(4 * min(len(points) - start, _AT_ONCE))
-            self._used = add_hits(self._surfels, self._used, points[some], normals[some])
+        self._used = claim_tiles(self._surfels.tiles, self._surfels.lattice, self._used, points, normals)
+        self._make_room(CELLS * self._used)
+        add_hits(self._surfels, points, normals)
 
     def register(
         self, hits: Hits, guess: SE2, deviations: FloatArray, say: float, tolerances: FloatArray, iterations: int
@@ -128,11 +126,12 @@ class SurfelMap:
         """
         return SE2(*search(self._surfels, hits.points, hits.normals, guess, reach, turns, tolerance, costs))
 
-    def _make_room(self, tiles: int) -> None:
-        """Have room for that many more tiles."""
-        have, need = len(self._surfels.moments), CELLS * (self._used + tiles)
-        if need > have:
-            moments, fits = (np.zeros((max(need, have + have // 2), 6), dtype=np.float32) for _ in range(2))
+    def _make_room(self, slots: int) -> None:
+        """Have room for that many slots."""
+        have = len(self._surfels.moments)
+        if slots > have:
+            more = slots + (have // 2 if self._spare else 0)
+            moments, fits = (np.zeros((more, 6), dtype=np.float32) for _ in range(2))
             moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
             self._surfels = self._surfels._replace(moments=moments, fits=fits)
 

@@ -55,6 +55,7 @@ class SurfelTracker:
         self._map, self._next = SurfelMap(config.surfels), SurfelMap(config.surfels)
         self._travelled = 0.0
         self._last: SE2 | None = None
+        self._seen: tuple[LaserScan, Hits] | None = None
         self._tolerances = np.array(config.tolerances)
         self._reach = round(config.search_shift / config.surfels.resolution)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
@@ -62,7 +63,7 @@ class SurfelTracker:
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
-        hits = scan.hits(config.max_range).thinned(config.max_points)
+        hits = self._hits_of(scan).thinned(config.max_points)
         if not len(hits.points) or not deviations.any():
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
@@ -75,6 +76,12 @@ class SurfelTracker:
         if result.matched < config.min_matched:
             return ScanMatch(guess, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
+
+    def _hits_of(self, scan: LaserScan) -> Hits:
+        """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""
+        if self._seen is None or self._seen[0] is not scan:
+            self._seen = scan, scan.hits(self._config.max_range)
+        return self._seen[1]
 
     def _is_near(self, guess: SE2, other_guess: SE2) -> bool:
         """Tell whether a search around one guess covers the other's well enough."""
@@ -110,6 +117,6 @@ class SurfelTracker:
         if self._travelled > self._config.window:
             self._map, self._next = self._next, SurfelMap(self._config.surfels)
             self._travelled = 0.0
-        hits = scan.hits(self._config.max_range).placed(pose)
+        hits = self._hits_of(scan).placed(pose)
         self._map.insert(hits.points, hits.normals)
         self._next.insert(hits.points, hits.normals)

@@ -141,3 +141,18 @@ def place_hits(
             i += step
         skipped = i - offsets[k + 1]
     return placed, facing
+
+
+@kernel
+def move_hits(
+    points: FloatArray, normals: FloatArray, pose: tuple[float, float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return points (N, 2) and normals (N, 2) of a frame at a pose in the frame in which the pose is told."""
+    moved, turned = np.empty_like(points), np.empty_like(normals)
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(len(points)):
+        moved[i, 0] = pose[0] + cosine * points[i, 0] - sine * points[i, 1]
+        moved[i, 1] = pose[1] + sine * points[i, 0] + cosine * points[i, 1]
+        turned[i, 0] = cosine * normals[i, 0] - sine * normals[i, 1]
+        turned[i, 1] = sine * normals[i, 0] + cosine * normals[i, 1]
+    return moved, turned

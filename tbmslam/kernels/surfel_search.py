@@ -8,6 +8,9 @@ import numpy.typing as npt
 from tbmslam.kernels import kernel
 from tbmslam.kernels.surfels import CELLS, SIDE, FloatArray, Pose, Surfels, fit_surfel, layer_of, slot_of
 
+BLOCK = 16
+"""Cells that are counted at once."""
+
 
 @kernel
 def search(
@@ -27,7 +30,8 @@ def search(
     in enough cells with surfaces is not looked at more closely.
     """
     resolution = surfels.lattice.resolution
-    bounds = _bounds(surfels, points, normals, guess, reach, turns).astype(np.float32)
+    width = 2 * reach + 1
+    bounds = _bounds(surfels, points, normals, guess, reach, turns)[:, :, :width].astype(np.float32)
     for k in range(len(turns)):
         for r in range(-reach, reach + 1):
             for c in range(-reach, reach + 1):
@@ -35,7 +39,7 @@ def search(
                 bounds[k, r + reach, c + reach] -= np.float32(away * len(points))
     first = int(np.argmax(bounds))
     best_score, best = -math.inf, (guess[0], guess[1], guess[2])
-    flat, width = bounds.reshape(-1), 2 * reach + 1
+    flat = bounds.reshape(-1)
     for number in range(-1, len(flat)):
         # The most promising one first: it rules most of the others out.
         candidate = first if number < 0 else number
@@ -55,18 +59,19 @@ def search(
 
 
 @kernel
-def _may_hold(surfels: Surfels) -> npt.NDArray[np.uint8]:
-    """Return 1 for every cell (2, rows, cols) that may have a surface."""
+def _may_hold(surfels: Surfels, margin: int) -> npt.NDArray[np.uint8]:
+    """Return 1 for every cell (2, rows, cols) that may have a surface, with a margin on every side."""
     tiles, _, fits, _, _ = surfels
     _, rows, cols = tiles.shape
-    known = np.zeros((2, rows * SIDE, cols * SIDE), dtype=np.uint8)
+    known = np.zeros((2, rows * SIDE + 2 * margin, cols * SIDE + 2 * margin), dtype=np.uint8)
     for layer in range(2):
         for row in range(rows):
             for col in range(cols):
                 first = tiles[layer, row, col] * CELLS
                 for cell in range(CELLS if first > 0 else 0):
                     if fits[first + cell, 5] != 0.0:
-                        known[layer, row * SIDE + cell // SIDE, col * SIDE + cell % SIDE] = 1
+                        r, c = margin + row * SIDE + cell // SIDE, margin + col * SIDE + cell % SIDE
+                        known[layer, r, c] = 1
     return known
 
 
@@ -74,29 +79,35 @@ def _may_hold(surfels: Surfels) -> npt.NDArray[np.uint8]:
 def _bounds(
     surfels: Surfels, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
 ) -> npt.NDArray[np.uint16]:
-    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1): turns, rows, columns.
+    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
 
-    The inner loop runs along memory on both sides.
+    The axes are turns, shifts by rows and by columns. A row is counted in whole blocks of a fixed length, which
+    compiles to a few wide instructions.
     """
     resolution, first_row, first_col = surfels.lattice
-    known = _may_hold(surfels)
-    _, rows, cols = known.shape
     width = 2 * reach + 1
-    bounds = np.zeros((len(turns), width, width), dtype=np.uint16)
+    blocks = -(-width // BLOCK)
+    margin = blocks * BLOCK
+    known = _may_hold(surfels, margin)
+    _, rows, cols = known.shape
+    bounds = np.zeros((len(turns), width, margin), dtype=np.uint16)
     for k in range(len(turns)):
         cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
         for i in range(len(points)):
             px = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
             py = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
-            layer = layer_of(
-                cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1]
-            )
-            row = math.floor(py / resolution) - first_row - reach
-            col = math.floor(px / resolution) - first_col - reach
-            start, stop = max(0, -col), min(width, cols - col)
-            for r in range(max(0, -row), min(width, rows - row)):
-                for c in range(start, stop):
-                    bounds[k, r, c] += known[layer, row + r, col + c]
+            row = math.floor(py / resolution) - first_row - reach + margin
+            col = math.floor(px / resolution) - first_col - reach + margin
+            if row < 0 or col < 0 or row + width > rows or col + margin > cols:
+                continue
+            nx, ny = normals[i, 0], normals[i, 1]
+            layer = layer_of(cosine * nx - sine * ny, sine * nx + cosine * ny)
+            for r in range(width):
+                for block in range(blocks):
+                    counts = bounds[k, r, block * BLOCK : (block + 1) * BLOCK]
+                    cells = known[layer, row + r, col + block * BLOCK : col + (block + 1) * BLOCK]
+                    for c in range(BLOCK):
+                        counts[c] += cells[c]
     return bounds
 
 

@@ -67,11 +67,27 @@ def extent(points: FloatArray) -> tuple[float, float, float, float]:
 
 
 @kernel
-def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray) -> int:
-    """Add hits (N, 2) [m], and return the tiles in use; there must be room for four more tiles a hit.
+def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArray, normals: FloatArray) -> int:
+    """Give numbers from `used` on to the tiles that hits (N, 2) [m] need, and return how many are in use then.
 
     `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
     """
+    resolution, first_row, first_col = lattice
+    for i in range(len(points)):
+        row = math.floor(points[i, 1] / resolution) - first_row
+        col = math.floor(points[i, 0] / resolution) - first_col
+        layer = layer_of(normals[i, 0], normals[i, 1])
+        for r in range((row - 1) // SIDE, (row + 1) // SIDE + 1):
+            for c in range((col - 1) // SIDE, (col + 1) // SIDE + 1):
+                if tiles[layer, r, c] == 0:
+                    tiles[layer, r, c] = used
+                    used += 1
+    return used
+
+
+@kernel
+def add_hits(surfels: Surfels, points: FloatArray, normals: FloatArray) -> None:
+    """Add hits (N, 2) [m] and their normals (N, 2), whose tiles have been claimed and have room."""
     tiles, moments, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
     last_row, last_col, last_layer = -1, -1, -1
@@ -82,11 +98,6 @@ def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArra
         layer = layer_of(normals[i, 0], normals[i, 1])
         if row != last_row or col != last_col or layer != last_layer:
             last_row, last_col, last_layer = row, col, layer
-            for r in range((row - 1) // SIDE, (row + 1) // SIDE + 1):
-                for c in range((col - 1) // SIDE, (col + 1) // SIDE + 1):
-                    if tiles[layer, r, c] == 0:
-                        tiles[layer, r, c] = used
-                        used += 1
             for r in range(row - 1, row + 2):
                 for c in range(col - 1, col + 2):
                     fits[slot_of(tiles, layer, r, c), 5] = -1.0
@@ -98,7 +109,6 @@ def add_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArra
         moments[slot, 3] += np.float32(dx * dx)
         moments[slot, 4] += np.float32(dx * dy)
         moments[slot, 5] += np.float32(dy * dy)
-    return used
 
 
 @kernel

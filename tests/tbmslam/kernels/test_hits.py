@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.kernels.hits import facing_normals, hit_points, place_hits
+from tbmslam.kernels.hits import facing_normals, hit_points, move_hits, place_hits
 from tbmslam.se2 import SE2
 from tests import reference
 
@@ -60,3 +60,11 @@ def test_hits_of_several_scans_are_placed_one_by_one(step):
     placed, facing = place_hits(points, normals, offsets, chosen, poses, frame, step)
     np.testing.assert_allclose(placed, np.vstack(expected_points)[::step], atol=1e-6)
     np.testing.assert_allclose(facing, np.vstack(expected_normals)[::step], atol=1e-6)
+
+
+def test_hits_are_moved_as_motions_move_points():
+    points, normals = np.random.default_rng(1).normal(size=(2, 20, 2))
+    pose = SE2(1.0, -2.0, 0.5)
+    moved, turned = move_hits(points, normals, pose)
+    np.testing.assert_allclose(moved, pose.apply(points))
+    np.testing.assert_allclose(turned, SE2(0.0, 0.0, 0.5).apply(normals))

@@ -6,7 +6,7 @@ import pytest
 
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfel_search import search
-from tbmslam.kernels.surfels import CELLS, Surfels, add_hits, align, extent, fit_surfel, linearise, slot_of
+from tbmslam.kernels.surfels import CELLS, Surfels, add_hits, align, claim_tiles, extent, fit_surfel, linearise, slot_of
 from tests import reference
 
 RESOLUTION = 0.1
@@ -41,7 +41,8 @@ def surfels_of(points, normals=None):
     )
     used = 1
     for part in np.array_split(np.arange(len(points)), 7):
-        used = add_hits(surfels, used, points[part], normals[part])
+        used = claim_tiles(surfels.tiles, LATTICE, used, points[part], normals[part])
+        add_hits(surfels, points[part], normals[part])
     assert used == surfels.tiles.max() + 1
     assert not surfels.moments[:CELLS].any()
     return surfels
@@ -185,7 +186,9 @@ def test_surfaces_are_fitted_anew_where_hits_came_after():
     for cell in cells:
         if slot_of(fitted.tiles, *cell) >= CELLS:
             fit_surfel(fitted, *cell)
-    used = add_hits(fitted, int(fitted.tiles.max()) + 1, points[300:], facing_origin(points[300:]))
+    more = points[300:], facing_origin(points[300:])
+    used = claim_tiles(fitted.tiles, LATTICE, int(fitted.tiles.max()) + 1, *more)
+    add_hits(fitted, *more)
     assert used == late.tiles.max() + 1
     for cell in cells:
         mine, theirs = (one.fits[slot_of(one.tiles, *cell)] for one in (fitted, late))
