@@ -70,7 +70,7 @@ def for_wheel(source: Path, commands: dict[str, str]) -> str:
             lines[node.lineno - 1] = line[: node.col_offset] + re.sub(
                 r"^from (\w+)", r"from tbmslam.\1", line[node.col_offset :]
             )
-    text = "".join(lines).replace("python tools/%(prog)s.py", "%(prog)s")
+    text = "".join(lines).replace("python tools/%(prog)s.py", commands.get(source.stem, "%(prog)s"))
     for program, command in commands.items():
         text = text.replace(f"python tools/{program}.py", command).replace(f'prog="{program}"', f'prog="{command}"')
     return text

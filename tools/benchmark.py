@@ -10,6 +10,7 @@ that do not belong together are merged all the same.
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from tools.merge import METHODS
 
@@ -37,8 +38,12 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    more: dict[str, Any] = {
+        "epilog": EXAMPLES.replace("%(prog)s", "benchmark"),
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
     commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align|merge|strangers")
-    slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds")
+    slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds", **more)
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
         "--world",
@@ -50,7 +55,9 @@ def parser() -> argparse.ArgumentParser:
     )
     slam.add_argument("--seeds", type=int, default=1, metavar="N", help="each world with SEED and the N - 1 next ones")
     slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each, whose median counts (1)")
-    scaling = commands.add_parser("scaling", help="cost of a scan against the length of the drive and the size of map")
+    scaling = commands.add_parser(
+        "scaling", help="cost of a scan against the length of the drive and the size of map", **more
+    )
     scaling.add_argument(
         "--lengths",
         default="125,250,500,1000",
@@ -60,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     scaling.add_argument("--beams", type=int, default=180, help="beams of a scan (180)")
     for command in (slam, scaling):
         command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
-    align = commands.add_parser("align", help="how often pairs of maps are aligned rightly")
+    align = commands.add_parser("align", help="how often pairs of maps are aligned rightly", **more)
     align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
     align.add_argument(
         "--method",
@@ -70,7 +77,9 @@ def parser() -> argparse.ArgumentParser:
     )
     align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
     align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
-    merge = commands.add_parser("merge", help="cost of a merge against the area of the maps, and of many robots")
+    merge = commands.add_parser(
+        "merge", help="cost of a merge against the area of the maps, and of many robots", **more
+    )
     merge.add_argument(
         "--areas", default="4900,8100,12100,25600", metavar="M2,...", help="canvases (4900,8100,12100,25600)"
     )
@@ -78,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
     merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
     merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
     merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
-    strangers = commands.add_parser("strangers", help="how often maps that do not belong together are merged")
+    strangers = commands.add_parser("strangers", help="how often maps that do not belong together are merged", **more)
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")

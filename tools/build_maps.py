@@ -22,8 +22,10 @@ EXAMPLES = """examples:
       split one drive into three robots that share 30 %% of their way
   python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
       one robot a bag, read like the MIT Stata Center recordings
+  python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all
+      every recording of a directory, eight at a time, with own parameters; run again, it goes on where it stopped
 
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong (one line says what; what was finished is kept), 2 wrong usage, 130 interrupted
 """
 
 
@@ -93,7 +95,7 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     if not args.recordings and not args.print_config:
-        grammar.error("the following arguments are required: RECORDING")
+        grammar.error("the following arguments are required: RECORDING: name a bag, a log or a directory of them")
     listed = args.separate and any(path.is_dir() for path in args.recordings)  # nobody knows yet how many lie there
     if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
@@ -120,6 +122,9 @@ def main(argv: list[str] | None = None) -> int:
             raise
         sys.stderr.write(f"build_maps: {error}\n")
         return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("build_maps: interrupted: run the same again to go on, finished robots are kept\n")
+        return 130
     return 0
 
 

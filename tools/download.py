@@ -18,7 +18,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
       recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
 
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 
@@ -55,6 +55,9 @@ def main(argv: list[str] | None = None) -> int:
             raise
         sys.stderr.write(f"download: {error}\n")
         return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("download: interrupted: run the same again to go on\n")
+        return 130
     return 0
 
 

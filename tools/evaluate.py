@@ -7,6 +7,7 @@ relations of the public SLAM benchmark. A map is compared with another map or a 
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -26,9 +27,13 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="evaluate", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    more: dict[str, Any] = {
+        "epilog": EXAMPLES.replace("%(prog)s", "evaluate"),
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
     commands = grammar.add_subparsers(dest="command", required=True, metavar="trajectory|map")
-    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations"))
-    _add_map(commands.add_parser("map", help="share of cells that agree with the truth"))
+    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations", **more))
+    _add_map(commands.add_parser("map", help="share of cells that agree with the truth", **more))
     return grammar
 
 

@@ -41,11 +41,13 @@ DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 EXAMPLES = """examples:
   python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
       two robots' maps as build_maps wrote them become merged/map.npz, map.yaml, pictures and a report
+  python tools/%(prog)s.py out/week -o merged --workers 8
+      all maps in a folder that build_maps wrote, eight pairs at a time
   python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
       any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
 
 exit codes: 0 merged, 1 something is wrong (one line says what), 2 wrong usage, 3 no two maps could be merged (the
-report says why)
+report says why), 130 interrupted
 """
 
 
@@ -71,13 +73,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"merge: {error}", file=sys.stderr)
         return FAILED
+    except KeyboardInterrupt:
+        print("merge: interrupted: nothing was written", file=sys.stderr)
+        return 130
 
 
 def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.out is None:
-        parser.error("the following arguments are required: -o/--out")
+        parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
     if len(options.maps) < 2:
-        parser.error(f"two maps or more are needed, got {len(options.maps)}")
+        parser.error(
+            f"two maps or more are needed, got {len(options.maps)}: name their folders, as out/robot_0 out/robot_1"
+        )
     if options.workers < 1:
         parser.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:

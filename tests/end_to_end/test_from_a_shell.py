@@ -12,7 +12,7 @@ import pytest
 from tests.end_to_end.programs import contents
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark")
+PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark", "download")
 
 pytestmark = pytest.mark.xdist_group("flat")
 

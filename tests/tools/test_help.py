@@ -1,0 +1,42 @@
+import argparse
+import importlib
+
+import pytest
+
+from tools import build_maps
+
+PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark", "download")
+
+
+def parsers(program):
+    """Return a program's grammar and those of its commands."""
+    module = importlib.import_module(f"tools.{program}")
+    grammar = module.parser() if hasattr(module, "parser") else module._parser()
+    below = [action for action in grammar._actions if isinstance(action, argparse._SubParsersAction)]
+    return [grammar, *(one for action in below for one in action.choices.values())]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_each_help_has_two_examples_and_the_exit_codes(program):
+    for grammar in parsers(program):
+        text = grammar.format_help()
+        assert text.count(f"\n  python tools/{program}.py ") >= 2
+        assert "exit codes: 0 " in text
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_option_is_explained(program):
+    for grammar in parsers(program):
+        for action in grammar._actions:
+            assert action.help or isinstance(action, argparse._SubParsersAction), action
+
+
+def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tools.mapping_run.plan_mapping", stop)
+    assert build_maps.main(["x.bag", "-o", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == (
+        "build_maps: interrupted: run the same again to go on, finished robots are kept\n"
+    )
