@@ -9,7 +9,7 @@ from merging.merger import Merge
 from merging.warping import warp
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import TbmGrid
-from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers
+from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
 from tbmslam.se2 import SE2
@@ -37,8 +37,13 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
     owners = [name for name in merge.poses for _ in maps[name].drives]
     drives = [_named(drive, name, maps) for drive, name in zip(merged.drives, owners, strict=True)]
     ways = drive_layers(drives, [colours[name] for name in owners], _ROBOTS, merged.grid.geometry.resolution)
+    trouble = [
+        mark
+        for drive, name in zip(drives, owners, strict=True)
+        for mark in trouble_layer(drive, _incidents(maps[name]), _ROBOTS)
+    ]
     layers: tuple[Raster | Marks, ...]
-    layers = (*map_layers(fusion.grid), *robots, *ways, *_evidence(fusion), *_links(merge, merged))
+    layers = (*map_layers(fusion.grid), *robots, *ways, *trouble, *_evidence(fusion), *_links(merge, merged))
     return Sheet("Merged map", layers, "Where walls of several robots coincide, their colours mix to a dark one.")
 
 
@@ -54,6 +59,11 @@ def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
     if merge.joint is not None:
         return warp(merge.joint.maps[name].grid, SE2.identity(), merge.fusion.grid.geometry)
     return warp(maps[name].grid, merge.poses[name], merge.fusion.grid.geometry)
+
+
+def _incidents(one: TbmMap) -> object:
+    """Return what went wrong while a map was made; of a merged map nobody knows to which drive it belongs."""
+    return one.provenance.get("incidents") if len(one.drives) == 1 else None
 
 
 def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:

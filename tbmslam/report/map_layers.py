@@ -1,6 +1,6 @@
 """The layers of a map: its masses, and the drives behind it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -93,6 +93,32 @@ def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str,
     return layers
 
 
+def trouble_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
+    """Return where on its way a robot was when something went wrong; nothing where nothing did.
+
+    Parameters
+    ----------
+    drive
+        The drive.
+    incidents
+        What run.json says of it: a list of objects with `stamp` [s] and `what`; anything else is nothing.
+    group
+        Heading under which it is switched.
+    """
+    listed = incidents if isinstance(incidents, list | tuple) else []
+    known = [one for one in listed if isinstance(one, Mapping) and isinstance(one.get("stamp"), int | float)]
+    if not known or not len(drive.trajectory):
+        return []
+    stamps = drive.trajectory.stamps  # not sorted where the clock stepped back
+    nearest = [int(np.argmin(np.abs(stamps - float(one["stamp"])))) for one in known]
+    switch = Switch(
+        group, drive.name, "trouble", shown=True, note="where something went wrong; point at it to read what"
+    )
+    texts = [f"{stamps[index] - stamps[0]:.1f} s: {one.get('what')}" for one, index in zip(known, nearest, strict=True)]
+    return [Marks(switch, "dots", drive.trajectory.poses[nearest, :2], _TROUBLE, texts)]
+
+
+_TROUBLE: Colour = (200, 0, 30)
 _NOTES = {
     "drive": "where the robot drove",
     "key\u00adframes": "where the scans were taken that the map is made of",

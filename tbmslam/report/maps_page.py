@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tbmslam.report.making import Making
-from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers
+from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
 from tbmslam.report.page import Page, Table
 from tbmslam.report.sheet import Sheet
 from tbmslam.tbm_map import Drive, TbmMap
@@ -70,7 +70,7 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making) -> Page:
         verdict="1 map was made" if len(robots) == 1 else f"{len(robots)} maps were made, each in a frame of its own",
         figures=_figures([robot.tbm_map for robot in robots.values()]),
         sheets=[
-            _sheet(name, robot.tbm_map, colour)
+            _sheet(name, robot, colour)
             for (name, robot), colour in list(zip(robots.items(), colours, strict=True))[:MOST_SHEETS]
         ],
         warnings=[f"{name}: {warning}" for name, robot in robots.items() for warning in robot.warnings()],
@@ -87,10 +87,12 @@ def known_m2(tbm_map: TbmMap) -> float:
     return float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2
 
 
-def _sheet(name: str, tbm_map: TbmMap, colour: tuple[int, int, int]) -> Sheet:
+def _sheet(name: str, robot: MappedRobot, colour: tuple[int, int, int]) -> Sheet:
+    tbm_map = robot.tbm_map
     drives, resolution = tbm_map.drives, tbm_map.grid.geometry.resolution
+    trouble = [mark for drive in drives for mark in trouble_layer(drive, robot.said("incidents"), "Robot")]
     ways = drive_layers(drives, [colour] * len(drives), "Robot", resolution)
-    return Sheet(name, (*map_layers(tbm_map.grid), *ways))
+    return Sheet(name, (*map_layers(tbm_map.grid), *ways, *trouble))
 
 
 def _figures(maps: list[TbmMap]) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """A map to look at: layers over one frame, in metres, to be switched on and off."""
 
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -101,12 +102,15 @@ class Marks:
         Points (N, 2) [m].
     colour
         Red, green, blue.
+    texts
+        What to say at each dot that the cursor is on; nothing where there are none.
     """
 
     switch: Switch
     kind: Kind
     points: FloatArray
     colour: Colour
+    texts: Sequence[str] = ()
 
     def as_json(self) -> dict[str, object]:
         """Return what the page's script needs; coordinates in whole millimetres are exact enough."""
@@ -116,6 +120,7 @@ class Marks:
             "kind": self.kind,
             "points": np.round(self.points[:, ::-1], 3).tolist(),
             "colour": f"rgb({red}, {green}, {blue})",
+            "texts": list(self.texts),
         }
 
 

@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,12 @@ def test_maps_without_keyframes_stay_rigid(bent_pair):
     maps, poses, _ = bent_pair
     bare = {"a": maps["a"], "b": TbmMap(maps["b"].grid)}
     assert refine_jointly(bare, poses, JointConfig()) is None
+
+
+def test_drives_without_keyframes_stay_rigid(bent_pair):
+    maps, poses, _ = bent_pair
+    bare = replace(maps["b"].drives[0], keyframes=Keyframes.from_scans([], [], []))
+    assert refine_jointly({"a": maps["a"], "b": replace(maps["b"], drives=(bare,))}, poses, JointConfig()) is None
 
 
 def test_drives_that_share_nothing_stay_rigid(bent_pair):

@@ -16,6 +16,10 @@ from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 
 CONFIG = MergeConfig(method="features")
+PROVENANCE = {
+    "warnings": ["3 scans are stamped earlier than the scan before"],
+    "incidents": [{"stamp": 0.9, "what": "the stamps of the scans step back"}],
+}
 T_HERE_THERE = SE2(1.0, 2.0, 0.5).inverse()
 
 
@@ -25,7 +29,7 @@ def maps(rooms):
     way = Trajectory(np.array([0.0, 1.0]), np.array([[2.0, 3.0, 0.0], [3.0, 3.0, 0.0]]))
     drive = Drive("robot", way, Keyframes.from_scans([], [], []))
     return {
-        "here": TbmMap(rooms(1), (drive,), {"warnings": ["3 scans are stamped earlier than the scan before"]}),
+        "here": TbmMap(rooms(1), (drive,), PROVENANCE),
         "there": TbmMap(moved, (drive,)),
         "foreign": TbmMap(rooms(2)),
     }
@@ -42,8 +46,12 @@ def test_a_merge_is_told_with_every_layer_pose_and_warning(maps):
         *(("Map", name, "") for name in ("pignistic", "occupied", "free", "unknown", "conflict")),
         *(("Robots", name, "map") for name in ("here", "there")),
         *(("Robots", name, column) for name in ("here", "there") for column in ("drive", "key\u00adframes", "loops")),
+        ("Robots", "here", "trouble"),
         *(("Evidence", name, "") for name in ("overlap", "contradictions")),
     ]
+    (trouble,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "trouble")
+    np.testing.assert_allclose(trouble.points, [result.poses["here"].apply([3.0, 3.0])], atol=1e-6)
+    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
     table = page.tables[0]
     assert table.colours == [f"rgb{colour}" for colour in ROBOT_COLOURS[:2]]
     assert [float(cell) for cell in table.rows[1][1:3]] == pytest.approx(T_HERE_THERE[:2], abs=0.05)

@@ -47,8 +47,13 @@
       for (let k = 0; k + 1 < layer.points.length; k += 2) pairs.push([layer.points[k], layer.points[k + 1]]);
       return L.polyline(pairs, { ...style, weight: 1.5, opacity: 0.75, dashArray: "4 3" });
     }
-    const dots = layer.points.map((point) =>
-      L.circleMarker(point, { radius: 2.5, stroke: false, fillColor: layer.colour, fillOpacity: 0.9, interactive: false }));
+    const told = layer.texts.length > 0;
+    const dots = layer.points.map((point, index) => {
+      const look = { radius: told ? 6 : 2.5, stroke: told, color: "#fff", weight: 1.5, fillColor: layer.colour, fillOpacity: 0.9 };
+      const dot = L.circleMarker(point, { ...look, interactive: told });
+      // An element's text is never taken for markup.
+      return told ? dot.bindTooltip(make("span", { textContent: layer.texts[index] })) : dot;
+    });
     return L.featureGroup(dots);
   }
 

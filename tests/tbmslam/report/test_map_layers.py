@@ -6,7 +6,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.report import map_layers
-from tbmslam.report.map_layers import drive_layers, for_display
+from tbmslam.report.map_layers import drive_layers, for_display, trouble_layer
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import Drive
 from tbmslam.trajectory import Trajectory
@@ -35,6 +35,16 @@ def test_a_drive_is_its_way_its_keyframes_and_its_loops():
     np.testing.assert_allclose(dots.points[:, 0], [0.0, 0.1, 0.2])
     np.testing.assert_allclose(links.points[:, 0], [0.0, 0.2])
     assert [layer.kind for layer in (way, dots, links)] == ["line", "dots", "links"]
+
+
+def test_trouble_is_where_the_robot_was_then():
+    way = Trajectory(np.array([10.0, 11.0, 12.0]), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]))
+    drive = Drive("r", way, Keyframes.from_scans([], [], []))
+    incidents = [{"stamp": 11.2, "what": "no odometry"}, {"stamp": 99, "what": "<b>"}, {"what": "no stamp"}, 3]
+    (mark,) = trouble_layer(drive, incidents, "Robots")
+    np.testing.assert_array_equal(mark.points, [[1.0, 2.0], [3.0, 4.0]])
+    assert mark.texts == ["1.0 s: no odometry", "2.0 s: <b>"]
+    assert trouble_layer(drive, None, "Robots") == trouble_layer(drive, [], "Robots") == []
 
 
 def test_large_maps_are_shown_in_coarser_cells_that_cover_the_same_place(monkeypatch):
