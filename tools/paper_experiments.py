@@ -95,6 +95,6 @@ def run_experiments(
     say("table IV: times")
     timed = {pair.name: pair for pair in pairs}
     resolution = pairs[0].target.geometry.resolution
-    timed |= {f"cut to {area:g} m²": pair_of_area(area, resolution) for area in settings.areas_m2}
+    timed |= {f"cut for {area:g} m²": pair_of_area(area, resolution) for area in settings.areas_m2}
     durations = {name: measure_durations(pair, settings.repeats, settings.features) for name, pair in timed.items()}
     return PaperResults(detectors, studies, transforms, durations, fuse_halves(pairs[0].target))

@@ -74,7 +74,11 @@ def modification_section(results: PaperResults, settings: PaperSettings) -> Sect
                 f"significantly at {LEVEL:g}. Test: {TEST}. Pairs that share a map are not independent of each other, "
                 "which the test cannot know. The paper does not name its test."
             ),
-            f"Keypoints found a map, by the number asked for: {found}. A dash: nothing passed the ratio test.",
+            (
+                f"Keypoints found a map, by the number asked for: {found}. A dash: nothing passed the ratio test. A "
+                "share says nothing of how many matches are left, which the table of variants has too: what is picky "
+                "has a high share of few."
+            ),
             *_variant_texts(results, settings),
         ],
         [

@@ -122,8 +122,9 @@ def duration_section(results: PaperResults) -> Section:
             (
                 "Wall time of the paper's algorithm 1 (keypoints, descriptors, matching, transform, resampling, "
                 "disjunctive fusion; files are neither read nor written), mean and deviation of repeated runs, by the "
-                "area of the rectangle around the merged map at 0.1 m a cell. The pairs above have one size; the "
-                "others are cut from a simulated building to the paper's areas."
+                "area of the rectangle around the merged map at 0.1 m a cell. The pairs above are turned against each "
+                "other, which decides the rectangle; the others are cut from a simulated building so that it comes "
+                "near the paper's areas."
             ),
             (
                 "The paper's column says seconds. Its program prints milliseconds, and run on an AMD EPYC with 2 cores "

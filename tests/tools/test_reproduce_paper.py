@@ -48,7 +48,7 @@ def test_from_simulated_drives_to_the_report(tmp_path, capsys):
         (bits, unknown) for bits in (128, 256) for unknown in ("as it is", "inverted")
     }
     assert len(figures["table_2"][0]["rows"]) == 2 * 2 * 5
-    assert figures["table_4"]["cut to 600 m²"]["area_m2"] > 300.0
+    assert figures["table_4"]["cut for 600 m²"]["area_m2"] > 300.0
 
     again = ["--maps", str(tmp_path / "maps"), "--keypoints", "100", "--ratios", "0.7", "--areas", "", "--pairs", "1"]
     assert main([*again, "--repeat", "2", "-o", str(tmp_path / "again")]) == 0
