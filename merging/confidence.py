@@ -19,64 +19,82 @@ import numpy as np
 from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 
-FEATURES = (
-    "log of agreed_wall_m",
-    "log of weakest_wall_m",
-    "agreement",
-    "conflict",
-    "unseen",
-    "log of conflicting_wall_m",
-    "log of unseen_wall_m",
-    "rmse_m",
-    "worst_agreement",
-    "worst_conflict",
-    "log of smaller_wall_m",
-    "log of larger_wall_m",
-    "log of distinctness",
-)
-"""What the model weighs; logarithms are of one plus the number. The last is how far a candidate stands out from what
-chance brings together in this very pair, see `_distinctness`."""
+SIGNS = {
+    "log of agreed_wall_m": 1,
+    "log of weakest_wall_m": 1,
+    "agreement": 1,
+    "conflict": -1,
+    "worst_agreement": 1,
+    "worst_conflict": -1,
+    "log of smaller_wall_m": 0,
+    "log of larger_wall_m": 0,
+    "log of distinctness": 1,
+    "log of agreeing pieces": 1,
+    "share of agreeing pieces": 1,
+    "share of conflicting pieces": -1,
+    "log of agreeing corners": 1,
+    "log of distinctness of pieces": 1,
+    "log of distinctness of sure pieces": 1,
+}
+"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate; logarithms are of one plus
+the number. Distinctness is how far a candidate stands out from what chance brings together in this very pair, see
+`_distinctness`. How near the agreeing walls lie is left out: it tells how maps were bent, not where they belong."""
+FEATURES = tuple(SIGNS)
 _ENOUGH = 7
 """Fewer candidates say nothing about chance."""
+_USUAL, _SURE = 0.8, 2.0
+"""What a piece that does not agree costs, in pieces that do."""
 
 
 def features(candidates: Sequence[Evidence]) -> FloatArray:
     """Return the numbers (K, F) that the model weighs, in the order of `FEATURES`, for the candidates of one pair."""
-    rows = [_features(evidence) for evidence in candidates]
-    return np.column_stack((np.array(rows).reshape(-1, len(FEATURES) - 1), np.log1p(_distinctness(candidates))))
+    supports = [e.agreed_wall_m - 1.5 * e.conflicting_wall_m - 0.5 * e.unseen_wall_m for e in candidates]
+    columns = [_distinctness(supports)] + [
+        _distinctness([_surplus(evidence, cost) for evidence in candidates]) for cost in (_USUAL, _SURE)
+    ]
+    distinct = np.log1p(np.column_stack(columns)).tolist()
+    rows = [_features(evidence, *each) for evidence, each in zip(candidates, distinct, strict=True)]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 
-def _features(evidence: Evidence) -> list[float]:
+def _features(evidence: Evidence, walls: float, usual: float, sure: float) -> list[float]:
     looked_at = evidence.compared_wall_m + evidence.unseen_wall_m + 0.5
+    pieces = evidence.pieces
     return [
         math.log1p(evidence.agreed_wall_m),
         math.log1p(evidence.weakest_wall_m),
         evidence.agreed_wall_m / looked_at,
         evidence.conflicting_wall_m / looked_at,
-        evidence.unseen_wall_m / looked_at,
-        math.log1p(evidence.conflicting_wall_m),
-        math.log1p(evidence.unseen_wall_m),
-        evidence.rmse_m or 0.0,
         evidence.worst_agreement,
         evidence.worst_conflict,
         math.log1p(evidence.smaller_wall_m),
         math.log1p(evidence.larger_wall_m),
+        walls,
+        math.log1p(pieces.agreeing),
+        pieces.agreeing / (pieces.compared + 0.5),
+        pieces.conflicting / (pieces.compared + 0.5),
+        math.log1p(pieces.corners),
+        usual,
+        sure,
     ]
 
 
-def _distinctness(candidates: Sequence[Evidence]) -> FloatArray:
+def _surplus(evidence: Evidence, cost: float) -> float:
+    """Return how many pieces agree, less what those cost that do not."""
+    pieces = evidence.pieces
+    return max(pieces.agreeing - cost * (pieces.compared - pieces.agreeing), 0.0)
+
+
+def _distinctness(supports: Sequence[float]) -> FloatArray:
     """Return by how many of their spreads each candidate (K,) is better supported than the run of the others.
 
     Most candidates of a pair are wrong, whatever the pair, so that their supports show what chance does in these maps.
     """
-    supports = np.array(
-        [e.agreed_wall_m - 1.5 * e.conflicting_wall_m - 0.5 * e.unseen_wall_m for e in candidates], dtype=np.float64
-    )
-    ranked = np.sort(supports)[::-1]
+    ranked = np.sort(np.array(supports, dtype=np.float64))[::-1]
     usual, spread = 0.0, 1.0
     if len(ranked) >= _ENOUGH:  # the best few may be the truth and its likes
         usual, spread = float(np.median(ranked[4:])), float(ranked[2:].std()) + 0.5
-    return np.maximum(supports - usual, 0.0) / spread
+    return np.asarray(np.maximum(np.array(supports, dtype=np.float64) - usual, 0.0) / spread)
 
 
 def confidences(candidates: Sequence[Evidence]) -> list[float]:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import VerificationConfig
+from merging.pieces import Pieces, count_pieces
 from merging.structure import Structure
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
@@ -47,6 +48,8 @@ class Evidence:
         The same with the unseen walls among the compared, in the direction where it is worse.
     smaller_wall_m, larger_wall_m
         All walls of the map that has fewer of them, and of the other [m].
+    pieces
+        The same by separate pieces of wall.
     """
 
     overlap_m2: float
@@ -63,6 +66,7 @@ class Evidence:
     worst_conflict: float
     smaller_wall_m: float
     larger_wall_m: float
+    pieces: Pieces
 
 
 def support_m(
@@ -88,9 +92,11 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
     shares = [_overlap_m2(target, source, motion) for motion in motions]
     smaller_m2 = min(_known_m2(target), _known_m2(source))
     lengths = sorted(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
+    limits = config.limits()
+    pieces = [count_pieces(target, source, motion, limits) for motion in motions]
     return [
-        _evidence(f, b, overlap_m2, overlap_m2 / smaller_m2, (lengths[0], lengths[1]))
-        for f, b, overlap_m2 in zip(forth, back, shares, strict=True)
+        _evidence(f, b, overlap_m2, overlap_m2 / smaller_m2, (lengths[0], lengths[1]), counts)
+        for f, b, overlap_m2, counts in zip(forth, back, shares, pieces, strict=True)
     ]
 
 
@@ -108,7 +114,12 @@ def _sums(
 
 
 def _evidence(
-    forth: FloatArray, back: FloatArray, overlap_m2: float, overlap_share: float, lengths: tuple[float, float]
+    forth: FloatArray,
+    back: FloatArray,
+    overlap_m2: float,
+    overlap_share: float,
+    lengths: tuple[float, float],
+    pieces: Pieces,
 ) -> Evidence:
     mean = (forth + back) / 2.0
     compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
@@ -130,6 +141,7 @@ def _evidence(
         worst_conflict=float(both[:, CONFLICTING].max()),
         smaller_wall_m=lengths[0],
         larger_wall_m=lengths[1],
+        pieces=pieces,
     )
 
 

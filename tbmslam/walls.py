@@ -5,8 +5,13 @@ import numpy.typing as npt
 
 from tbmslam.kernels.walls import (
     AGREED,
+    AGREES,
     COMPARED,
     CONFLICTING,
+    CONFLICTS,
+    NEITHER,
+    NOT_SEEN,
+    OUTSIDE,
     SQUARES,
     UNSEEN,
     XX,
@@ -14,13 +19,14 @@ from tbmslam.kernels.walls import (
     YY,
     Walls,
     compare_walls,
+    hold_walls,
     slide_walls,
 )
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import Limits
 
 __all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
-__all__ += ["compare", "slide"]
+__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "slide"]
 
 Indices = npt.NDArray[np.int64]
 
@@ -45,6 +51,16 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
     their distances [m^2], all counted in weights of walls.
     """
     return compare_walls(moving, some, fixed, np.array(motions, dtype=np.float64).reshape(-1, 3), limits)
+
+
+def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
+    """Return what becomes of each of some walls (K,) of one map under a motion into another's frame.
+
+    Returns
+    -------
+    OUTSIDE what the fixed map knows, or one of AGREES, CONFLICTS, NEITHER and NOT_SEEN, as `compare` counts them.
+    """
+    return hold_walls(moving, some, fixed, T_fixed_moving, limits)
 
 
 def slide(

@@ -1,7 +1,8 @@
 """Fit the confidence of alignments on pairs of maps whose truth is known, and tell what it is worth on others.
 
 The weights that turn evidence into a probability are fitted on all pairs given. What they are worth is measured by
-leaving out one part of the buildings at a time, fitting on the rest, and asking about those left out.
+leaving out one building at a time, with its parts and its mirror image, fitting on the rest, and asking about the one
+left out.
 """
 
 import argparse
@@ -13,20 +14,22 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
+    from tools.calibration_table import Judgement
     from tools.conditional_logit import Choice
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py pairs/ -o merging/confidence_model.json
-      fit on a folder of pairs, as tools/make_map_pairs.py writes them, and on no other
+  python tools/%(prog)s.py pairs/ cut-anew/ -o merging/confidence_model.json
+      fit on folders of pairs, as tools/make_map_pairs.py writes them, and on no other
   python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
       what the model is worth on pairs that had no part in it; nothing is written but the picture
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
 """
-SIGNS = (1, 1, 1, -1, -1, -1, -1, -1, 1, -1, 0, 0, 1)
-"""Which features can only speak for (1) or against (-1) a candidate; in the order of `merging.confidence.FEATURES`."""
-PENALTY = 0.003
-PARTS = 5
+PENALTY = 0.001
+WHOLE = 3.0
+"""A pair of a whole building counts for so many of a part of one, which ends where no building ends."""
+MOST_PARTS = 12
+"""The buildings are left out in so many parts, one by one where there are no more."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -58,32 +61,37 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(args: argparse.Namespace) -> None:
-    from merging.confidence import FEATURES
+    from merging.confidence import FEATURES, SIGNS
     from merging.config import MergeConfig
     from tbmslam.atomic_file import write_bytes, write_text
     from tools.calibration_plot import draw_calibration
+    from tools.calibration_table import Judgement, calibration_table, worth
     from tools.conditional_logit import fit
     from tools.pair_benchmark import BINS
 
     config = MergeConfig()
-    choices = choices_of(args.pairs, config)
+    by_folder = {folder: choices_of(folder, config) for folder in args.pairs}
+    choices = [choice for folder in by_folder.values() for choice in folder]
     judged = _held_out(choices)
-    print("held out by building:", _worth(judged))
-    model = fit(choices, SIGNS, PENALTY)
+    for folder, its in by_folder.items():
+        names = {id(choice) for choice in its}
+        mine = [one for one, choice in zip(judged, choices, strict=True) if id(choice) in names]
+        print(f"{folder}, buildings left out of the fit\n{worth(mine)}\n")
+    model = fit(choices, list(SIGNS.values()), PENALTY)
     for folder in args.ask:
-        others = choices_of([folder], config)
-        judged = [_best(model.probabilities(one.features), one) for one in others]
-        print(f"{folder}:", _worth(judged))
+        others = [Judgement.of(one, model) for one in choices_of(folder, config)]
+        print(f"{folder}, no part in the fit\n{worth(others)}\n\n{calibration_table(others, BINS)}\n")
+    print(f"all that were left out\n{calibration_table(judged, BINS)}")
     if args.plot:
-        write_bytes(args.plot, draw_calibration(judged, BINS))
+        write_bytes(args.plot, draw_calibration([(one.confidence, one.right) for one in judged], BINS))
     if args.out:
         weights = {name: round(float(w), 6) for name, w in zip(FEATURES, model.weights, strict=True)}
         text = json.dumps({"pairs": len(choices), "bias": round(model.bias, 6), "weights": weights}, indent=2)
         write_text(args.out, text + "\n")
 
 
-def choices_of(folders: Sequence[Path], config: "MergeConfig") -> "list[Choice]":
-    """Return the candidates of every pair in some folders.
+def choices_of(folder: Path, config: "MergeConfig") -> "list[Choice]":
+    """Return the candidates of every pair in a folder.
 
     Raises
     ------
@@ -97,9 +105,10 @@ def choices_of(folders: Sequence[Path], config: "MergeConfig") -> "list[Choice]"
     from merging.confidence import features
     from tools.conditional_logit import Choice
     from tools.pair_files import PairFileError, load_pair
+    from tools.pair_floors import shows_part
 
     choices = []
-    for path in [path for folder in folders for path in sorted(folder.glob("*.npz"))]:
+    for path in sorted(folder.glob("*.npz")):
         pair = load_pair(path)
         views = [view_of(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source)]
         target, source = views
@@ -108,36 +117,30 @@ def choices_of(folders: Sequence[Path], config: "MergeConfig") -> "list[Choice]"
         candidates = find_candidates(target.structure, source.structure, config)
         numbers = features([evidence for _, evidence in candidates])
         right = np.array([pair.is_right(motion) for motion, _ in candidates], dtype=np.bool_)
-        choices.append(Choice(pair.name, pair.building, numbers, right))
+        choices.append(Choice(pair.name, numbers, right, 1.0 if shows_part(pair.name) else WHOLE))
     if not choices:
-        raise PairFileError(f"{', '.join(map(str, folders))}: no .npz pair of maps there")
+        raise PairFileError(f"{folder}: no .npz pair of maps there")
     return choices
 
 
-def _held_out(choices: "Sequence[Choice]") -> list[tuple[float, bool]]:
-    """Return confidence and truth of every pair's best place, by a model that never met the pair's building."""
+def _held_out(choices: "Sequence[Choice]") -> "list[Judgement]":
+    """Return what is said of each pair by a model that never met its building, or the first of its two."""
+    from merging.confidence import SIGNS
+    from tools.calibration_table import Judgement
     from tools.conditional_logit import fit
+    from tools.pair_floors import floors_of
 
-    buildings = sorted({choice.building for choice in choices})
+    shown = floors_of(choice.name for choice in choices)
+    floors = sorted({floor for some in shown.values() for floor in some})
+    parts = [set(floors[part::MOST_PARTS]) for part in range(min(MOST_PARTS, len(floors)))]
+    signs = list(SIGNS.values())
+    models = [fit([one for one in choices if not shown[one.name] & part], signs, PENALTY) for part in parts]
     judged = []
-    for part in range(PARTS):
-        asked = set(buildings[part::PARTS])
-        model = fit([one for one in choices if one.building not in asked], SIGNS, PENALTY)
-        judged += [_best(model.probabilities(one.features), one) for one in choices if one.building in asked]
+    for choice in choices:
+        first = min(shown[choice.name], default=floors[0])
+        model = next(model for part, model in zip(parts, models, strict=True) if first in part)
+        judged.append(Judgement.of(choice, model))
     return judged
-
-
-def _best(probabilities: "object", choice: "Choice") -> tuple[float, bool]:
-    import numpy as np
-
-    p = np.asarray(probabilities)
-    return (float(p.max()), bool(choice.right[int(p.argmax())])) if len(p) else (0.0, False)
-
-
-def _worth(judged: Sequence[tuple[float, bool]]) -> str:
-    accepted = [right for confidence, right in judged if confidence >= 0.9]
-    right = sum(accepted)
-    return f"{len(judged)} pairs, {right} accepted rightly, {len(accepted) - right} wrongly at a confidence of 0.9"
 
 
 if __name__ == "__main__":

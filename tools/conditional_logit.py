@@ -18,18 +18,20 @@ class Choice:
 
     Parameters
     ----------
-    name, building
-        The pair, and what it shares with others of the same building.
+    name
+        The pair.
     features
         Numbers (K, F) about each candidate.
     right
         Which candidates (K,) are the truth; none where no candidate is.
+    weight
+        How many usual pairs this one counts for.
     """
 
     name: str
-    building: str
     features: FloatArray
     right: BoolArray
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
         x[index, :count] = (choice.features - mean) / spread
         there[index, :count], right[index, :count] = True, choice.right
     target = np.column_stack((right, ~right.any(axis=1)))
+    weights = np.array([choice.weight for choice in choices])
+    strength = penalty * float(weights.sum())
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
         logits = np.column_stack((np.where(there, x @ parameters[1:] + parameters[0], -1e9), np.zeros(len(x))))
@@ -75,10 +79,10 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
         shares /= shares.sum(axis=1, keepdims=True)
         hit = shares * target
         likely = hit.sum(axis=1, keepdims=True)
-        slope = ((shares - hit / likely)[:, :most]) * there
+        slope = weights[:, None] * ((shares - hit / likely)[:, :most]) * there
         gradient = np.concatenate(([slope.sum()], np.einsum("nk,nkf->f", slope, x)))
-        gradient[1:] += 2.0 * penalty * len(x) * parameters[1:]
-        return float(-np.log(likely).sum() + penalty * len(x) * (parameters[1:] ** 2).sum()), gradient
+        gradient[1:] += 2.0 * strength * parameters[1:]
+        return float(-weights @ np.log(likely[:, 0]) + strength * (parameters[1:] ** 2).sum()), gradient
 
     bounds = [(None, None)] + [(0.0 if sign > 0 else None, 0.0 if sign < 0 else None) for sign in signs]
     found = optimize.minimize(loss, np.zeros(len(signs) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x

@@ -1,34 +1,33 @@
-"""Write pairs of partial maps of made-up buildings, with their true relative pose, and pairs that show two places."""
+"""Write pairs of partial maps of made-up or real buildings, with their true relative pose, and pairs of two places."""
 
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from datasets.synthetic.map_pairs import Building
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o pairs --seeds 0 1 2
       every kind of building with three seeds each: six overlaps, two far ends, other buildings, a mirrored one
-  python tools/%(prog)s.py -o small --world office apartment --seeds 0 1 --area 60
-      parts of offices and apartments of about 60 m2
+  python tools/%(prog)s.py -o cut-anew --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/robot_0 --parts 3
+      cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
 
-exit codes: 0 done, 1 a file cannot be written (one line says why), 2 wrong usage
+exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
+PERCENT = (100, 75, 50, 35, 25, 15)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
-    grammar = argparse.ArgumentParser(
-        prog="make_map_pairs", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    grammar.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER", help="where the pairs go")
-    grammar.add_argument("--world", nargs="+", choices=KINDS, default=KINDS, help="kinds of buildings (all)")
-    grammar.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the buildings (0)")
-    grammar.add_argument("--area", type=float, metavar="M2", help="take only so much of each building (all of it)")
-    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    grammar = _parser()
     args = grammar.parse_args(argv)
     if args.area is not None and not args.area > 0.0:
         grammar.error(f"--area must be positive, got {args.area}")
+    if any("=" not in floor or "_" in floor.partition("=")[0] for floor in args.floor):
+        grammar.error(f"--floor must be NAME=PATH with a name without underscores, got {' '.join(args.floor)}")
     from tbmslam.errors import TbmSlamError
 
     try:
@@ -42,28 +41,56 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _write(args: argparse.Namespace) -> int:
-    from datasets.synthetic.map_pairs import (
-        building_of_world,
-        cut_pairs,
-        disjoint_pair,
-        foreign_pair,
-        mirrored,
-        room_of,
+def _parser() -> argparse.ArgumentParser:
+    grammar = argparse.ArgumentParser(
+        prog="make_map_pairs", description=__doc__, epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    grammar.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER", help="where the pairs go")
+    what = grammar.add_argument_group("buildings")
+    what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of made-up buildings (all; with --floor none)")
+    what.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the made-up buildings (0)")
+    what.add_argument(
+        "--floor", nargs="+", default=[], metavar="NAME=PATH", help="real maps: a pair's first one (.npz), or any map"
     )
+    what.add_argument("--area", type=float, metavar="M2", help="take only so much of each building (all of it)")
+    what.add_argument("--parts", type=int, default=0, metavar="N", help="besides, its mirror image and N parts of it")
+    what.add_argument(
+        "--largest", type=float, default=float("inf"), metavar="M2", help="write no pair that knows more (no limit)"
+    )
+    what.add_argument("--overlap", nargs="+", type=int, default=PERCENT, metavar="PERCENT", help="of the two maps")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
 
-    buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in args.world]
+
+def _write(args: argparse.Namespace) -> int:
+    from datasets.synthetic.floors import pairs_of, variants_of
+    from datasets.synthetic.map_pairs import building_of_world, room_of
+
+    kinds = args.world or (() if args.floor else KINDS)
+    buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in kinds]
+    buildings += [_floor(*floor.split("=", 1)) for floor in args.floor]
     if args.area is not None:
         buildings = [room_of(building, args.area, 1) for building in buildings]
+    if args.parts:
+        buildings = [variant for building in buildings for variant in variants_of(building, args.parts)]
     count = 0
-    for index, building in enumerate(buildings):
-        others = [buildings[(index + step) % len(buildings)] for step in (1, 2)]
-        foreign = [foreign_pair(building, other, 1) for other in others if other is not building]
-        pairs = [*cut_pairs(building, 1), disjoint_pair(building, 1), *foreign]
-        for pair in [*pairs, foreign_pair(building, mirrored(building), 1)]:
+    for pair in pairs_of(buildings, 1, [percent / 100.0 for percent in args.overlap]):
+        if pair.known_m2 <= args.largest:
             pair.save(args.out)
             count += 1
     return count
+
+
+def _floor(name: str, path: str) -> "Building":
+    from datasets.synthetic.floors import floor_of_grid
+    from tbmslam.map_folder import load_map
+    from tools.pair_files import PairFileError, load_pair
+
+    try:
+        return floor_of_grid(name, load_pair(Path(path)).target.grid)
+    except PairFileError:
+        return floor_of_grid(name, load_map(path).grid)
 
 
 if __name__ == "__main__":

@@ -50,14 +50,6 @@ class KnownPair:
         maps = [TbmMap(grid_of(occupancy, pair.resolution)) for occupancy in (pair.occ_a, pair.occ_b)]
         return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
-    @property
-    def building(self) -> str:
-        """What is left of the name without what tells the building's pairs apart."""
-        kind, *rest = self.name.split("_")
-        if kind.startswith("neg"):
-            rest = [word for word in rest if not word.isdigit()]
-        return "_".join(rest).rstrip("_0123456789") if kind.startswith("crop") else "_".join(rest)
-
     def errors(self, found: SE2) -> tuple[float, float]:
         """Return how far an alignment puts the middle of what the source knows from its true place [m], [deg].
 

@@ -74,6 +74,11 @@ class MapPair:
     T_a_b: SE2 | None
     overlap: float
 
+    @property
+    def known_m2(self) -> float:
+        """What both maps know, together [m^2]."""
+        return float(sum(np.count_nonzero(one >= 0) for one in (self.occ_a, self.occ_b)) * self.resolution**2)
+
     def save(self, folder: Path) -> Path:
         """Write `<name>.npz`, whole or not at all, and return its path.
 
@@ -261,4 +266,4 @@ def room_of(building: Building, area_m2: float, seed: int) -> Building:
     part = _seen(building.occupancy, ways <= reach)
     rows, cols = np.nonzero(part >= 0)
     cut = part[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    return Building(f"{building.name}r{seed}", cut, building.resolution)
+    return Building(f"{building.name}part{seed}", cut, building.resolution)

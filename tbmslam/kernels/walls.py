@@ -48,6 +48,9 @@ class Walls(NamedTuple):
 COMPARED, AGREED, CONFLICTING, UNSEEN, XX, XY, YY, SQUARES = range(8)
 """What `compare_walls` sums up."""
 
+OUTSIDE, NEITHER, AGREES, CONFLICTS, NOT_SEEN = range(5)
+"""What `hold_walls` says of a wall."""
+
 
 @kernel
 def _faces(
@@ -105,6 +108,40 @@ def compare_walls(
                 if 0 <= row < rows and 0 <= col < cols and fixed.states[row, col] == 1:
                     sums[m, UNSEEN] += weight
     return sums
+
+
+@kernel
+def hold_walls(
+    moving: Walls, some: npt.NDArray[np.int64], fixed: Walls, motion: Pose, limits: Limits
+) -> npt.NDArray[np.uint8]:
+    """Return what becomes of each of some walls (K,) under a motion: which of the sums of `compare_walls` it enters."""
+    found = np.zeros(len(some), dtype=np.uint8)
+    rows, cols = fixed.states.shape
+    cosine, sine = math.cos(motion[2]), math.sin(motion[2])
+    for i in range(len(some)):
+        k = some[i]
+        px, py = moving.points[k, 0], moving.points[k, 1]
+        x, y = motion[0] + cosine * px - sine * py, motion[1] + sine * px + cosine * py
+        col = math.floor((x - fixed.origin_x) / fixed.resolution)
+        row = math.floor((y - fixed.origin_y) / fixed.resolution)
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            continue
+        nx = cosine * moving.normals[k, 0] - sine * moving.normals[k, 1]
+        ny = sine * moving.normals[k, 0] + cosine * moving.normals[k, 1]
+        distance, state = fixed.distances[row, col], fixed.states[row, col]
+        if distance <= limits.agreement:
+            near = fixed.nearest[row, col]
+            if _faces(nx, ny, moving.two_sided[k], fixed.normals, fixed.two_sided, near) >= limits.facing:
+                found[i] = AGREES
+                continue
+        if state > 0:
+            found[i] = CONFLICTS if state == 1 and distance > limits.conflict else NEITHER
+        elif distance > limits.agreement:
+            col = math.floor((x + limits.front * nx - fixed.origin_x) / fixed.resolution)
+            row = math.floor((y + limits.front * ny - fixed.origin_y) / fixed.resolution)
+            if 0 <= row < rows and 0 <= col < cols and fixed.states[row, col] == 1:
+                found[i] = NOT_SEEN
+    return found
 
 
 @kernel

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
+from merging.confidence import FEATURES
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.pair_benchmark import PairResult, calibration_table, comparison, details, summary
@@ -98,9 +99,41 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
     model = tmp_path / "model.json"
     assert calibrate_merging.main([str(folder), str(other), "-o", str(model)]) == 0
-    assert "held out by building: " in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"{folder}, buildings left out of the fit" in printed
+    assert "all that were left out" in printed
     written = json.loads(model.read_text())
-    assert written["weights"]["rmse_m"] <= 0.0 <= written["weights"]["log of weakest_wall_m"]
+    assert set(written["weights"]) == set(FEATURES)
+    assert written["weights"]["conflict"] <= 0.0 <= written["weights"]["log of weakest_wall_m"]
+
+
+def test_large_pairs_are_not_written(tmp_path, capsys):
+    kind = ["--world", "store", "--area", "40", "--overlap", "50"]
+    assert make_map_pairs.main(["-o", str(tmp_path), *kind, "--largest", "1"]) == 0
+    assert capsys.readouterr().out.startswith("0 pairs")
+
+
+def test_pairs_are_cut_from_a_real_floor(folder, tmp_path, capsys):
+    whole = next(folder.glob("*_100.npz"))
+    out = tmp_path / "cut"
+    assert make_map_pairs.main(["-o", str(out), "--floor", f"flat={whole}", "--overlap", "50", "--parts", "1"]) == 0
+    names = sorted(path.stem for path in out.iterdir())
+    assert [name for name in names if name.startswith("crop")] == [
+        "crop_flat_1_050", "crop_flatmir_2_050", "crop_flatpart1mir_3_050",
+    ]  # fmt: skip
+    assert not [name for name in names if name.startswith("negd_flatmir_flatpart1mir")]
+    assert load_pair(out / "crop_flatmir_2_050.npz").T_target_source is not None
+
+
+def test_a_floor_needs_a_name(capsys):
+    with pytest.raises(SystemExit):
+        make_map_pairs.main(["-o", "x", "--floor", "pair.npz"])
+    assert "--floor must be NAME=PATH with a name without underscores, got pair.npz" in capsys.readouterr().err
+
+
+def test_a_floor_that_is_not_there_is_an_error(tmp_path, capsys):
+    assert make_map_pairs.main(["-o", str(tmp_path), "--floor", f"flat={tmp_path / 'no.npz'}"]) == 1
+    assert "no.npz" in capsys.readouterr().err
 
 
 def test_nothing_to_fit_on_is_an_error(tmp_path, capsys):
