@@ -284,9 +284,10 @@ class _Drive:
 
         Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
         """
-        middle, half = 0.5 * (hessian[0, 0] + hessian[1, 1]), 0.5 * (hessian[0, 0] - hessian[1, 1])
-        spread = math.hypot(half, hessian[0, 1])
-        weak = 0.5 * math.atan2(hessian[0, 1], half) + 0.5 * math.pi
+        (xx, xy), (_, yy) = hessian[:2, :2].tolist()
+        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        spread = math.hypot(half, xy)
+        weak = 0.5 * math.atan2(xy, half) + 0.5 * math.pi
         open_direction = np.array([math.cos(weak), math.sin(weak)])
         if rival is not None and abs(rival @ open_direction) < 0.9 * np.hypot(*rival):
             return None

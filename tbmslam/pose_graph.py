@@ -3,12 +3,13 @@
 Built on GTSAM (Dellaert and Kaess, "Factor graphs for robot perception", 2017).
 """
 
+import math
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,11 @@ def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEd
 
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     """Return one pose of (N, 3) as seen from another."""
-    return SE2.from_array(poses[source]).inverse() @ SE2.from_array(poses[target])
+    x, y, theta = poses[source].tolist()
+    to_x, to_y, to_theta = poses[target].tolist()
+    cosine, sine = math.cos(theta), math.sin(theta)
+    dx, dy = to_x - x, to_y - y
+    return SE2(cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(to_theta - theta))
 
 
 def edge_error(edge: MotionEdge, poses: FloatArray) -> float:
