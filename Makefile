@@ -5,18 +5,25 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper confidence docs test slow check install clean kernel-coverage fuzz
+.PHONY: demo paper confidence docs test slow check install develop clean kernel-coverage fuzz
 
 install: .venv/installed
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tbmslam needs Python 3.11 or later")'
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+# What working on it takes besides: test tools, and every program and viewer that reads our files, some 900 MB.
+develop: .venv/developed
+
+.venv/developed: .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
 # Fails early and clearly when the style, the types or the layers are broken.
-check: install
+check: develop
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -42,35 +49,35 @@ docs/merged-office.png: demo
 	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"
 
 # The README's pictures of a report, as a browser shows it; needs Chromium.
-docs/report.png: demo
+docs/report.png: demo develop
 	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@
 
-docs/pairs.png: demo
+docs/pairs.png: demo develop
 	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@ --element .cards
 
 docs: docs/merged-office.png docs/report.png docs/pairs.png
 
 # Compiled code hides from coverage; here Python runs the kernels itself, and the table says which lines no test reaches.
-kernel-coverage: install
+kernel-coverage: develop
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q tests/tbmslam/kernels --cov=tbmslam.kernels \
 	    --cov-report=term-missing:skip-covered --cov-fail-under=85
 
 # Looks for bytes that a border does not survive: `make fuzz BORDER=bag SECONDS=600`; the borders are in tests/fuzzing/borders.py.
 BORDER ?= npz
 SECONDS ?= 60
-fuzz: install
+fuzz: develop
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python tests/fuzzing/fuzz.py $(BORDER) --seconds $(SECONDS)
 
 # The paper's tables and figures, measured anew on five simulated drives; some minutes.
-paper: install
+paper: develop
 	$(BIN)/python tools/reproduce_paper.py -o out/paper
 
 # The confidence model, anew from the recordings and map pairs in DATA, which are no part of the repository. Prints what the
 # model is worth on each building when that was left out of the fit, and draws docs/confidence.png. Takes half an hour.
 DATA ?= ../shared/data
 BUILDINGS := ex3 lab_f lab_ipa nlb simona uma vim23 vottero
-confidence: install
+confidence: develop
 	$(BIN)/python tools/build_maps.py $(DATA)/mit-csail/mit-csail.bag -o out/confidence/csail
 	$(BIN)/python tools/build_maps.py $(DATA)/intel/intel.bag --angle-step-deg 1.0 -o out/confidence/intel
 	$(BIN)/python tools/build_maps.py $(DATA)/aces/aces.bag --angle-step-deg 1.0 -o out/confidence/aces
@@ -80,10 +87,10 @@ confidence: install
 	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/pairs \
 	    --plot docs/confidence.png -o merging/confidence_model.json
 
-test: install
+test: develop
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'
 
-slow: install
+slow: develop
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow
 
 clean:
