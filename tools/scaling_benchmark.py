@@ -22,8 +22,20 @@ from tools.slam_run import WARM_UP_SCANS, CpuClock
 from tools.text_table import number, text_table
 
 HEAD = (
-    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "match us", "insert us", "scan us", "last us"),
-    *("finish us", "peak MB", "ATE m"),
+    *(
+        "route",
+        "preset",
+        "drive m",
+        "scans",
+        "seen m2",
+        "box m2",
+        "cell m",
+        "match us",
+        "insert us",
+        "scan us",
+        "last us",
+    ),
+    *("finish us", "driven MB", "peak MB", "ATE m"),
 )
 
 NOTES = """\
@@ -46,10 +58,12 @@ class ScalingRun:
         How far, and how often the laser turned.
     seen_m2, box_m2
         Area of the cells known in the end, and of the upright box around them.
+    cell_m
+        Side of a cell in the end.
     matching_us, inserting_us, scan_us, last_quarter_us, finishing_us
         CPU time a scan: see NOTES.
-    peak_memory_mb
-        Most memory that the process held, the simulation included.
+    driven_memory_mb, peak_memory_mb
+        Most memory that the process held until the drive's end, the simulation included, and in all.
     ate_m
         Error against the true trajectory.
     """
@@ -60,11 +74,13 @@ class ScalingRun:
     scans: int
     seen_m2: float
     box_m2: float
+    cell_m: float
     matching_us: float
     inserting_us: float
     scan_us: float
     last_quarter_us: float
     finishing_us: float
+    driven_memory_mb: float
     peak_memory_mb: float
     ate_m: float
 
@@ -114,6 +130,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int) -> Sc
         stops.append((stops[-1][0] + len(block), clock.cpu["processing"]))
     (from_scan, from_cpu), (scans, cpu) = stops[len(stops) * 3 // 4 - 1], stops[-1]
     share = clock.cpu_share("processing")
+    driven_memory_mb = peak_memory_mb()
     with clock.during("finishing"):
         tbm_map = slam.finish()
     trajectory, geometry = tbm_map.drives[0].trajectory, tbm_map.grid.geometry
@@ -125,11 +142,13 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int) -> Sc
         scans=len(trajectory),
         seen_m2=float(tbm_map.grid.is_known().sum()) * geometry.resolution**2,
         box_m2=geometry.rows * geometry.cols * geometry.resolution**2,
+        cell_m=geometry.resolution,
         matching_us=slam.clock.seconds["matching"] * share * micro,
         inserting_us=slam.clock.seconds["inserting"] * share * micro,
         scan_us=clock.cpu["processing"] * micro,
         last_quarter_us=(cpu - from_cpu) / (scans - from_scan) * 1e6,
         finishing_us=clock.cpu["finishing"] * micro,
+        driven_memory_mb=driven_memory_mb,
         peak_memory_mb=peak_memory_mb(),
         ate_m=float(np.sqrt(np.mean(absolute_errors(drive.truth(), trajectory).errors_m ** 2))),
     )
@@ -144,7 +163,9 @@ def _row(run: ScalingRun) -> list[str]:
         str(run.scans),
         number(run.seen_m2, 0),
         number(run.box_m2, 0),
+        number(run.cell_m, 2),
         *(number(cost, 0) for cost in costs),
+        number(run.driven_memory_mb, 0),
         number(run.peak_memory_mb, 0),
         number(run.ate_m, 3),
     ]
