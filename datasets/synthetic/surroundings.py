@@ -14,7 +14,7 @@ _LONG_WALL = 1.0  # [m]
 _EVERY, _IN_SIGHT = 3.0, 8.0  # a person crosses the way so often, and is in sight before and after [s]
 _PERSON, _WALKING = 0.2, 1.0  # radius [m], speed [m/s]
 _BOXES, _BOX = 12, 0.5  # number, side [m]
-_KEPT_FREE = 0.7  # from the robot's way to the middle of a box [m]
+_KEPT_FREE = 0.7  # from the robot to the middle of a box or a person [m]
 
 
 def ranges_of(robot: SimulatedRobot) -> FloatArray:
@@ -46,10 +46,11 @@ def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -
     directions = np.stack((np.cos(angles[0]), np.sin(angles[0])), axis=1)
     passing = poses[met, :2] + 1.2 * np.stack((np.cos(angles[1]), np.sin(angles[1])), axis=1)
     things = []
-    for stamp in stamps:
+    for stamp, pose in zip(stamps, poses, strict=True):
         there = np.abs(stamp - meetings) < _IN_SIGHT
         walked = passing[there] + directions[there] * (_WALKING * (stamp - meetings[there]))[:, None]
-        things.append(np.vstack([np.zeros((0, 4)), *(_polygon(place, _PERSON, 8, 0.0) for place in walked)]))
+        aside = walked[np.hypot(*(walked - pose[:2]).T) > _KEPT_FREE]  # nobody walks through the robot
+        things.append(np.vstack([np.zeros((0, 4)), *(_polygon(place, _PERSON, 8, 0.0) for place in aside)]))
     return _before(robot, things, rng)
 
 

@@ -1,0 +1,65 @@
+"""Faults of sensors and of the world: a right map, or a warning that names the time."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from datasets.synthetic.faults import Fault
+from tbmslam.trajectory_errors import absolute_errors
+from tbmslam.tum import read_tum
+from tools.fault_cases.fault_case import FaultCase, Outcome
+from tools.fault_cases.program_run import mapped, simulated
+
+_RIGHT_M, _TOLD_M = 0.1, 0.25
+"""Error of the trajectory (root mean square) up to which a map is right, and is where the fault was told [m]."""
+
+_SOON_S = 8.0
+
+
+def _tried(folder: Path, fault: str, *, told: str = "") -> Outcome:
+    """Map a simulated drive with a fault; where something must be told, the time must be right, too."""
+    bag = simulated(folder / "drive", "--fault", fault)
+    done, run = mapped(bag, folder / "maps")
+    if done.code or not run:
+        return Outcome(f"exit {done.code}: {done.stderr.strip()[-100:]}", "everything", survived=False)
+    errors = absolute_errors(
+        read_tum(bag.with_suffix(".truth.tum")), read_tum(folder / "maps" / "robot_0" / "trajectory.tum"), 0.01
+    )
+    ate = float(np.sqrt(np.mean(errors.errors_m**2)))
+    since = Fault.parse(fault).at
+    # What a fault does shows a little later: at the next keyframe, at the next turn, when it ends.
+    incidents = [incident for incident in run["incidents"] if since - 1.0 <= incident["at_s"] <= since + _SOON_S]
+    fitting = next((incident for incident in incidents if told in incident["what"]), None)
+    shown = (incidents or run["incidents"])[:2]
+    warned = "; ".join(f"at {incident['at_s']:.1f} s: {incident['what']}" for incident in shown)
+    result, counts = run["result"], run["counts"]
+    used = result["scans"] - len(read_tum(folder / "maps" / "robot_0" / "trajectory.tum"))
+    lost = [f"{n} scans {reason}" for reason, n in counts["dropped"].items()]
+    lost += [f"{counts['gap_seconds']:.0f} s without scans"] if counts["gaps"] else []
+    lost += [f"{used} scans left out"] if used else []
+    said = f"ATE {ate:.3f} m" + (f"; {warned}" if warned else "")
+    right = ate <= (_TOLD_M if told else _RIGHT_M) and (not told or fitting is not None)
+    return Outcome(said, ", ".join(lost) or "nothing", survived=right)
+
+
+def _case(name: str, fault: str, told: str = "", *, quick: bool = False) -> FaultCase:
+    return FaultCase(name, partial(_tried, fault=fault, told=told), quick)
+
+
+CASES = (
+    _case("odometry missing for 20 s", "odometry_gap@20+20", "no odometry", quick=True),
+    _case("odometry jumps by 2 m and a radian", "odometry_jump@20", "the odometry jumps"),
+    _case("odometry begins anew at zero", "odometry_reset@20", "disagree"),
+    _case("odometry freezes for 2 s, then jumps", "odometry_freeze@20+2", "odometry"),
+    _case("clock of the laser 82.2 s behind", "clock_offset@0"),
+    _case("clock of the laser 3 s wrong for 20 s", "clock_step@20+20", "clock of the scans", quick=True),
+    _case("stamps step back every second", "stamps_back@20+20", "step back"),
+    _case("every other stamp twice", "stamps_twice@20+20"),
+    _case("laser unplugged for 20 s, robot drives on", "laser_gap@20+20", "no scans", quick=True),
+    _case("half of the beams covered", "beams_blocked@20+60", "blocks", quick=True),
+    _case("walls of glass", "glass@0+600"),
+    _case("people cross the way all the time", "people@0+600"),
+    _case("a dozen boxes moved", "furniture@30"),
+    _case("robot carried elsewhere", "carried@20+15", "lost", quick=True),
+)

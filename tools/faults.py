@@ -1,0 +1,75 @@
+"""Try faults on the real programs and print what became of each: what happened, and what was lost.
+
+A row is red where the result is wrong, or where a program ended otherwise than with one clear line.
+"""
+
+import argparse
+import importlib
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tools.fault_cases.fault_case import FaultCase, Outcome
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py
+      try everything, some minutes
+  python tools/%(prog)s.py --short --family bags
+      only the quickest of the damaged bags
+
+exit codes: 0 no row is red, 1 some are, 2 wrong usage
+"""
+
+FAMILIES = ("bags", "sensors")
+"""Modules of `tools.fault_cases`, each with its `CASES`."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = argparse.ArgumentParser(
+        prog="faults", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("--short", action="store_true", help="only some of each family, less than two minutes")
+    grammar.add_argument("--family", choices=FAMILIES, action="append", help="only this one; may be repeated")
+    grammar.add_argument("--only", metavar="TEXT", default="", help="only faults whose name contains this")
+    return grammar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the program; return its exit code."""
+    args = parser().parse_args(argv)
+    from tools.text_table import text_table
+
+    rows, red = [], 0
+    for family in args.family or FAMILIES:
+        module = importlib.import_module(f"tools.fault_cases.{family}")
+        for case in module.CASES:
+            if (args.short and not case.quick) or args.only not in case.name:
+                continue
+            outcome, seconds = _tried(case)
+            red += not outcome.survived
+            sys.stderr.write(f"{'ok ' if outcome.survived else 'RED'} {seconds:5.1f} s  {case.name}\n")
+            rows.append((case.name, outcome.happened, outcome.lost, "ok" if outcome.survived else "RED"))
+    print(text_table(("fault", "what happened", "what was lost", "row"), rows))
+    print(f"\n{len(rows)} faults tried, {red} rows red")
+    return 1 if red else 0
+
+
+def _tried(case: "FaultCase") -> "tuple[Outcome, float]":
+    """Try a fault in a folder of its own."""
+    from tools.fault_cases.fault_case import Outcome
+
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="faults.") as folder:
+        try:
+            outcome = case.attempt(Path(folder))
+        except Exception as error:  # noqa: BLE001 - a fault that breaks its own trial is a red row, not the end
+            outcome = Outcome(f"{type(error).__name__}: {error}"[:110], "?", survived=False)
+    return outcome, time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    sys.exit(main())
