@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper confidence docs test slow check install develop clean kernel-coverage fuzz
+.PHONY: demo paper confidence docs test slow check install develop clean kernel-coverage fuzz faults
 
 install: .venv/installed
 
@@ -86,6 +86,10 @@ confidence: develop
 	    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
 	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/pairs \
 	    --plot docs/confidence.png -o merging/confidence_model.json
+
+# What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
+faults: develop
+	$(BIN)/python tools/faults.py $(SHORT)
 
 test: develop
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'

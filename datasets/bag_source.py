@@ -134,6 +134,7 @@ class BagSource:
             self.connections = [connection for part in self._parts for connection in part.connections]
         else:
             self._salvaged = _salvaged_file(self.path, self.damage)
+            self.damage = self._salvaged.reason
             self.connections = self._salvaged.connections
         if not any(connection.msgcount for connection in self.connections):
             raise DatasetError(f"{self.path}: {self.damage}; no message in it can be read: fetch it again") from error

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from datasets.salvaged_bag import BagConnection, Hole, SalvagedBag
+from datasets.salvaged_bag import UNTOLD, BagConnection, Hole, SalvagedBag
 
 _MAGIC = 8  # bytes
 _HEAD = struct.Struct("<BQ")  # kind and length of a record
@@ -28,6 +28,8 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         scan = _Scan(buffer)
         scan.read()
+    if not scan.is_whole:
+        reason += f", {UNTOLD}"
     entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
     known = entries[np.isin(entries[:, 1], list(scan.channels))]
     connections = []
@@ -46,6 +48,7 @@ class _Scan:
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, Channel] = {}
         self.holes: list[Hole] = []
+        self.is_whole = False
         self._buffer = buffer
 
     def read(self) -> None:
@@ -54,6 +57,7 @@ class _Scan:
         while position + _HEAD.size <= end:
             opcode, length = _HEAD.unpack_from(self._buffer, position)
             if opcode == Opcode.DATA_END:
+                self.is_whole = True
                 return
             following = position + _HEAD.size + length
             inside = _CHUNK.match(self._buffer, position)

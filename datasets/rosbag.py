@@ -16,6 +16,7 @@ from datasets.recording import Recording
 from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
 from datasets.rosbag_messages import pose_of, scan_of, transforms_of
 from datasets.rosbag_plan import Plan, plan_reading
+from datasets.salvaged_bag import UNTOLD
 from datasets.scan_intake import ScanIntake
 from tbmslam.laser_scan import Reading
 
@@ -96,7 +97,8 @@ class _Pass:
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
         said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "as far as can be told, no scan is lost"
         for line in files.damages():
-            logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, said)
+            known = "some are lost" if UNTOLD in line and not lost else said
+            logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
     def _take(self, message: Message) -> None:
         """Hand a message to where it belongs."""

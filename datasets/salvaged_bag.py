@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+UNTOLD = "it ends too soon and does not tell how much is missing"
 _KEPT_BLOCKS = 6
 
 

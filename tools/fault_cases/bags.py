@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from datasets.salvaged_bag import UNTOLD
 from tools.fault_cases import bag_damage
 from tools.fault_cases.fault_case import FaultCase, Outcome
 from tools.fault_cases.program_run import mapped, simulated
@@ -32,9 +33,13 @@ def _tried(
     used, lost = counts["scans_used"], counts["lost_scans"]
     said = re.search(r"(the bag|the index|no metadata)[^;(]*", done.stderr)
     happened = f"{used} of {scans} scans used" + (f"; {said[0].strip()}" if said else "")
-    gone = f"about {lost} scans, {counts['lost_seconds']:.1f} s" if lost else "nothing"
-    dropped = ", ".join(f"{number} scans {reason}" for reason, number in counts["dropped"].items())
-    return Outcome(happened, dropped if dropped and not lost else gone, survived=used >= least * scans)
+    gone = [f"about {lost} scans, {counts['lost_seconds']:.1f} s"] if lost else []
+    gone += [f"{number} scans {reason}" for reason, number in counts["dropped"].items()]
+    told = UNTOLD in done.stderr
+    if not gone and used < scans:
+        gone = [f"{scans - used} scans, it cannot tell how many"]
+    right = used >= least * scans and (bool(lost) or told or used + sum(counts["dropped"].values()) == scans)
+    return Outcome(happened, ", ".join(gone) or "nothing", survived=right)
 
 
 def _refused(folder: Path, damage: Callable[[Path], None]) -> Outcome:
