@@ -22,6 +22,20 @@ class GeoTiffError(TbmSlamError):
     """A GeoTIFF cannot be written here."""
 
 
+def require_rasterio() -> None:
+    """Check that GeoTIFF can be written, before work is done for it.
+
+    Raises
+    ------
+    GeoTiffError
+        If rasterio is not installed.
+    """
+    try:
+        import rasterio  # noqa: F401, PLC0415  # large, and an extra
+    except ImportError:
+        raise GeoTiffError("a GeoTIFF needs rasterio, which is not installed: pip install 'tbmslam[geotiff]'") from None
+
+
 def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write a grid, whole or not at all: five bands of float32, see `BANDS`; coordinates are metres in its frame.
 
@@ -34,11 +48,10 @@ def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
     FileNotWrittenError
         If the file cannot be written.
     """
-    try:
-        import rasterio  # noqa: PLC0415  # large, and an extra
-        from rasterio.crs import CRS  # noqa: PLC0415
-    except ImportError:
-        raise GeoTiffError("a GeoTIFF needs rasterio, which is not installed: pip install 'tbmslam[geotiff]'") from None
+    require_rasterio()
+    import rasterio  # noqa: PLC0415
+    from rasterio.crs import CRS  # noqa: PLC0415
+
     left, _, _, top = grid.geometry.bounds()
     step = grid.geometry.resolution
     values: list[npt.NDArray[Any]] = [

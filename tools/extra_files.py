@@ -25,6 +25,20 @@ def add_extra_files(grammar: argparse.ArgumentParser) -> None:
     )
 
 
+def check_extra_files(options: argparse.Namespace) -> None:
+    """Check that what was asked for can be written.
+
+    Raises
+    ------
+    TbmSlamError
+        If what writes it is not installed.
+    """
+    if options.geotiff:
+        from tbmslam.geotiff import require_rasterio
+
+        require_rasterio()
+
+
 def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
     """Write what was asked for; what was not, and any when there is no map, is removed as part of an older map.
 

@@ -12,7 +12,7 @@ from tbmslam.rerun_viewer import RerunViewer
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 from tools.configuration import Configuration
-from tools.extra_files import write_extra_files
+from tools.extra_files import check_extra_files, write_extra_files
 from tools.mapping_crew import map_all
 from tools.mapping_plan import plan_mapping
 from tools.mapping_task import Mapped, MappingTask, Shelf, finished
@@ -24,6 +24,7 @@ from tools.viewer_option import LIVE
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
     """Map every robot into its folder, then write a report and the truth beside them; show it where that is wanted."""
+    check_extra_files(args)
     with output_folder(args.out):
         if args.viewer is None:
             _build(args, config, command, ProgressBars())

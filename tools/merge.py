@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
-from tools.extra_files import add_extra_files, write_extra_files
+from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.map_listing import list_maps
 from tools.typed_command import typed_command
 
@@ -211,6 +211,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     from tools.output_folder import output_folder
     from tools.progress import ProgressBars
 
+    check_extra_files(options)
     watch = ProgressBars()
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
     with output_folder(options.out):

@@ -1,10 +1,12 @@
 import argparse
+import sys
 
 import pytest
 
+from tbmslam.geotiff import GeoTiffError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.tbm_map import TbmMap
-from tools.extra_files import add_extra_files, write_extra_files
+from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
 
 MAP = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 3, 4)))
 
@@ -22,6 +24,13 @@ def test_only_what_was_asked_for_is_written_and_the_rest_of_an_older_map_goes(tm
     assert files(tmp_path, MAP, "--occupancy-bag", "mcap") == {"map.mcap"}
     pytest.importorskip("rasterio", reason="rasterio is not installed")
     assert files(tmp_path, MAP, "--geotiff") == {"map.tif"}
+
+
+def test_what_cannot_be_written_is_told_before_the_work(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    check_extra_files(argparse.Namespace(geotiff=False))
+    with pytest.raises(GeoTiffError, match="needs rasterio, which is not installed"):
+        check_extra_files(argparse.Namespace(geotiff=True))
 
 
 def test_without_a_map_nothing_stays(tmp_path):
