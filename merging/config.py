@@ -117,8 +117,9 @@ class CorrelationConfig(_Config):
         What a metre of wall on free space costs, in metres of agreeing wall.
     wall_bonus
         What a metre of wall on any wall brings.
-    turns_share
-        Share of all rotations that are tried: those under which most walls face the same ways.
+    turns_share, most_turns
+        Share of all rotations that are tried, those under which most walls face the same ways, and how many at most:
+        large maps have many, and walls enough to tell which.
     min_overlap_m
         Shifts under which the maps reach into each other by less are not told apart from others [m].
     peaks_per_rotation, proposals
@@ -135,6 +136,7 @@ class CorrelationConfig(_Config):
     penalty: Annotated[float, Field(ge=0.0)] = 0.5
     wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
     turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.45
+    most_turns: Annotated[int, Field(ge=1)] = 160
     min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
     peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
     proposals: Annotated[int, Field(ge=1)] = 1000

@@ -98,7 +98,7 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
     target_facing, target_kinds = _target_spectra(fixed, size, cell, config)
     steps = math.ceil(2.0 * math.pi / min(max(cell / max(moving.spread(), cell), 0.01), 0.05))
     peaks = []
-    for theta in _likely_turns(fixed, moving, 2.0 * math.pi * np.arange(steps) / steps, config.turns_share):
+    for theta in _likely_turns(fixed, moving, 2.0 * math.pi * np.arange(steps) / steps, config):
         facing, kinds = _source_images(moving, float(theta), size, cell)
         product = np.conj(scipy.fft.fft2(facing, overwrite_x=True)) * target_facing
         product += np.conj(scipy.fft.fft2(kinds, overwrite_x=True)) * target_kinds
@@ -118,15 +118,16 @@ def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) 
     return max(cell, extent / config.most_cells)
 
 
-def _likely_turns(fixed: _Layout, moving: _Layout, turns: FloatArray, share: float) -> FloatArray:
-    """Return the share of all turns under which the walls of both maps face the same ways most.
+def _likely_turns(fixed: _Layout, moving: _Layout, turns: FloatArray, config: CorrelationConfig) -> FloatArray:
+    """Return the share of all turns, or as many as allowed, under which the walls of both maps face the same ways most.
 
     Buildings have few directions, and a turn that brings none of them together brings no walls together.
     """
     spectra = [np.fft.rfft(_directions(layout)) for layout in (fixed, moving)]
     likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
     bins = np.rint(turns * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
-    best = np.argsort(-likeness[bins], kind="stable")[: math.ceil(share * len(turns))]
+    count = min(math.ceil(config.turns_share * len(turns)), config.most_turns)
+    best = np.argsort(-likeness[bins], kind="stable")[:count]
     return turns[np.sort(best)]
 
 

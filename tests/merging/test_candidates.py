@@ -68,3 +68,12 @@ def test_the_best_of_places_close_together_is_kept(rooms):
     motions = [SE2(0.0, 0.0, 0.0), SE2(0.5, 0.0, 0.0), SE2(9.0, 0.0, 0.0)]
     kept = distinct(motions, np.array([1.0, 2.0, 0.5]), structure(rooms(1)), 5)
     assert kept == [motions[1], motions[2]]
+
+
+def test_few_turns_are_enough_where_many_walls_tell_which(rooms):
+    grid, true = rooms(1), SE2(2.0, 5.0, math.radians(40.0))
+    few = MergeConfig(correlation=CONFIG.correlation.model_copy(update={"most_turns": 40}))
+    candidates = find_candidates(structure(warp(grid, true, grid.geometry)), structure(grid), few)
+    metres, degrees = error(candidates[0][0], true)
+    assert metres < 0.02
+    assert degrees < 0.05
