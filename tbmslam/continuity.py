@@ -17,7 +17,7 @@ class ContinuityConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    enabled: bool = Field(True, description="look for moments at which the robot got lost")
+    enabled: bool = Field(True, description="look for moments at which the robot got lost; surfels only")
     doubtful: float = Field(0.5, ge=0, le=1, description="share of hits on known surfaces below which to look")
     max_range: float = Field(40.0, gt=0, description="hits beyond this are not compared [m]")
     depth: float = Field(0.3, gt=0, description="how far a hit must lie in free space to contradict [m]")

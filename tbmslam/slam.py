@@ -71,7 +71,10 @@ class Slam:
         self._keyframes: list[TrackedKeyframe] = []
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
-        self._monitor = DriveMonitor(self.config.continuity, self.config.blocked_beams, self.config.odometry_check)
+        continuity = self.config.continuity
+        if not isinstance(self.config.tracker, SurfelTrackerConfig):  # whose scores alone tell that the robot got lost
+            continuity = continuity.model_copy(update={"enabled": False})
+        self._monitor = DriveMonitor(continuity, self.config.blocked_beams, self.config.odometry_check)
         self.incidents = self._monitor.incidents
         self._parts = [(0, 0)]  # first reading and first keyframe of what hangs together
 

@@ -53,6 +53,14 @@ def test_resampling_keeps_the_pool_of_tiles_small(drive_in):
     assert tiles[1.0] <= tiles[0.0]
 
 
+def test_scores_of_particles_do_not_tell_that_the_robot_got_lost(drive_in):
+    readings = drive_in("apartment", 15.0).readings
+    config = config_of()
+    watchful = config.model_copy(update={"continuity": config.continuity.model_copy(update={"enabled": True})})
+    first, second = mapped(readings, config), mapped(readings, watchful)
+    np.testing.assert_array_equal(first.drives[0].trajectory.poses, second.drives[0].trajectory.poses)
+
+
 def test_maps_and_particles_must_be_as_many():
     factors = beam_factors(SensorModelConfig(), 0.1, 1.0)
     with pytest.raises(ValueError, match=r"maps must be one for each of 30 particles, got 2"):
