@@ -27,6 +27,7 @@ class MotionConfig(BaseModel):
     heading_per_radian: float = Field(0.1, ge=0, description="more of it per turned radian [rad/rad]")
     position_per_second: float = Field(0.5, gt=0, description="position uncertainty without odometry [m/s]")
     heading_per_second: float = Field(0.5, gt=0, description="heading uncertainty without odometry [rad/s]")
+    persistence: float = Field(0.5, gt=0, description="how long a motion goes on and can contradict the odometry [s]")
     jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
     jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
 
@@ -78,11 +79,21 @@ class MotionModel:
         return self._by_constant_velocity(reading)
 
     def coasting(self, reading: Reading) -> SE2:
-        """Return where the robot would be if it just went on as before, should the odometry be wrong."""
+        """Return where the robot would be if it just went on as before."""
         if self._stamp is None or not 0.0 < self._duration <= 1.0:
             return self._T_map_robot
         duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
         return self._T_map_robot @ _part(self._last_step(), duration / self._duration)
+
+    def alternative(self, reading: Reading, T_map_robot: SE2) -> SE2:
+        """Return another guess than the odometry's T_map_robot, should that be wrong: where coasting has led.
+
+        A robot goes on as before for a moment only. After a longer time its last motion says less than any odometry, and
+        the odometry's guess comes back: in a crossing, that of a turn not taken fits as well as that of the turn.
+        """
+        if self._stamp is None or reading.scan.stamp - self._stamp > self._config.persistence:
+            return T_map_robot
+        return self.coasting(reading)
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
         """Return how the robot moves in the time [s] after a reading that is about to be placed.

@@ -134,7 +134,7 @@ class Slam:
             scan = deskewed(scan, self._motion.motion_after(reading, sweep), T_robot_sensor, self.config.deskew)
 
         def other_guess() -> SE2:
-            return self._motion.coasting(reading) @ T_robot_sensor
+            return self._motion.alternative(reading, prediction.T_map_robot) @ T_robot_sensor
 
         match = self._tracker.match(scan, guess, deviations, other_guess)
         if reading.T_odom_robot is None and sweep > 0.0:

@@ -4,7 +4,7 @@
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
 is worth. `merge` prints what a merge costs by area, beside the paper's own program. `strangers` counts how often maps
-that do not belong together are merged all the same.
+that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
 import argparse
@@ -42,7 +42,9 @@ def parser() -> argparse.ArgumentParser:
         "epilog": EXAMPLES.replace("%(prog)s", "benchmark"),
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
-    commands = grammar.add_subparsers(dest="command", required=True, metavar="slam|scaling|align|merge|strangers")
+    commands = grammar.add_subparsers(
+        dest="command", required=True, metavar="slam|scaling|align|merge|strangers|limits"
+    )
     slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds", **more)
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
@@ -91,7 +93,9 @@ def parser() -> argparse.ArgumentParser:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
-    for command in (slam, scaling, align, merge, strangers):
+    limits = commands.add_parser("limits", help="whether a day of recording and 1 km2 of building fit into memory")
+    limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
+    for command in (slam, scaling, align, merge, strangers, limits):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -125,22 +129,28 @@ def _check(args: argparse.Namespace) -> None:
     ValueError
         When one of them means nothing.
     """
+    if args.command == "align":
+        args.method = _pair_methods(args.method)
+    elif args.command == "merge":
+        args.areas = [float(area) for area in args.areas.split(",")]
+        if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
+            raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
+    elif args.command == "limits":
+        if not 0.0 < args.share <= 1.0:
+            raise ValueError(f"--share must lie above 0 and not above 1, got {args.share}")
+    elif args.command == "strangers":
+        if min(args.pairs, args.workers) < 1 or args.seed < 0:
+            raise ValueError("--pairs and --workers must be positive, --seed not negative")
+    else:
+        _check_drives(args)
+
+
+def _check_drives(args: argparse.Namespace) -> None:
+    """Turn the texts of `slam` and `scaling` into what they mean; see `_check`."""
     from tbmslam.config import PRESETS
     from tools.recording_spec import parse_recording_spec
     from tools.simulated_recording import SimulatedRecording
 
-    if args.command == "align":
-        args.method = _pair_methods(args.method)
-        return
-    if args.command == "merge":
-        args.areas = [float(area) for area in args.areas.split(",")]
-        if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
-            raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
-        return
-    if args.command == "strangers":
-        if min(args.pairs, args.workers) < 1 or args.seed < 0:
-            raise ValueError("--pairs and --workers must be positive, --seed not negative")
-        return
     args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
     for name in args.preset:
         if name not in PRESETS:
@@ -180,6 +190,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.merge_benchmark import benchmark_merge
 
         benchmark_merge(args)
+    elif args.command == "limits":
+        from tools.limits_benchmark import benchmark_limits
+
+        benchmark_limits(args)
     elif args.command == "strangers":
         from tools.stranger_benchmark import benchmark_strangers
 

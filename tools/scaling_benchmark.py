@@ -105,8 +105,8 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
         write_text(args.json, json.dumps(record, indent=2) + "\n")
 
 
-def run_scaling(preset_name: str, route: Route, length: float, beams: int) -> ScalingRun:
-    """Drive and map in this process and measure it.
+def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
+    """Drive and map in this process, so many scans a second [Hz], and measure it.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int) -> Sc
     """
     config = preset(preset_name)
     angle_min, angle_increment = SimulatedLaser.field_of(beams)
-    laser = SimulatedLaser(beams=beams, angle_min=angle_min, angle_increment=angle_increment, rate=_SCAN_RATE)
+    laser = SimulatedLaser(beams=beams, angle_min=angle_min, angle_increment=angle_increment, rate=rate)
     drive = EndlessDrive(route, length, laser, OdometryNoise.preset("good"))
     warm_up = TimedSlam(config)
     for reading in itertools.islice(drive.readings(), WARM_UP_SCANS):
