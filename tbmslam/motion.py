@@ -88,8 +88,8 @@ class MotionModel:
     def alternative(self, reading: Reading, T_map_robot: SE2) -> SE2:
         """Return another guess than the odometry's T_map_robot, should that be wrong: where coasting has led.
 
-        A robot goes on as before for a moment only. After a longer time its last motion says less than any odometry, and
-        the odometry's guess comes back: in a crossing, that of a turn not taken fits as well as that of the turn.
+        A robot goes on as before for a moment only. After a longer time its last motion says less than any odometry,
+        whose guess then comes back: in a crossing, that of a turn not taken fits as well as that of the turn.
         """
         if self._stamp is None or reading.scan.stamp - self._stamp > self._config.persistence:
             return T_map_robot
