@@ -24,6 +24,12 @@ class ContinuityConfig(BaseModel):
     max_contradiction: float = Field(
         0.12, ge=0, le=1, description="share of both scans' hits in the other's free space that is no continuation"
     )
+    max_agreement: float = Field(
+        0.4,
+        ge=0,
+        le=1,
+        description="a scan with more of its hits on what the last scan hit is a continuation all the same",
+    )
     far: float = Field(0.3, gt=0, description="a scan placed so far from where the odometry puts it [m, rad]")
     min_agreement: float = Field(
         0.7, ge=0, le=1, description="must have this share of its hits on what the last scan hit"

@@ -105,4 +105,5 @@ class DriveMonitor:
         is_far = max(math.hypot(moved.x, moved.y), abs(moved.theta)) > config.far
         if is_far and comparison.agreement < config.min_agreement:
             return False
-        return comparison.contradiction <= config.max_contradiction
+        # Late odometry puts far hits of a scan that goes on into free space too, but not most of all hits.
+        return comparison.contradiction <= config.max_contradiction or comparison.agreement > config.max_agreement
