@@ -4,6 +4,7 @@ import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
@@ -18,7 +19,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write to, and put the new file in its place when the block ends well.
 
     The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
-    cut leaves the old file or the new one. Missing parent folders are made.
+    cut leaves the old file or the new one. Missing parent folders are made. A file has one writer at a time.
 
     Raises
     ------
@@ -34,6 +35,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         _flush(temporary)
         temporary.replace(target)
         _flush_folder(target.parent)
+        _remove_leftovers(target)
     except OSError as error:
         raise FileNotWrittenError(
             f"{target}: cannot be written ({error.strerror or error}): choose another place or make room"
@@ -52,6 +54,12 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`."""
     write_bytes(path, text.encode("utf-8"))
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what writers of a file left that were killed before they could give it its name."""
+    for old in target.parent.glob(f".{'[0-9a-f]' * 8}.{escape(target.name)}"):
+        old.unlink(missing_ok=True)
 
 
 def _flush(path: Path) -> None:

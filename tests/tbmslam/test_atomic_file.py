@@ -53,3 +53,13 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(FileNotWrittenError, match="folder: cannot be written"):
         write_bytes(tmp_path / "folder", b"")
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_file(tmp_path):
+    target, others = tmp_path / "map[1].npz", [tmp_path / ".0123abcd.map.npz", tmp_path / ".notes.map[1].npz"]
+    left = tmp_path / ".0123abcd.map[1].npz"
+    for path in (left, *others):
+        path.write_bytes(b"half")
+    write_bytes(target, b"new")
+    assert target.read_bytes() == b"new"
+    assert sorted(tmp_path.iterdir()) == sorted([target, *others])
