@@ -93,7 +93,9 @@ def parser() -> argparse.ArgumentParser:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
-    limits = commands.add_parser("limits", help="whether a day of recording and 1 km2 of building fit into memory")
+    limits = commands.add_parser(
+        "limits", help="whether a day of recording and 1 km2 of building fit into memory", **more
+    )
     limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
     for command in (slam, scaling, align, merge, strangers, limits):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")

@@ -70,35 +70,58 @@ def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
     assert min(took) < 0.3
 
 
+def test_a_bag_of_another_format_is_one_line_and_exit_1(shared_data, tmp_path):
+    bag = shared_data / "broken" / "rosbag-v1.2.bag"
+    done = shell("build_maps", bag, "-o", tmp_path / "maps")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"build_maps: {bag}: a bag of version 'ROSRECORD V1.2', only V2.0 can be read: ")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "maps").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "fact"),
     [
-        ("rosbag-v1.2.bag", "a bag of version 'ROSRECORD V1.2', only V2.0 can be read"),
         ("truncated-intel.bag", "the bag is cut off or its index is damaged"),
         ("wrong-index-length.bag", "the index of the bag contradicts itself"),
     ],
 )
-def test_a_broken_bag_is_one_line_and_exit_1(shared_data, tmp_path, name, fact):
+def test_a_damaged_bag_gives_what_is_left_of_it_and_says_so(shared_data, tmp_path, name, fact):
     bag = shared_data / "broken" / name
     done = shell("build_maps", bag, "-o", tmp_path / "maps")
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr.startswith(f"build_maps: {bag}: {fact}: ")
-    assert done.stderr.count("\n") == 1
-    assert not (tmp_path / "maps").exists()
+    assert done.returncode == 0
+    warned = [line for line in done.stderr.splitlines() if f"{bag}: {fact}; " in line]
+    assert len(warned) == 1
+    assert " scans were read" in warned[0]
+    assert (tmp_path / "maps" / "robot_0" / "map.npz").is_file()
 
 
 def test_every_broken_file_is_known_here(shared_data):
     assert len(list((shared_data / "broken").iterdir())) == 3
 
 
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.999])
-def test_a_bag_cut_anywhere_is_one_line_and_exit_1(flat, tmp_path, share):
+@pytest.mark.parametrize("share", [0.0, 0.001])
+def test_a_bag_cut_before_its_first_scan_is_one_line_and_exit_1(flat, tmp_path, share):
+    done = shell("build_maps", cut_bag(flat, tmp_path, share), "-o", tmp_path / "maps")
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"build_maps: {tmp_path / 'cut.bag'}: ")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("share", [0.3, 0.999])
+def test_a_bag_cut_later_is_mapped_as_far_as_it_goes(flat, tmp_path, share):
+    done = shell("build_maps", cut_bag(flat, tmp_path, share), "-o", tmp_path / "maps")
+    assert done.returncode == 0
+    assert done.stderr.startswith(f"{tmp_path / 'cut.bag'}: the bag is cut off or its index is damaged; ")
+    assert done.stderr.endswith(" are lost\n")
+    assert done.stderr.count("\n") == 1
+
+
+def cut_bag(flat, folder, share):
+    """Return a copy of the first robot's bag of which only the first share is left."""
     whole = flat / "robot_0.bag"
-    cut = tmp_path / "cut.bag"
+    cut = folder / "cut.bag"
     shutil.copy(whole, cut)
     os.truncate(cut, int(whole.stat().st_size * share))
-    done = shell("build_maps", cut, "-o", tmp_path / "maps")
-    assert done.returncode == 1
-    assert done.stderr.startswith(f"build_maps: {cut}: ")
-    assert done.stderr.count("\n") == 1
+    return cut
