@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from merging.experiments.map_pair import MapPair
-    from tools.paper_experiments import PaperResults, PaperSettings
+    from tools.paper.experiments import PaperResults, PaperSettings
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o out/paper
@@ -109,9 +109,9 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
     from tbmslam.atomic_file import write_text
-    from tools.paper_experiments import run_experiments
-    from tools.paper_maps import load_pairs
-    from tools.paper_record import record_of
+    from tools.paper.experiments import run_experiments
+    from tools.paper.maps import load_pairs
+    from tools.paper.record import record_of
 
     args.out.mkdir(parents=True, exist_ok=True)
     pairs = load_pairs(args.maps or _make_maps(args), args.pairs, args.min_overlap)
@@ -124,7 +124,7 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
 
 
 def _make_maps(args: argparse.Namespace) -> Path:
-    from tools.paper_maps import map_recordings, map_simulated, simulate_recordings
+    from tools.paper.maps import map_recordings, map_simulated, simulate_recordings
 
     how = ["--preset", args.preset, "--set", f"map.resolution={args.resolution}"]
     if args.recordings:
@@ -139,7 +139,7 @@ def _make_maps(args: argparse.Namespace) -> Path:
 
 
 def _settings(args: argparse.Namespace) -> "PaperSettings":
-    from tools.paper_experiments import PaperSettings
+    from tools.paper.experiments import PaperSettings
 
     default_keypoints = 1000 if 1000 in args.keypoints else args.keypoints[0]
     default_ratio = 0.7 if 0.7 in args.ratios else args.ratios[0]
@@ -156,9 +156,9 @@ def _report(
     results: "PaperResults",
 ) -> str:
     from tools.machine import describe_machine
-    from tools.paper_feature_sections import curve_section, detector_section, modification_section
-    from tools.paper_merge_sections import duration_section, halves_section, map_section, transform_section
-    from tools.paper_page import PaperTable, Section, paper_page
+    from tools.paper.feature_sections import curve_section, detector_section, modification_section
+    from tools.paper.merge_sections import duration_section, halves_section, map_section, transform_section
+    from tools.paper.page import PaperTable, Section, paper_page
 
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
     source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"

@@ -8,9 +8,9 @@ from merging.experiments.halves import SHARE
 from merging.experiments.map_pair import MapPair
 from merging.experiments.published import TABLE_3, TABLE_4
 from merging.experiments.transforms import TransformResult
-from tools.paper_experiments import PaperResults, PaperSettings
-from tools.paper_figures import draw_channels, draw_grid, window_of
-from tools.paper_page import PaperPicture, PaperTable, Section
+from tools.paper.experiments import PaperResults, PaperSettings
+from tools.paper.figures import draw_channels, draw_grid, window_of
+from tools.paper.page import PaperPicture, PaperTable, Section
 
 _NO_VALUE = "–"
 

@@ -5,7 +5,7 @@ import pytest
 from tbmslam.map_folder import save_map
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-from tools.paper_maps import PaperMapsError, load_pairs, pair_of_area
+from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):

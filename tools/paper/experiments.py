@@ -10,7 +10,7 @@ from merging.experiments.halves import Halves, fuse_halves
 from merging.experiments.map_pair import MapPair
 from merging.experiments.modifications import Study, Variant, compare_modifications
 from merging.experiments.transforms import TransformResult, measure_transforms
-from tools.paper_maps import pair_of_area
+from tools.paper.maps import pair_of_area
 
 VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))
 

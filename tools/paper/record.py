@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from tools.machine import describe_machine
-from tools.paper_experiments import PaperResults, PaperSettings
+from tools.paper.experiments import PaperResults, PaperSettings
 
 
 def record_of(results: PaperResults, settings: PaperSettings, command: str) -> dict[str, object]:
