@@ -26,7 +26,7 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
 """
 
-WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety")
+WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 FAULTS = (
     *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "clock_offset", "clock_step"),
     *("stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "glass", "people", "furniture", "carried"),

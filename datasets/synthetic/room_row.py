@@ -45,6 +45,7 @@ def add_rooms(
     depth: float,
     rng: np.random.Generator,
     corridor: tuple[float, float] = (-math.inf, math.inf),
+    visited: float = 1.0,
 ) -> None:
     """Fill one side of a corridor with furnished rooms.
 
@@ -57,6 +58,8 @@ def add_rooms(
     corridor
         Where the corridor begins and ends, when rooms stand beyond its ends: a room that shares too little of it for
         a door is left out.
+    visited
+        Share of the rooms that are worth a visit.
     """
     wall = float(rng.uniform(0.1, 0.2))
     for start, end in _split(*extent, wall, rng):
@@ -78,7 +81,8 @@ def add_rooms(
             add_opening(plan, side, at, width, wall)
             _add_leaf(plan, side, at, width, wall, rng)
         furnish(plan, room, rng, density=float(rng.uniform(0.5, 1.3)))
-        plan.add_place(*room.centre)
+        if visited >= 1.0 or rng.random() < visited:
+            plan.add_place(*room.centre)
 
 
 def add_opening(plan: FloorPlan, side: CorridorSide, at: float, width: float, wall: float) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from datasets.synthetic.buildings.apartment import draw_apartment
 from datasets.synthetic.buildings.corridor import draw_corridor
 from datasets.synthetic.buildings.halls import draw_halls
+from datasets.synthetic.buildings.hospital import draw_hospital
 from datasets.synthetic.buildings.office import draw_office
 from datasets.synthetic.buildings.open_plan import draw_open_plan
 from datasets.synthetic.buildings.store import draw_store
@@ -22,10 +23,13 @@ _DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
     "wings": draw_wings,
     "apartment": draw_apartment,
     "open_plan": draw_open_plan,
+    "hospital": draw_hospital,
 }
 
-WORLDS = (*_DRAW, "variety")
-"""Names that `make_world` knows."""
+WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
+"""Names that `make_world` knows. New ones come last: a name's place is part of the seed."""
+
+_VARIETY = ("office", "halls", "store", "wings", "apartment", "open_plan")
 
 
 def make_world(name: str, seed: int = 0) -> World:
@@ -36,7 +40,8 @@ def make_world(name: str, seed: int = 0) -> World:
     name
         `office`: a corridor loop with rooms on both sides; `halls`: large halls with pillars; `store`: shelves and
         clutter; `corridor`: looks the same everywhere; `wings`: corridors with dead ends; `apartment`: rooms that
-        open into one another; `open_plan`: partitions around a core; `variety`: the seed picks the kind too.
+        open into one another; `open_plan`: partitions around a core; `variety`: the seed picks one of these, but no
+        corridor; `hospital`: long corridors around courts, 90 to 220 m long.
     seed
         Any whole number from 0; the same one gives the same building.
 
@@ -49,7 +54,6 @@ def make_world(name: str, seed: int = 0) -> World:
         raise ValueError(f"name must be one of {', '.join(WORLDS)}, got {name!r}")
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    kinds = [kind for kind in _DRAW if kind != "corridor"]
-    kind = kinds[seed % len(kinds)] if name == "variety" else name
+    kind = _VARIETY[seed % len(_VARIETY)] if name == "variety" else name
     rng = np.random.default_rng([seed, WORLDS.index(name)])
     return _DRAW[kind](rng).world(name, seed)

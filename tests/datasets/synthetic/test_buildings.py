@@ -40,6 +40,15 @@ def test_an_office_is_about_40_by_25_m():
         assert 22 < max_y - min_y < 28
 
 
+def test_a_hospital_is_large_and_few_of_its_rooms_are_visited():
+    for seed in range(4):
+        world = make_world("hospital", seed)
+        min_x, min_y, max_x, max_y = world.bounds()
+        assert 90 < max_x - min_x < 240
+        assert 35 < max_y - min_y < 105
+        assert len(world.places) < 200
+
+
 def test_a_corridor_repeats_itself():
     walls = make_world("corridor", 0).walls
     moved = walls + np.array([4.0, 0.0, 4.0, 0.0])

@@ -5,8 +5,10 @@ from datasets.synthetic.buildings import WORLDS, make_world
 from datasets.synthetic.clearance import ClearanceMap
 from datasets.synthetic.drives import plan_drives, short_tour
 
+ALL_WORLDS = [pytest.param(name, marks=[pytest.mark.slow] if name == "hospital" else []) for name in WORLDS]
 
-@pytest.mark.parametrize("name", WORLDS)
+
+@pytest.mark.parametrize("name", ALL_WORLDS)
 def test_robots_keep_off_walls_and_drive_as_robots_can(name):
     world = make_world(name, 1)
     around = ClearanceMap.of(world)
