@@ -15,20 +15,18 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
+from tbmslam.closing_targets import ClosingTargets
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
-from tbmslam.kernels.ways import distances_to_stretches, shortest_ways
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import MotionChain, on_nodes
-from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.submap import SubmapConfig
 from tbmslam.surfel_map import SurfelConfig
 from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
-
-_SUBMAPS_KEPT = 500
 
 
 class LoopClosingConfig(BaseModel):
@@ -43,6 +41,9 @@ class LoopClosingConfig(BaseModel):
     bundle: float = Field(1.5, ge=0, description="keyframes within this length before and after join a search [m]")
     step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
     submaps_per_step: int = Field(2, ge=1, description="nearest old submaps that are searched each time")
+    familiar: float = Field(
+        0.75, gt=0, le=1, description="share of a submap found again in older ones, from which on they stand for it"
+    )
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
     max_shift: float = Field(4.0, gt=0, description="largest search window [m]")
@@ -64,10 +65,10 @@ class LoopClosingConfig(BaseModel):
 
 
 class _PlacedBundle(NamedTuple):
-    """Where a keyframe's bundle lies in a submap, and the curvature there of the directions that are determined."""
+    """Where a keyframe's bundle lies in a target, and the curvature there of the directions that are determined."""
 
     keyframe: int
-    submap: int
+    target: int
     pose: SE2
     hessian: FloatArray
 
@@ -113,7 +114,7 @@ class LoopCloser:
 
 
 class _Drive:
-    """One drive being corrected; its closures are kept by keyframe and submap."""
+    """One drive being corrected; its closures are kept by keyframe and target."""
 
     def __init__(
         self,
@@ -130,23 +131,18 @@ class _Drive:
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
         self._hits = DriveHits(scans, poses, config.submap.max_range)
-        self._travelled = self._hits.travelled
-        stretches = split_into_submaps(poses, config.submap.length)
-        self._surfels = surfels
-        self._submaps: dict[int, Submap] = {}
-        self._firsts, self._lasts = np.array(stretches).T.copy()
-        self._ends = self._travelled[self._lasts]
+        self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._chain = MotionChain(chain)
-        self._anchors = (self._firsts + self._lasts) // 2
-        self._bridges = np.zeros((64, 2), dtype=np.int64)
-        self._bridge_count = 0
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
         stops = self._stops(self.config.step).tolist()
         for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
-            fits = [self._fit(keyframe, *candidate) for candidate in self._candidates(keyframe)]
-            found = self._add_closures([fit for fit in fits if fit is not None])
+            self._targets.advance(keyframe)
+            tried = [self._fit(keyframe, *candidate) for candidate in self._candidates(keyframe)]
+            fits = [fit for fit in tried if fit is not None]
+            self._targets.note(keyframe, [fit.target for fit in fits])
+            found = self._add_closures(fits)
             if any(map(self._is_surprising, found)):
                 self._optimise()
         self._optimise()
@@ -156,10 +152,9 @@ class _Drive:
         fits = []
         stops = self._stops(0.5 * self.config.step).tolist()
         for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
-            distances = np.where(self._is_old(keyframe), self._distances_to_submaps(keyframe), np.inf)
-            nearest = np.argsort(distances, kind="stable")[: self.config.submaps_per_step]
-            for submap in nearest[distances[nearest] <= 0.5].tolist():
-                fit = self._fit(keyframe, submap, 0.0, 0.0)
+            near = self._targets.near(keyframe, self.poses, 0.5)
+            for target in near.targets[: self.config.submaps_per_step].tolist():
+                fit = self._fit(keyframe, target, 0.0, 0.0)
                 if fit is not None:
                     fits.append(fit)
         self._add_closures(fits)
@@ -180,7 +175,7 @@ class _Drive:
 
     def _stops(self, step: float) -> npt.NDArray[np.int64]:
         """Return keyframes that lie at least about `step` metres apart."""
-        _, first = np.unique((self._travelled / step).astype(np.int64), return_index=True)
+        _, first = np.unique((self._hits.travelled / step).astype(np.int64), return_index=True)
         return np.asarray(first, dtype=np.int64)
 
     def _optimise(self) -> None:
@@ -192,47 +187,21 @@ class _Drive:
             solved = optimise(self.poses[nodes], self._chain.between(nodes), joined, self.config.robust_width)
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
-    def _submap(self, number: int) -> Submap:
-        """Return a submap; those used last are kept, however long the drive is."""
-        submap = self._submaps.pop(number, None)
-        if submap is None:
-            first, last = int(self._firsts[number]), int(self._lasts[number])
-            submap = Submap(first, last, self._hits, self.config.submap, self._surfels)
-        self._submaps[number] = submap
-        if len(self._submaps) > _SUBMAPS_KEPT:
-            del self._submaps[next(iter(self._submaps))]
-        return submap
-
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
-        """Return the old submaps that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
+        """Return the targets that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
         config = self.config
-        distances = self._distances_to_submaps(keyframe)
-        near = np.flatnonzero(self._is_old(keyframe) & (distances <= config.reach + config.max_shift))
+        near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
         if not len(near):
             return []
-        drifts = self._ways(keyframe)[self._anchors[near]]
+        drifts = self._targets.ways(keyframe)[near]
         shifts = np.minimum(0.3 + config.drift * drifts, config.max_shift)
         turns = np.minimum(0.03 + config.turn_drift * drifts, config.max_turn)
-        order = [
-            k for k in np.argsort(distances[near], kind="stable") if distances[near[k]] <= config.reach + shifts[k]
-        ]
-        return [(int(near[k]), float(shifts[k]), float(turns[k])) for k in order[: config.submaps_per_step]]
+        reached = np.flatnonzero(distances <= config.reach + shifts)[: config.submaps_per_step]
+        return [(int(near[k]), float(shifts[k]), float(turns[k])) for k in reached]
 
-    def _is_old(self, keyframe: int) -> npt.NDArray[np.bool_]:
-        """Return which submaps belong to an earlier visit."""
-        return np.asarray(self._ends < self._travelled[keyframe] - self.config.min_gap)
-
-    def _distances_to_submaps(self, keyframe: int) -> FloatArray:
-        """Return how far a keyframe is from the way of every submap [m]."""
-        return distances_to_stretches(self.poses, keyframe, self._firsts, self._lasts)
-
-    def _ways(self, keyframe: int) -> FloatArray:
-        """Return the length of the shortest way from a keyframe to all others, over closures too [m]."""
-        return shortest_ways(self._travelled, self._bridges[: self._bridge_count], 0.5, keyframe)
-
-    def _fit(self, keyframe: int, number: int, shift: float, turn: float) -> _PlacedBundle | None:
-        """Search a keyframe's bundle in a submap; return where it lies, if it can be trusted."""
-        config, submap = self.config, self._submap(number)
+    def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> _PlacedBundle | None:
+        """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
+        config, submap = self.config, self._targets.submap(target)
         bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
         if len(bundle.points) < config.search_points // 2:
             return None
@@ -250,7 +219,7 @@ class _Drive:
         hessian = self._determined(fit.hessian, rival)
         if hessian is None or math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
-        return _PlacedBundle(keyframe, number, fit.pose, hessian)
+        return _PlacedBundle(keyframe, target, fit.pose, hessian)
 
     def _add_closures(self, found: Sequence[_PlacedBundle]) -> list[MotionEdge]:
         """Add what bundles say to the closures, and return it.
@@ -265,19 +234,10 @@ class _Drive:
         edges = []
         for one, information in zip(found, informations, strict=True):
             rotation = SE2(0.0, 0.0, one.pose.theta).matrix()
-            anchor = int(self._anchors[one.submap])
+            anchor = self._targets.anchor(one.target)
             edges.append(MotionEdge(anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
-            if (one.keyframe, one.submap) not in self.closures:
-                self._add_bridge(anchor, one.keyframe)
-            self.closures[one.keyframe, one.submap] = edges[-1]
+            self.closures[one.keyframe, one.target] = edges[-1]
         return edges
-
-    def _add_bridge(self, source: int, target: int) -> None:
-        """Let ways lead over a closure from now on."""
-        if self._bridge_count == len(self._bridges):
-            self._bridges = np.vstack((self._bridges, np.zeros_like(self._bridges)))
-        self._bridges[self._bridge_count] = source, target
-        self._bridge_count += 1
 
     def _determined(self, hessian: FloatArray, rival: FloatArray | None) -> FloatArray | None:
         """Return the curvature without the direction that a fit leaves open; None where a rival lies across.

@@ -12,10 +12,19 @@ IntArray = npt.NDArray[np.int64]
 
 
 @kernel
-def distances_to_stretches(poses: FloatArray, place: int, firsts: IntArray, lasts: IntArray) -> FloatArray:
-    """Return how far one pose of (N, >= 2) is from the nearest one of each stretch (S,), first and last included."""
-    distances = np.empty(len(firsts))
+def distances_to_stretches(
+    poses: FloatArray, place: int, firsts: IntArray, lasts: IntArray, limit: float
+) -> FloatArray:
+    """Return how far one pose of (N, >= 2) is from the nearest one of each stretch (S,), first and last included.
+
+    Infinite for those whose middle is further than a limit.
+    """
+    distances = np.full(len(firsts), np.inf)
     for number in range(len(firsts)):
+        middle = (firsts[number] + lasts[number]) // 2
+        dx, dy = poses[middle, 0] - poses[place, 0], poses[middle, 1] - poses[place, 1]
+        if dx * dx + dy * dy > limit * limit:
+            continue
         nearest = math.inf
         for k in range(firsts[number], lasts[number] + 1):
             dx, dy = poses[k, 0] - poses[place, 0], poses[k, 1] - poses[place, 1]
@@ -25,25 +34,22 @@ def distances_to_stretches(poses: FloatArray, place: int, firsts: IntArray, last
 
 
 @kernel
-def shortest_ways(travelled: FloatArray, bridges: IntArray, bridge_length: float, start: int) -> FloatArray:
-    """Return the length of the shortest way from a place of a drive to all others (N,), over bridges too.
+def shortest_ways(places: int, edges: IntArray, lengths: FloatArray, start: int) -> FloatArray:
+    """Return the length of the shortest way from one place to each (P,), over edges (E, 2) of some lengths (E,).
 
-    `travelled` (N,) rises along the drive; `bridges` (B, 2) join places. Sweeps along the drive, forth and back, until
-    no bridge shortens anything (Bellman and Ford).
+    Goes over the edges forth and back until none shortens anything (Bellman and Ford), which is soon where they are
+    about in the order of the places.
     """
-    ways = np.full(len(travelled), np.inf)
+    ways = np.full(places, np.inf)
     ways[start] = 0.0
     shorter = True
     while shorter:
-        for k in range(1, len(ways)):
-            ways[k] = min(ways[k], ways[k - 1] + travelled[k] - travelled[k - 1])
-        for k in range(len(ways) - 1, 0, -1):
-            ways[k - 1] = min(ways[k - 1], ways[k] + travelled[k] - travelled[k - 1])
         shorter = False
-        for b in range(len(bridges)):
-            one, other = bridges[b, 0], bridges[b, 1]
-            if ways[one] + bridge_length < ways[other]:
-                ways[other], shorter = ways[one] + bridge_length, True
-            elif ways[other] + bridge_length < ways[one]:
-                ways[one], shorter = ways[other] + bridge_length, True
+        for turn in range(2 * len(edges)):
+            e = turn if turn < len(edges) else 2 * len(edges) - 1 - turn
+            one, other = edges[e, 0], edges[e, 1]
+            if ways[one] + lengths[e] < ways[other]:
+                ways[other], shorter = ways[one] + lengths[e], True
+            elif ways[other] + lengths[e] < ways[one]:
+                ways[one], shorter = ways[other] + lengths[e], True
     return ways

@@ -12,23 +12,26 @@ def test_distances_are_to_the_nearest_of_each_stretch(generator):
         np.hypot(*(poses[first : last + 1, :2] - poses[7, :2]).T).min()
         for first, last in zip(firsts, lasts, strict=True)
     ]
-    np.testing.assert_allclose(distances_to_stretches(poses, 7, firsts, lasts), expected)
+    np.testing.assert_allclose(distances_to_stretches(poses, 7, firsts, lasts, 100.0), expected)
+
+
+def test_far_stretches_are_passed_over():
+    poses = np.column_stack((np.arange(20.0), np.zeros(20)))
+    firsts, lasts = np.array([1, 11]), np.array([5, 15])
+    assert distances_to_stretches(poses, 0, firsts, lasts, 5.0).tolist() == [1.0, np.inf]
 
 
 def test_ways_are_the_shortest_in_the_graph(generator):
-    travelled = np.cumsum(generator.random(200))
-    bridges = generator.integers(0, 200, (12, 2))
-    sources, targets = np.concatenate((np.column_stack((np.arange(199), np.arange(1, 200))), bridges)).T
-    lengths = np.concatenate((np.diff(travelled), np.full(12, 0.5)))
+    edges = np.vstack((np.column_stack((np.arange(199), np.arange(1, 200))), generator.integers(0, 200, (12, 2))))
+    lengths = np.concatenate((generator.random(199), np.full(12, 0.5)))
     graph = coo_array((200, 200)).tolil()
-    for source, target, length in zip(sources, targets, lengths, strict=True):
+    for (source, target), length in zip(edges, lengths, strict=True):
         if source != target:
             graph[source, target] = min(length, graph[source, target] or np.inf)
     for start in (0, 77, 199):
         expected = dijkstra(graph.tocsr(), directed=False, indices=[start])[0]
-        np.testing.assert_allclose(shortest_ways(travelled, bridges, 0.5, start), expected)
+        np.testing.assert_allclose(shortest_ways(200, edges, lengths, start), expected)
 
 
-def test_without_bridges_the_way_is_the_drive():
-    travelled = np.array([0.0, 1.0, 3.0])
-    assert shortest_ways(travelled, np.zeros((0, 2), dtype=np.int64), 0.5, 1).tolist() == [1.0, 0.0, 2.0]
+def test_what_no_edge_reaches_is_infinitely_far():
+    assert shortest_ways(3, np.array([[0, 1]]), np.array([2.0]), 0).tolist() == [0.0, 2.0, np.inf]
