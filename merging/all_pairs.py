@@ -2,9 +2,8 @@
 
 import itertools
 import logging
-import multiprocessing
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 from merging.aligner import View, align_views, comparison_resolution, view_of
 from merging.alignment import Alignment
@@ -13,6 +12,7 @@ from merging.config import MergeConfig
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
+from tbmslam.worker_pool import worker_pool
 
 logger = logging.getLogger(__name__)
 
@@ -47,6 +47,8 @@ def align_all(
         If there is no worker.
     ClusterError
         If the cluster cannot be reached or gives up.
+    WorkerDiedError
+        If a process of this machine died.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
@@ -61,8 +63,7 @@ def align_all(
         crew = _Crew(grids, resolution, config)
         found = [crew.align(pair) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")]
     else:
-        context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
-        with ProcessPoolExecutor(workers, context, _hire, (grids, resolution, config)) as pool:
+        with worker_pool(workers, partial(_hire, grids, resolution, config)) as pool:
             found = list(watch.each(pool.map(_align, pairs), "aligning", len(pairs), "pairs"))
     for (target, source), one in zip(pairs, found, strict=True):
         logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import MAX_CELLS, MapFileError, check_geometry
+from tbmslam.map_check import MapFileError, check_geometry, check_size
 from tbmslam.occupancy import masses_from_probability
 from tbmslam.se2 import FloatArray
 
@@ -25,7 +25,7 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _RESOLUTION = re.compile(r"^robot_specifications->resolution\s+(\S+)\s*$", re.MULTILINE)
 _SIZE = re.compile(r"^global_map\[0\]:[ \t]+(\d{1,9})[ \t]+(\d{1,9})[ \t]*\n", re.MULTILINE)
 _CM = 0.01
-_BYTES_A_CELL = 16
+_HEAD_BYTES, _BYTES_A_CELL = 1 << 16, 16
 
 
 def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
@@ -61,12 +61,17 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
 
 def _text(path: Path) -> str:
     """Return the file's text, no more of it than a map can be."""
-    limit = MAX_CELLS * _BYTES_A_CELL
     try:
         with path.open("rb") as plain:
             zipped = plain.read(2) == _GZIP_MAGIC
         with gzip.open(path) if zipped else path.open("rb") as file:
-            return file.read(limit).decode("ascii")
+            head = file.read(_HEAD_BYTES)
+            size = _SIZE.search(head.decode("ascii"))
+            if size is None:
+                return head.decode("ascii")
+            lines, columns = int(size[1]), int(size[2])
+            check_size(path, lines, columns)
+            return (head + file.read(lines * columns * _BYTES_A_CELL)).decode("ascii")
     except (EOFError, zlib.error, gzip.BadGzipFile, UnicodeDecodeError) as error:
         raise MapFileError(f"{path}: is no text of a Beesoft map ({error}): it is damaged or something else") from error
     except OSError as error:

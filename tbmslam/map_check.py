@@ -6,9 +6,12 @@ import numpy as np
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry
+from tbmslam.memory import machine_memory
 
 MAX_CELLS = 400_000_000
 """Cells beyond which a file is not believed: 1 km by 1 km in cells of 5 cm, and 6.4 GB of masses."""
+
+_BYTES_A_CELL = 20  # four masses, and what they are made from
 
 MAX_COORDINATE = 1e8
 """Coordinates [m] beyond which a file is not believed: they exceed any on Earth and their fractions lose digits."""
@@ -47,7 +50,7 @@ def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
     Raises
     ------
     MapFileError
-        If there are no cells or too many.
+        If there are no cells, or too many to be believed or for this machine.
     """
     if rows < 1 or cols < 1:
         raise MapFileError(f"{path}: a map of {rows} x {cols} cells holds nothing: make it again")
@@ -55,4 +58,10 @@ def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
         raise MapFileError(
             f"{path}: {rows} x {cols} cells are more than the {MAX_CELLS} that are believed: crop the map or use "
             "coarser cells"
+        )
+    needed, there = rows * cols * _BYTES_A_CELL, machine_memory()
+    if needed > there:
+        raise MapFileError(
+            f"{path}: {rows} x {cols} cells take {needed / 1e9:.1f} GB of memory, and there are {there / 1e9:.1f}: "
+            "crop the map, use coarser cells or a larger machine"
         )

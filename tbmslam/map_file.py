@@ -19,6 +19,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -80,6 +81,11 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
     MapFileError
         The file is no map of this format, damaged, or of a newer version.
     """
+    try:
+        with Path(path).open("rb"):
+            pass
+    except OSError as error:
+        raise MapFileError(f"{path}: cannot be read ({error.strerror}): permit it or name another file") from error
     try:
         with ArrayZip(path) as arrays:
             _require_version(path, arrays)

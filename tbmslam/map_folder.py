@@ -49,8 +49,8 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
             old.unlink(missing_ok=True)
 
 
-def remove_map(folder: str | os.PathLike[str]) -> None:
-    """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
+def map_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the files in a folder that are called as `save_map` calls those it writes."""
     names = (
         "map.npz",
         "map.yaml",
@@ -59,9 +59,13 @@ def remove_map(folder: str | os.PathLike[str]) -> None:
         *(f"{name}.png" for name in PICTURE_NAMES),
         "pignistic.pgw",
     )
-    for name in names:
-        for old in Path(folder).glob(name):
-            old.unlink(missing_ok=True)
+    return [file for name in names for file in sorted(Path(folder).glob(name))]
+
+
+def remove_map(folder: str | os.PathLike[str]) -> None:
+    """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
+    for old in map_files(folder):
+        old.unlink(missing_ok=True)
 
 
 def load_map(path: str | os.PathLike[str]) -> TbmMap:

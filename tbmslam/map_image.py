@@ -15,6 +15,7 @@ from tbmslam.map_check import MapFileError, check_size
 _SEPARATOR = rb"(?:\s|#[^\n]*\n)+"
 _PGM_HEADER = re.compile(rb"P([25])" + _SEPARATOR + _SEPARATOR.join([rb"(\d{1,9})"] * 3) + rb"(?:#[^\n]*\n|\s)")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEAD_BYTES, _MOST_BYTES = 1 << 16, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,12 @@ def read_image(path: Path) -> MapImage:
     if path.exists() and not path.is_file():
         raise MapFileError(f"{path}: the map's image is no file but a folder or a device: name a picture")
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read(_HEAD_BYTES)
+            _check_stated_size(path, content)  # before a file with a few bytes and a hole takes all memory
+            content += file.read(_MOST_BYTES)
+            if file.read(1):
+                raise MapFileError(f"{path}: the map's image is larger than 1 GB: crop it or save it as PNG")
     except OSError as error:
         raise MapFileError(f"{path}: the map's image cannot be read: {error.strerror}") from error
     return _decode_pgm(path, content) if content[:2] in {b"P2", b"P5"} else _decode(path, content)
@@ -68,13 +74,21 @@ def encode_pgm(pixels: npt.NDArray[np.uint8]) -> bytes:
     return f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes()
 
 
+def _check_stated_size(path: Path, head: bytes) -> None:
+    """Check the size that a picture's first bytes state, where they do."""
+    header = _PGM_HEADER.match(head)
+    if header is not None:
+        check_size(path, rows=int(header[3]), cols=int(header[2]))
+    elif head.startswith(_PNG_SIGNATURE) and len(head) >= 24:
+        check_size(path, rows=int.from_bytes(head[20:24], "big"), cols=int.from_bytes(head[16:20], "big"))
+
+
 def _decode_pgm(path: Path, content: bytes) -> MapImage:
     """Decode it here: OpenCV does not tell the maximum, which need not be 255."""
     header = _PGM_HEADER.match(content)
     if header is None:
         raise MapFileError(f"{path}: has no PGM header with width, height and maximum: it is damaged")
     kind, cols, rows, maximum = (int(group) for group in header.groups())
-    check_size(path, rows, cols)
     if not 1 <= maximum <= 65535:
         raise MapFileError(f"{path}: the PGM's maximum must be 1 to 65535, it says {maximum}: make it again")
     body, count = memoryview(content)[header.end() :], rows * cols
@@ -95,9 +109,7 @@ def _decode_pgm(path: Path, content: bytes) -> MapImage:
 def _decode(path: Path, content: bytes) -> MapImage:
     import cv2  # noqa: PLC0415  # slow to load, and most maps are PGM
 
-    if content.startswith(_PNG_SIGNATURE) and len(content) >= 24:
-        # A few bytes of a PNG can state gigabytes of pixels.
-        check_size(path, rows=int.from_bytes(content[20:24], "big"), cols=int.from_bytes(content[16:20], "big"))
+    if content.startswith(_PNG_SIGNATURE):
         _check_png_chunks(path, content)
     level = cv2.utils.logging.setLogLevel(
         cv2.utils.logging.LOG_LEVEL_SILENT

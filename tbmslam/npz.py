@@ -20,6 +20,9 @@ Array = npt.NDArray[Any]
 _DEFLATE_LIMIT = 1040
 """Deflate never packs more bytes than this into one: a file that claims it lies about its sizes."""
 
+_FREE_BYTES, _USUAL_RATIO = 64_000_000, 100
+"""An array of unforeseen length that is larger than this, and packed better than numbers of a drive are, is a bomb."""
+
 _LONGEST_REASON = 120
 
 
@@ -91,9 +94,14 @@ class ArrayZip:
             return _checked_shape(stream, info, name, dtype, shape)
 
     def read(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> Array:
-        """Return an array; see `shape` for the arguments and errors."""
+        """Return an array; see `shape` for the arguments and errors.
+
+        Where the expected shape leaves its size open, what unpacks to far more than it should is refused.
+        """
         self.shape(name, dtype, shape)
-        with self._entry(name) as (stream, _):
+        with self._entry(name) as (stream, info):
+            if None in shape or np.dtype(dtype).kind == "U":
+                _check_ratio(name, info)
             values = np.lib.format.read_array(stream, allow_pickle=False)
             stream.read(1)  # at its end an entry is compared with its checksum
             # numpy makes strings of numbers that are no characters, and Python then breaks wherever they are used.
@@ -115,6 +123,11 @@ class ArrayZip:
         # Damaged zips and headers raise nearly anything: tokenize.TokenError and SystemError were seen too.
         except Exception as error:
             raise NpzError(f"{name} cannot be read ({_shortened(error)})") from error
+
+
+def _check_ratio(name: str, info: zipfile.ZipInfo) -> None:
+    if info.file_size > _FREE_BYTES + _USUAL_RATIO * info.compress_size:
+        raise NpzError(f"{name} would unpack from {info.compress_size} to {info.file_size} bytes, like a zip bomb")
 
 
 def _shortened(error: Exception) -> str:

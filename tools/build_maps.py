@@ -28,6 +28,8 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong (one line says what; what was finished is kept), 2 wrong usage, 130 interrupted
 """
 
+OUT_OF_MEMORY = "memory has run out: use a coarser map.resolution, a smaller map.max_cells or fewer --workers"
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
@@ -121,6 +123,11 @@ def main(argv: list[str] | None = None) -> int:
         if args.debug:
             raise
         sys.stderr.write(f"build_maps: {error}\n")
+        return 1
+    except MemoryError:
+        if args.debug:
+            raise
+        sys.stderr.write(f"build_maps: {OUT_OF_MEMORY}\n")
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("build_maps: interrupted: run the same again to go on, finished robots are kept\n")

@@ -22,7 +22,7 @@ EXAMPLES = """examples:
 exit codes: 0 no row is red, 1 some are, 2 wrong usage
 """
 
-FAMILIES = ("bags", "sensors")
+FAMILIES = ("bags", "sensors", "files")
 """Modules of `tools.fault_cases`, each with its `CASES`; `main` has the same ones."""
 
 
@@ -40,10 +40,10 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = parser().parse_args(argv)
-    from tools.fault_cases import bags, sensors
+    from tools.fault_cases import bags, files, sensors
     from tools.text_table import text_table
 
-    cases = {"bags": bags.CASES, "sensors": sensors.CASES}
+    cases = {"bags": bags.CASES, "sensors": sensors.CASES, "files": files.CASES}
     rows, red = [], 0
     for family in args.family or FAMILIES:
         for case in cases[family]:

@@ -1,15 +1,14 @@
 """Who maps the robots: this process, several of them, or a cluster. The maps are the same."""
 
 import logging
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from tbmslam.cluster import Cluster
 from tbmslam.errors import TbmSlamError
 from tbmslam.watch import Watch
+from tbmslam.worker_pool import worker_pool
 from tools.mapping_task import Mapped, MappingTask, Shelf, map_robot
 
 logger = logging.getLogger(__name__)
@@ -79,8 +78,7 @@ def _results(
         for task in tasks:
             yield lambda task=task: map_robot(task, shelf, watch)  # type: ignore[misc]
     else:
-        context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
-        with ProcessPoolExecutor(min(workers, len(tasks)), context) as pool:
+        with worker_pool(min(workers, len(tasks))) as pool:
             futures = [pool.submit(_map_elsewhere, task) for task in tasks]
             for future in watch.each(futures, "mapping", len(tasks), "robots"):
                 yield lambda future=future: _of_process(future.result)  # type: ignore[misc]

@@ -1,6 +1,7 @@
 """What build_maps does: plan, map each robot that is not mapped yet, and report."""
 
 import argparse
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.rerun_viewer import RerunViewer
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
+from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration
 from tools.extra_files import check_extra_files, write_extra_files
 from tools.mapping_crew import map_all
@@ -20,6 +22,8 @@ from tools.mapping_truth import write_truth
 from tools.output_folder import OutputError, output_folder
 from tools.progress import ProgressBars
 from tools.viewer_option import LIVE
+
+logger = logging.getLogger(__name__)
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
@@ -43,6 +47,7 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, watch:
         if done[task.name].tbm_map is None:  # made elsewhere or earlier
             watch.finished(task.name, tbm_map)
         write_extra_files(task.folder, tbm_map, args)
+        write_checksums(task.folder)
     _write_truth(args, made, shelf, watch)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
     write_text(args.out / "report.html", maps_page(robots, Making(command, watch.seconds)).to_html())
@@ -56,11 +61,19 @@ def _map(args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, w
         if task.name in kept:
             _tell(task, kept[task.name])
     missing = [task for task in tasks if task.name not in kept]
+    _tell_changed(missing)
     done = dict(kept)
     for task, result in map_all(missing, shelf, args.workers, args.scheduler, watch):
         done[task.name] = result
         _tell(task, result)
     return done
+
+
+def _tell_changed(tasks: Sequence[MappingTask]) -> None:
+    """Warn of files that somebody or something changed, since they are written again."""
+    for task in tasks:
+        if names := changed_files(task.folder):
+            logger.warning("%s: not as an earlier run wrote it, made again: %s", task.folder, ", ".join(names))
 
 
 def _tell(task: MappingTask, made: Mapped) -> None:

@@ -24,6 +24,8 @@ from tbmslam.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
+from tools.checksums import NAME as CHECKSUMS
+from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration, mapping_text
 
 
@@ -118,7 +120,7 @@ class Shelf:
 
 
 def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
-    """Map a robot and write its folder; run.json comes last and says that it is finished."""
+    """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording)
     slam = Slam(task.config.slam, task.name, watch)
@@ -134,7 +136,7 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     tbm_map = slam.finish(run | _noted(recording, slam))
     run |= _noted(recording, slam)  # once more: only now it is known what is left out of the map
     watch.finished(task.name, tbm_map)
-    (task.folder / "run.json").unlink(missing_ok=True)
+    (task.folder / CHECKSUMS).unlink(missing_ok=True)
     with watch.during("saving"):
         save_map(task.folder, tbm_map)
     drive = tbm_map.drives[0]
@@ -150,18 +152,21 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     run["fingerprint"] = task.fingerprint()
     write_text(task.folder / "config.toml", mapping_text(task.config))
     write_text(task.folder / "run.json", json.dumps(run, indent=2) + "\n")
+    write_checksums(task.folder)
     return Mapped(run, recording.counts.summary(), time.perf_counter() - began, tbm_map)
 
 
 def finished(task: MappingTask) -> Mapped | None:
-    """Return what an earlier run made of a task; None where it did not finish it, or made it of something else."""
+    """Return what an earlier run made of a task.
+
+    None where it did not finish it, made it of something else, or its files are no longer as it wrote them.
+    """
     try:
         run = json.loads((task.folder / "run.json").read_text(encoding="utf-8"))
         is_same = run["fingerprint"] == task.fingerprint()
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    written = ("map.npz", "map.yaml", "map.pgm", "config.toml")
-    return Mapped(run) if is_same and all((task.folder / name).is_file() for name in written) else None
+    return Mapped(run) if is_same and changed_files(task.folder) == [] else None
 
 
 def _readings(task: MappingTask, recording: Recording) -> Iterable[Reading]:

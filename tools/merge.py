@@ -73,8 +73,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"merge: {error}", file=sys.stderr)
         return FAILED
+    except MemoryError:
+        if options.debug:
+            raise
+        print("merge: memory has run out: merge fewer maps, or with a coarser --resolution", file=sys.stderr)
+        return FAILED
     except KeyboardInterrupt:
-        print("merge: interrupted: nothing was written", file=sys.stderr)
+        print("merge: interrupted: run the same again", file=sys.stderr)
         return 130
 
 
@@ -232,8 +237,11 @@ def _save(
     from merging.report import write_report
     from tbmslam.atomic_file import write_text
     from tbmslam.map_folder import remove_map, save_map
+    from tools.checksums import NAME as CHECKSUMS
+    from tools.checksums import write_checksums
     from tools.configuration import merging_text
 
+    (options.out / CHECKSUMS).unlink(missing_ok=True)
     if result.merged is not None:
         save_map(options.out, result.merged)
     elif (options.out / "report.json").is_file():
@@ -241,6 +249,7 @@ def _save(
     write_text(options.out / "config.toml", merging_text(config))
     write_extra_files(options.out, result.merged, options)
     write_report(options.out, result, maps, config, making)
+    write_checksums(options.out)
 
 
 def _tell(result: "Merge", out: Path) -> None:

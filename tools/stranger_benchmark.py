@@ -3,9 +3,7 @@
 import argparse
 import dataclasses
 import json
-import multiprocessing
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,6 +23,7 @@ from datasets.synthetic.map_pairs import (
 )
 from merging import align
 from tbmslam.atomic_file import write_text
+from tbmslam.worker_pool import worker_pool
 from tools.machine import describe_machine
 from tools.pair_files import KnownPair
 from tools.text_table import number, text_table
@@ -95,8 +94,7 @@ def _meet_all(pairs: int, seed: int, workers: int) -> Iterable[Encounter]:
     tasks = [(kinds[index % len(kinds)], index // len(kinds), seed) for index in range(pairs)]
     if workers == 1:
         return [meet(*task) for task in tqdm(tasks, disable=None)]
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context) as pool:
+    with worker_pool(workers) as pool:
         # Neighbouring tasks share a building, so a worker gets many of them at a time.
         done = pool.map(meet, *zip(*tasks, strict=True), chunksize=len(KINDS) * _PAIRS_A_BUILDING)
         return list(tqdm(done, total=pairs, disable=None))

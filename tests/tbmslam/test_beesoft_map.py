@@ -1,6 +1,7 @@
 """Building maps as text."""
 
 import gzip
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -89,3 +90,12 @@ def test_a_cut_off_archive_is_refused(dat):
 def test_a_missing_file_is_one_line(tmp_path):
     with pytest.raises(MapFileError, match=r"none\.dat: cannot be read: No such file"):
         read_beesoft_map(tmp_path / "none.dat")
+
+
+def test_no_more_is_unpacked_than_a_map_of_the_stated_size_can_be(dat):
+    with gzip.open(dat, "wb", compresslevel=1) as file:
+        file.write(TEXT.encode() + b" " * 50_000_000)
+    tracemalloc.start()
+    assert read_beesoft_map(dat).geometry.cols == 2
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()

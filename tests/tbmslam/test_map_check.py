@@ -8,7 +8,8 @@ from tbmslam.map_check import MAX_CELLS, MapFileError, check_geometry, check_siz
 GOOD = GridGeometry(0.05, -1.0, 2.0, 20000, 20000)
 
 
-def test_a_square_kilometre_in_cells_of_5_cm_is_believed():
+def test_a_square_kilometre_in_cells_of_5_cm_is_believed(monkeypatch):
+    monkeypatch.setattr("tbmslam.map_check.machine_memory", lambda: 16 << 30)
     check_geometry("map", GOOD)
     assert GOOD.rows * GOOD.cols == MAX_CELLS
 

@@ -1,3 +1,4 @@
+import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -109,3 +110,21 @@ def test_a_device_in_the_place_of_a_picture_is_not_read(tmp_path):
         (tmp_path / name).symlink_to(target)
         with pytest.raises(MapFileError, match=r"the map's image is no file but a folder or a device: name a picture"):
             read_image(tmp_path / name)
+
+
+def test_the_size_is_looked_at_before_a_huge_file_is_read(tmp_path):
+    with (tmp_path / "map.pgm").open("wb") as file:
+        file.write(b"P5\n60000 60000\n255\n")
+        file.truncate(3_600_000_019)  # a hole
+    tracemalloc.start()
+    with pytest.raises(MapFileError, match="60000 x 60000 cells are more than"):
+        read_image(tmp_path / "map.pgm")
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+
+
+def test_a_file_that_does_not_end_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("tbmslam.map_image._MOST_BYTES", 1000)
+    (tmp_path / "map.bmp").write_bytes(bytes(70_000))
+    with pytest.raises(MapFileError, match=r"map\.bmp: the map's image is larger than 1 GB: crop it"):
+        read_image(tmp_path / "map.bmp")

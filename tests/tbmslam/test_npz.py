@@ -1,4 +1,5 @@
 import contextlib
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -123,6 +124,21 @@ def test_a_size_the_archive_cannot_hold_is_refused_before_memory_is_taken(path):
     path.write_bytes(data)
     with ArrayZip(path) as arrays, pytest.raises(NpzError, match="does not hold them"):
         arrays.read("numbers", np.float64, (None,))
+
+
+@pytest.mark.parametrize(("dtype", "shape"), [("<f8", (None,)), ("<U20000000", ())])
+def test_what_unpacks_to_far_more_than_it_should_is_no_array(path, dtype, shape):
+    length = np.dtype(dtype).itemsize if shape == () else 80_000_000
+    content = header("()" if shape == () else f"({length // 8},)", dtype) + bytes(length)
+    replaced(path, "numbers", content, zipfile.ZIP_DEFLATED)
+    tracemalloc.start()
+    with (
+        ArrayZip(path) as arrays,
+        pytest.raises(NpzError, match=r"numbers would unpack from \d+ to 8\d+ bytes, like a"),
+    ):
+        arrays.read("numbers", dtype, shape)
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
 
 
 def test_a_changed_byte_is_noticed(path):

@@ -46,7 +46,7 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "robot_0"]
     assert sorted(path.name for path in (tmp_path / "robot_0").iterdir()) == [
-        *("config.toml", "conflict.png", "free.png", "map.npz", "map.pgm", "map.yaml", "occupied.png"),
+        *("SHA256SUMS", "config.toml", "conflict.png", "free.png", "map.npz", "map.pgm", "map.yaml", "occupied.png"),
         *("pignistic.pgw", "pignistic.png", "run.json", "trajectory.tum", "unknown.png"),
     ]
     out = capsys.readouterr().out

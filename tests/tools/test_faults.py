@@ -1,7 +1,7 @@
 import pytest
 
-from tools import faults
-from tools.fault_cases import bags, program_run, sensors
+from tools import faults, merge
+from tools.fault_cases import bags, child_run, files, hostile_maps, program_run, sensors
 from tools.fault_cases.fault_case import FaultCase, Outcome
 
 
@@ -28,8 +28,8 @@ def test_a_red_row_and_a_trial_that_breaks_are_exit_1(monkeypatch, capsys):
 
 
 def test_there_is_a_short_form_of_every_family():
-    assert set(faults.FAMILIES) >= {"bags", "sensors"}
-    for family in (bags, sensors):
+    assert set(faults.FAMILIES) >= {"bags", "sensors", "files"}
+    for family in (bags, sensors, files):
         assert 0 < sum(case.quick for case in family.CASES) < len(family.CASES)
         assert len({case.name for case in family.CASES}) == len(family.CASES)
 
@@ -41,6 +41,18 @@ def test_what_leaks_from_a_program_is_seen():
     done = program_run.run_program(leaking, "x")
     assert (done.code, done.stderr) == (-1, "leaked KeyError('topic')\n")
     assert not done.is_one_line()
+
+
+def test_a_child_that_is_not_seen_writing_is_told(tmp_path):
+    with pytest.raises(child_run.ChildRunError, match="not seen doing what it was to be disturbed at"):
+        child_run.run_child(merge, "--print-config", until=child_run.is_being_written(tmp_path / "none", "map.npz"))
+
+
+def test_a_map_that_would_be_believed_is_a_red_row(tmp_path):
+    case = hostile_maps._case("nothing wrong", lambda _: None, "damaged")
+    outcome = case.attempt(tmp_path)
+    assert not outcome.survived
+    assert outcome.happened.startswith("exit ")
 
 
 def test_wrong_usage_is_exit_2(capsys):

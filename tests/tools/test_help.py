@@ -3,7 +3,7 @@ import importlib
 
 import pytest
 
-from tools import build_maps
+from tools import build_maps, merge
 
 PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark", "download")
 
@@ -40,3 +40,23 @@ def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
     assert capsys.readouterr().err == (
         "build_maps: interrupted: run the same again to go on, finished robots are kept\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("program", "step", "line"),
+    [
+        (build_maps, "tools.mapping_run.plan_mapping", "build_maps: memory has run out: use a coarser map.resolution"),
+        (merge, "tbmslam.map_folder.load_map", "merge: memory has run out: merge fewer maps"),
+    ],
+)
+def test_memory_that_runs_out_is_one_line(monkeypatch, capsys, tmp_path, program, step, line):
+    def fill(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(step, fill)
+    words = ["x.bag", "y.bag", "-o", str(tmp_path)]
+    assert program.main(words) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(line)
+    with pytest.raises(MemoryError):
+        program.main([*words, "--debug"])

@@ -74,7 +74,7 @@ def test_what_is_finished_is_kept(bags, tmp_path, names_mapped, capsys):
 
 def test_a_run_that_was_stopped_goes_on(bags, mapped, tmp_path, names_mapped, monkeypatch):
     assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", "-o", tmp_path) == 0
-    (tmp_path / "robot_1" / "run.json").unlink()  # as if stopped while it saved
+    (tmp_path / "robot_1" / "SHA256SUMS").unlink()  # as if stopped while it saved
     assert run(bags, "--separate", "-o", tmp_path) == 0
     assert names_mapped == ["robot_0", "robot_1", "robot_1", "robot_2"]
     assert results(tmp_path) == results(mapped)
@@ -90,6 +90,26 @@ def test_a_split_recording_goes_on_too(bags, tmp_path, names_mapped):
     assert results(tmp_path) == before
     assert run(*split, "--overlap", 0.5) == 0
     assert names_mapped[3:] == ["robot_0", "robot_1"]
+
+
+@pytest.mark.parametrize("name", ["map.pgm", "trajectory.tum", "run.json", "SHA256SUMS"])
+def test_a_changed_byte_is_noticed_and_the_map_made_again(bags, mapped, tmp_path, names_mapped, capsys, name):
+    assert run(bags, "--separate", "-o", tmp_path) == 0
+    changed = tmp_path / "robot_1" / name
+    content = bytearray(changed.read_bytes())
+    content[len(content) // 2] ^= 0x01
+    changed.write_bytes(content)
+    assert run(bags, "--separate", "-o", tmp_path) == 0
+    assert names_mapped[3:] == ["robot_1"]
+    assert results(tmp_path) == results(mapped)
+
+
+def test_changed_files_are_named_before_they_are_written_again(bags, tmp_path, caplog):
+    assert run(bags / "robot_0.bag", "-o", tmp_path) == 0
+    (tmp_path / "robot_0" / "map.pgm").write_bytes(b"painted over")
+    (tmp_path / "robot_0" / "free.png").unlink()
+    assert run(bags / "robot_0.bag", "-o", tmp_path) == 0
+    assert "robot_0: not as an earlier run wrote it, made again: free.png, map.pgm" in caplog.text
 
 
 def test_an_older_truth_does_not_stay(bags, tmp_path):

@@ -103,7 +103,7 @@ def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
     (tmp_path / "notes.txt").touch()
     assert merge.main([str(folders / "here"), str(folders / "foreign"), "-o", str(tmp_path)]) == 3
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *("config.toml", "notes.txt", "report.html", "report.json")
+        *("SHA256SUMS", "config.toml", "notes.txt", "report.html", "report.json")
     ]
 
 

@@ -1,0 +1,65 @@
+"""Processes that share work, and how they end."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tbmslam.worker_pool import WorkerDiedError, worker_pool
+
+ROOT = Path(__file__).resolve().parents[2]
+
+WORK_FOR_EVER = """
+import sys, time
+from tbmslam.worker_pool import worker_pool
+if __name__ == "__main__":
+    with worker_pool(2) as pool:
+        waiting = [pool.submit(time.sleep, 600) for _ in range(9)]
+        print("ready", flush=True)
+        try:
+            waiting[0].result()
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+            raise SystemExit(130)
+"""
+
+
+def test_work_is_done_in_other_processes():
+    with worker_pool(2) as pool:
+        assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
+        assert pool.submit(os.getpid).result() != os.getpid()
+    assert multiprocessing.active_children() == []
+
+
+def test_a_process_that_dies_is_told_in_one_line():
+    with pytest.raises(WorkerDiedError, match=r"a worker process died: .*fewer --workers"), worker_pool(1) as pool:
+        pool.submit(os._exit, 3).result()
+
+
+def test_what_fails_does_not_wait_for_the_rest():
+    began = time.monotonic()
+    with pytest.raises(TypeError, match="not callable"), worker_pool(1) as pool:
+        assert pool.submit(time.sleep, 600)()
+    assert time.monotonic() - began < 60
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize("after", [0.0, 0.1, 1.0])
+def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
+    """A shell sends it to every process; after no time the workers are still beginning."""
+    script = tmp_path / "work.py"
+    script.write_text(WORK_FOR_EVER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    child = subprocess.Popen([sys.executable, script], env=environment, start_new_session=True, **pipes)  # noqa: S603
+    assert child.stdout is not None
+    child.stdout.readline()
+    time.sleep(after)
+    os.killpg(child.pid, signal.SIGINT)
+    said = child.communicate(timeout=60)
+    assert (child.returncode, *said) == (130, "interrupted\n", "")
