@@ -119,8 +119,7 @@ class _Track:
         self.map_name, self.drive = map_name, drive
         self.keyframes: Keyframes = drive.keyframes.transformed(T_merged_map)
         self.sensors = self.keyframes.all_sensor_poses()
-        scans = [self.keyframes.scan(index) for index in range(len(self.keyframes))]
-        self.hits = DriveHits(scans, self.sensors, max_range)
+        self.hits = DriveHits(self.keyframes, self.sensors, max_range)
 
     def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:
         """Return the drive's own motions: stiff from keyframe to keyframe, and less so where it crosses its way."""

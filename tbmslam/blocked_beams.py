@@ -1,7 +1,6 @@
 """Beams blocked by something on the robot: they end at the same near distance wherever it drives and how it turns."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -78,7 +77,7 @@ class BlockedBeams:
         if len(scan.ranges) != len(self._hidden) or not self._hidden.any():
             return scan
         same = np.abs(scan.ranges - self._range) <= self._config.spread
-        return replace(scan, ranges=np.where(self._hidden & same, np.nan, scan.ranges))
+        return scan.with_ranges(np.where(self._hidden & same, np.nan, scan.ranges))
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked, as is known afterwards."""
@@ -86,7 +85,7 @@ class BlockedBeams:
         for since, until, beams in [*self._spans, *self._open_spans()]:
             if since <= scan.stamp < until and beams.max() < len(hidden):
                 hidden[beams] = True
-        return replace(scan, ranges=np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
+        return scan.with_ranges(np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
 
     def _follow(self, scan: LaserScan, way: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
@@ -119,6 +118,8 @@ class BlockedBeams:
             self._spans.append((float(since), stamp, np.flatnonzero(beams & (self._since == since))))
 
     def _open_spans(self) -> list[tuple[float, float, npt.NDArray[np.int64]]]:
+        if not self.blocked.any():
+            return []
         starts = np.unique(self._since[self.blocked])
         return [(float(s), math.inf, np.flatnonzero(self.blocked & (self._since == s))) for s in starts]
 

@@ -1,12 +1,11 @@
 """What a whole drive's keyframes hit, in one piece that kernels go over."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels.hits import place_hits
-from tbmslam.laser_scan import Hits, LaserScan
+from tbmslam.kernels.hits import hits_of_scans, place_hits
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -15,8 +14,8 @@ class DriveHits:
 
     Parameters
     ----------
-    scans
-        The keyframes' scans.
+    keyframes
+        The scans; where they were taken is told by `poses`.
     poses
         Poses (K, 3) of the laser as tracked: x [m], y [m], theta [rad].
     max_range
@@ -30,19 +29,15 @@ class DriveHits:
         Length of the way up to each keyframe (K,) [m].
     """
 
-    def __init__(self, scans: Sequence[LaserScan], poses: FloatArray, max_range: float) -> None:
-        if len(scans) != len(poses):
-            raise ValueError(f"scans must be as many as poses, got {len(scans)} and {len(poses)}")
+    def __init__(self, keyframes: Keyframes, poses: FloatArray, max_range: float) -> None:
+        if len(keyframes) != len(poses):
+            raise ValueError(f"keyframes must be as many as poses, got {len(keyframes)} and {len(poses)}")
         self.poses = poses
         self.travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-        counts = [np.count_nonzero(scan.ranges <= max_range) for scan in scans]
-        self._offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
         # To a micrometre, in half the memory; made once, as it is most of what closing loops needs.
-        self._points = np.empty((self._offsets[-1], 2), dtype=np.float32)
-        self._normals = np.empty_like(self._points)
-        for number, scan in enumerate(scans):
-            own, hits = slice(*self._offsets[number : number + 2]), scan.hits(max_range)
-            self._points[own], self._normals[own] = hits.points, hits.normals
+        self._points, self._normals, self._offsets = hits_of_scans(
+            keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps, max_range
+        )
 
     def count(self, chosen: npt.NDArray[np.int64]) -> int:
         """Return how many hits some keyframes have."""

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from tbmslam.closing_targets import ClosingTargets
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
-from tbmslam.laser_scan import LaserScan
+from tbmslam.keyframes import Keyframes
 from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import MotionChain, on_nodes
@@ -89,7 +89,7 @@ class LoopCloser:
         self._surfels = surfels
 
     def close(
-        self, poses: FloatArray, scans: Sequence[LaserScan], chain: Sequence[MotionEdge], watch: Watch | None = None
+        self, poses: FloatArray, keyframes: Keyframes, chain: Sequence[MotionEdge], watch: Watch | None = None
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
@@ -97,14 +97,14 @@ class LoopCloser:
         ----------
         poses
             Poses (N, 3) of the laser as tracked.
-        scans
-            The keyframes' scans.
+        keyframes
+            Their scans.
         chain
             Motions between consecutive keyframes.
         watch
             Who is told how far it is.
         """
-        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
+        drive = _Drive(self._config, self._surfels, poses, keyframes, list(chain), watch or Watch())
         drive.search_forward()
         for _ in range(2):
             drive.tighten()
@@ -121,7 +121,7 @@ class _Drive:
         config: LoopClosingConfig,
         surfels: SurfelConfig,
         poses: FloatArray,
-        scans: Sequence[LaserScan],
+        keyframes: Keyframes,
         chain: list[MotionEdge],
         watch: Watch,
     ) -> None:
@@ -130,7 +130,7 @@ class _Drive:
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
-        self._hits = DriveHits(scans, poses, config.submap.max_range)
+        self._hits = DriveHits(keyframes, poses, config.submap.max_range)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._chain = MotionChain(chain)
 

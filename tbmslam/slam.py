@@ -4,6 +4,7 @@ import logging
 import math
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,12 +23,12 @@ from tbmslam.motion import MotionModel, Prediction
 from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.rendering import render
 from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, wrap_angle
 from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tile_maps import TileMaps
-from tbmslam.tracked_keyframe import KeptScans, TrackedKeyframe, chain
+from tbmslam.tracked_keyframe import TrackedKeyframe, chain, packed
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
@@ -112,13 +113,13 @@ class Slam:
         readings, kept = self._longest_part()
         poses = np.array(self._poses).reshape(-1, 3)[readings]
         tracked = poses
-        poses = self._close_loops(poses, kept)
+        places = np.array([k.index for k in kept], dtype=np.int64)
+        keyframes = packed(kept, tracked[places])
+        poses = self._close_loops(poses, kept, keyframes)
         if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
-        keyframes = Keyframes.from_scans(
-            KeptScans(kept), [trajectory.pose(k.index) for k in kept], [k.T_robot_sensor for k in kept]
-        )
+        keyframes = replace(keyframes, poses=poses[places])
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
@@ -162,11 +163,17 @@ class Slam:
         for (begin, _), (stop, _) in parts:
             if begin != first:
                 self._leave_out(begin, stop)
-        kept = [
-            TrackedKeyframe.of(k.index - first, self._monitor.cleared(k.scan), k.T_robot_sensor, k.match, k.variances)
-            for k in self._keyframes[first_keyframe:end_keyframe]
-        ]
+        kept = [self._kept(keyframe, first) for keyframe in self._keyframes[first_keyframe:end_keyframe]]
         return slice(first, end), kept
+
+    def _kept(self, keyframe: TrackedKeyframe, first: int) -> TrackedKeyframe:
+        """Return a keyframe without what is known to be wrong by now, counted from the first reading of its part."""
+        scan = keyframe.scan
+        cleared = self._monitor.cleared(scan)
+        if cleared is scan and first == 0:
+            return keyframe
+        T_robot_sensor, match, variances = keyframe.T_robot_sensor, keyframe.match, keyframe.variances
+        return TrackedKeyframe.of(keyframe.index - first, cleared, T_robot_sensor, match, variances)
 
     def _leave_out(self, begin: int, end: int) -> None:
         """Note that a part of the drive is not in the map."""
@@ -175,17 +182,17 @@ class Slam:
         what = f"left out of the map, make a robot of it by --interval {interval}"
         self.incidents.add(since, what, max(until - since, 0.0))
 
-    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe]) -> FloatArray:
+    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe], keyframes: Keyframes) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(kept) >= 2:
             tracked = np.array([k.match.T_map_sensor for k in kept])
-            closed, closures = self._closer.close(tracked, KeptScans(kept), chain(kept), self._watch)
+            closed, closures = self._closer.close(tracked, keyframes, chain(kept), self._watch)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         if closed is None:
             return poses
-        moved = [SE2.from_array(pose) @ k.T_robot_sensor.inverse() for pose, k in zip(closed, kept, strict=True)]
-        return spread_corrections(poses, np.array([k.index for k in kept]), np.array(moved))
+        moved = compose(closed, inverse(keyframes.sensor_poses))
+        return spread_corrections(poses, np.array([k.index for k in kept]), moved)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""

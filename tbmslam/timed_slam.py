@@ -56,8 +56,8 @@ class TimedSlam(Slam):
     def _make_tracker(self) -> Tracker:
         return _TimedTracker(super()._make_tracker(), self.clock)
 
-    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe]) -> FloatArray:
-        return self.clock.timed("closing", super()._close_loops, poses, kept)
+    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe], keyframes: Keyframes) -> FloatArray:
+        return self.clock.timed("closing", super()._close_loops, poses, kept, keyframes)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         return self.clock.timed("rendering", super()._rendered, keyframes)

@@ -1,12 +1,12 @@
 """A keyframe as the tracker left it, and what is known of the motion from one to the next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import overload
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.scan_matching.scan_match import ScanMatch
@@ -45,37 +45,32 @@ class TrackedKeyframe:
         cls, index: int, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch, variances: FloatArray
     ) -> "TrackedKeyframe":
         """Keep a scan."""
-        outline = replace(scan, ranges=_NO_RANGES)
-        return cls(index, outline, scan.ranges.astype(np.float32), T_robot_sensor, match, variances)
+        ranges = scan.ranges.astype(np.float32)
+        return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, variances)
 
     @property
     def scan(self) -> LaserScan:
         """The scan."""
-        return replace(self.outline, ranges=self.ranges.astype(np.float64))
+        return self.outline.with_ranges(self.ranges.astype(np.float64))
 
 
 _NO_RANGES = np.zeros(0)
 
 
-class KeptScans(Sequence[LaserScan]):
-    """The scans of keyframes, each unpacked when it is asked for."""
-
-    def __init__(self, keyframes: Sequence[TrackedKeyframe]) -> None:
-        self._keyframes = keyframes
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._keyframes)
-
-    @overload
-    def __getitem__(self, index: int) -> LaserScan: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> "KeptScans": ...
-
-    def __getitem__(self, index: int | slice) -> "LaserScan | KeptScans":
-        """Return one scan, or some."""
-        return KeptScans(self._keyframes[index]) if isinstance(index, slice) else self._keyframes[index].scan
+def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes:
+    """Return what a map remembers of keyframes at poses (K, 3) of the robot."""
+    outlines = [k.outline for k in keyframes]
+    return Keyframes(
+        stamps=np.array([o.stamp for o in outlines], dtype=np.float64),
+        poses=poses,
+        sensor_poses=np.array([k.T_robot_sensor for k in keyframes], dtype=np.float64).reshape(-1, 3),
+        beams=np.array(
+            [(o.angle_min, o.angle_increment, o.range_min, o.range_max) for o in outlines], dtype=np.float64
+        ).reshape(-1, 4),
+        offsets=np.cumsum([0, *(len(k.ranges) for k in keyframes)]),
+        ranges=np.concatenate([_NO_RANGES.astype(np.float32), *(k.ranges for k in keyframes)]),
+        beam_steps=np.array([o.beam_step for o in outlines], dtype=np.float64).reshape(-1, 3),
+    )
 
 
 def chain(keyframes: Sequence[TrackedKeyframe]) -> list[MotionEdge]:

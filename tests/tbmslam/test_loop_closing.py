@@ -1,5 +1,6 @@
 import numpy as np
 
+from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.loop_closing import LoopCloser, LoopClosingConfig
 from tbmslam.pose_graph import MotionEdge, relative_pose
@@ -25,7 +26,11 @@ def drifting_keyframes(robot, drift_per_metre):
         tracked.append(tracked[-1] @ SE2(step.x, step.y, step.theta + drift_per_metre * np.hypot(step.x, step.y)))
     tracked = np.array(tracked)
     chain = [MotionEdge(k, k + 1, relative_pose(tracked, k, k + 1), INFORMATION) for k in range(len(tracked) - 1)]
-    return true, tracked, [robot.readings[k].scan for k in kept], chain
+    return true, tracked, packed([robot.readings[k].scan for k in kept]), chain
+
+
+def packed(scans):
+    return Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
 
 
 def errors(true, poses):
@@ -53,7 +58,7 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
     poses = np.column_stack((np.arange(0.0, 30.0, 0.5), np.zeros(60), np.zeros(60)))
     scans = [LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0 + 0.01 * k)) for k in range(60)]
     chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), INFORMATION) for k in range(59)]
-    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, scans, chain)
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, packed(scans), chain)
     assert closures == []
     np.testing.assert_array_equal(closed, poses)
 

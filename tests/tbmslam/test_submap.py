@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.drive_hits import DriveHits
+from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -16,7 +17,8 @@ def submap(drive_in):
     sensor_poses = np.array([robot.truth.pose(k) @ r.T_robot_sensor for k, r in enumerate(robot.readings)])
     keyframes = list(range(0, 60, 3))
     scans = [robot.readings[k].scan for k in keyframes]
-    drive = DriveHits(scans, sensor_poses[keyframes], 40.0)
+    packed = Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
+    drive = DriveHits(packed, sensor_poses[keyframes], 40.0)
     made = Submap(0, len(keyframes) - 1, drive, SubmapConfig(), SurfelConfig())
     T_anchor_world = SE2.from_array(sensor_poses[keyframes[made.anchor]]).inverse()
     later = 31

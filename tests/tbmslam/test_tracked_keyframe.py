@@ -1,9 +1,12 @@
+from dataclasses import fields
+
 import numpy as np
 
+from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
-from tbmslam.tracked_keyframe import KeptScans, TrackedKeyframe, chain
+from tbmslam.tracked_keyframe import TrackedKeyframe, chain, packed
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 
@@ -35,10 +38,18 @@ def test_scans_are_kept_in_half_the_memory():
     match = ScanMatch(SE2.identity(), 0.9, moved=True)
     kept = [TrackedKeyframe.of(index, scan, SE2.identity(), match, np.ones(3)) for index in range(3)]
     assert kept[0].ranges.nbytes == scan.ranges.nbytes // 2
-    scans = KeptScans(kept)
-    assert len(scans) == 3
-    assert len(scans[1:]) == 2
-    for again in scans:
-        assert again.ranges.dtype == np.float64
-        np.testing.assert_allclose(again.ranges, scan.ranges, rtol=1e-7)
-        assert (again.stamp, again.beam_step, again.time_increment) == (1.0, scan.beam_step, 0.01)
+    again = kept[0].scan
+    assert again.ranges.dtype == np.float64
+    np.testing.assert_allclose(again.ranges, scan.ranges, rtol=1e-7)
+    assert (again.stamp, again.beam_step, again.time_increment) == (1.0, scan.beam_step, 0.01)
+
+
+def test_keyframes_are_packed_as_scans_are(generator):
+    match = ScanMatch(SE2.identity(), 0.9, moved=True)
+    scans = [LaserScan(k, -1.0, 0.1, 0.1, 9.0, generator.uniform(size=3 + k), 0.01, SE2(0, 0, k)) for k in range(4)]
+    poses, mount = [SE2(k, 1.0, 0.5) for k in range(4)], SE2(0.3, 0.0, 1.0)
+    kept = [TrackedKeyframe.of(k, scan, mount, match, np.ones(3)) for k, scan in enumerate(scans)]
+    found, expected = packed(kept, np.array(poses)), Keyframes.from_scans(scans, poses, [mount] * 4)
+    for field in fields(Keyframes):
+        np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
+    assert len(packed([], np.zeros((0, 3)))) == 0
