@@ -51,25 +51,24 @@ def run_child(
     """
     blind = _BLIND_ROOT if os.geteuid() == 0 and shutil.which(_BLIND_ROOT[0]) else ()
     command = [*blind, sys.executable, "-m", program.__name__, *map(str, arguments)]
-    child = subprocess.Popen(  # noqa: S603 - our own programs
+    with subprocess.Popen(  # noqa: S603 - our own programs
         command,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
         preexec_fn=lambda: _limit(largest_file, memory),  # noqa: PLW1509 - this process has no threads of its own
-    )
-    try:
-        if until is not None:
-            _wait(child, until)
-            os.killpg(child.pid, send)
-        _, said = child.communicate(timeout=_TOO_LONG_S)
-    except subprocess.TimeoutExpired:
-        raise ChildRunError(f"{program.__name__} did not end within {_TOO_LONG_S:.0f} s") from None
-    finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.communicate()
+    ) as child:
+        try:
+            if until is not None:
+                _wait(child, until)
+                os.killpg(child.pid, send)
+            _, said = child.communicate(timeout=_TOO_LONG_S)
+        except subprocess.TimeoutExpired:
+            raise ChildRunError(f"{program.__name__} did not end within {_TOO_LONG_S:.0f} s") from None
+        finally:
+            if child.poll() is None:
+                os.killpg(child.pid, signal.SIGKILL)
     return ProgramRun(child.returncode, said)
 
 
