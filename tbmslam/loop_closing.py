@@ -28,6 +28,9 @@ from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
+_SAME_PLACE = 0.005  # [m]
+_SAME_HEADING = 0.0015  # [rad]
+
 
 class LoopClosingConfig(BaseModel):
     """When a place is taken for one seen before."""
@@ -154,6 +157,9 @@ class _Drive:
         for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
+                known = self.closures.get((keyframe, target))
+                if known is not None and self._is_met(known):
+                    continue
                 fit = self._fit(keyframe, target, 0.0, 0.0)
                 if fit is not None:
                     fits.append(fit)
@@ -167,6 +173,11 @@ class _Drive:
         if len(agreeing) < len(self.closures):
             self.closures = agreeing
             self._optimise()
+
+    def _is_met(self, edge: MotionEdge) -> bool:
+        """Tell whether the poses are so near to a closure that laying scans onto surfaces again would find the same."""
+        error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
+        return math.hypot(error.x, error.y) < _SAME_PLACE and abs(error.theta) < _SAME_HEADING
 
     def _is_surprising(self, edge: MotionEdge) -> bool:
         """Tell whether a closure moves its keyframe so far that the next search should know."""
