@@ -34,6 +34,14 @@ class ContinuityConfig(BaseModel):
     min_agreement: float = Field(
         0.7, ge=0, le=1, description="must have this share of its hits on what the last scan hit"
     )
+    pause: float = Field(1.5, gt=0, description="after so long without a scan a robot may have been carried [s]")
+    still: float = Field(0.15, gt=0, description="it stood still meanwhile if its odometry moved no farther [m, rad]")
+    max_change: float = Field(
+        0.05,
+        ge=0,
+        le=1,
+        description="share of both scans' hits in the other's free space that is told after such a pause",
+    )
 
 
 class Comparison(NamedTuple):

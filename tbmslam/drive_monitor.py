@@ -17,6 +17,11 @@ _log = logging.getLogger(__name__)
 _SAID_AT_MOST = 20
 LOST = "lost, the scans fit neither the map nor the odometry, as if the robot had been carried"
 
+CHANGED = (
+    "all looks different after a pause, though the wheels stood still: if the robot was carried, make one robot of the "
+    "way before and one of the way after by --interval"
+)
+
 
 class DriveMonitor:
     """Watches over one drive.
@@ -70,7 +75,13 @@ class DriveMonitor:
         if jump:
             self.incidents.add(scan.stamp, f"the odometry steps by {jump:.0f} m, which is not believed")
         found: ScanMatch | None = match
-        if self._continuity.enabled and last is not None and match.score < self._continuity.doubtful:
+        change = self._change_in_pause(last, scan, guess) if self._continuity.enabled and last is not None else 0.0
+        if change > self._continuity.max_contradiction:
+            found = None
+            self.incidents.add(scan.stamp, LOST)
+        elif change > self._continuity.max_change:
+            self.incidents.add(scan.stamp, CHANGED)
+        elif self._continuity.enabled and last is not None and match.score < self._continuity.doubtful:
             if not self._continues(last, scan, match.T_map_sensor, guess):
                 is_there = self._continues(last, scan, guess, guess)
                 found = ScanMatch(guess, match.score, moved=False) if is_there else None
@@ -96,6 +107,14 @@ class DriveMonitor:
                 _log.warning("%s: and %d more", name, self.incidents.number - number)
                 return
             _log.warning("%s: %s", name, incident.text(start))
+
+    def _change_in_pause(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> float:
+        """Return how much contradicts the scan before a pause in which nothing moved; 0 without such a pause."""
+        config, T_last_guess = self._continuity, last[1].inverse() @ guess
+        moved = max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta))
+        if scan.stamp - last[0].stamp < config.pause or moved > config.still:
+            return 0.0
+        return compare_scans(last[0], scan, T_last_guess, config).contradiction
 
     def _continues(self, last: tuple[LaserScan, SE2], scan: LaserScan, T_map_sensor: SE2, guess: SE2) -> bool:
         """Tell whether a scan at a pose does not contradict the one before, nor the odometry for no good reason."""

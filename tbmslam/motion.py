@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from tbmslam.laser_scan import Reading
 from tbmslam.se2 import SE2, FloatArray
 
+_STANDING = 0.001  # what wheels that stand still may seem to move from scan to scan [m, rad]
+
 
 class MotionConfig(BaseModel):
     """How odometry is used and how far it is trusted between two scans."""
@@ -28,6 +30,9 @@ class MotionConfig(BaseModel):
     position_per_second: float = Field(0.5, gt=0, description="position uncertainty without odometry [m/s]")
     heading_per_second: float = Field(0.5, gt=0, description="heading uncertainty without odometry [rad/s]")
     persistence: float = Field(0.5, gt=0, description="how long a motion goes on and can contradict the odometry [s]")
+    frozen: float = Field(
+        0.15, gt=0, description="odometry that stands still is not believed once the scans have moved so far [m, rad]"
+    )
     jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
     jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
 
@@ -44,11 +49,14 @@ class Prediction:
         Standard deviations (3,) of x, y [m] and theta [rad] that the last step adds.
     jump
         How far the odometry stepped where that is impossible, so that it was left out [m]; else 0.
+    is_frozen
+        Whether the odometry stands still while the robot moves, so that it was left out.
     """
 
     T_map_robot: SE2
     deviations: FloatArray
     jump: float = 0.0
+    is_frozen: bool = False
 
 
 class MotionModel:
@@ -61,6 +69,7 @@ class MotionModel:
         self._T_map_robot = SE2.identity()
         self._last_move = SE2.identity(), SE2.identity()
         self._duration = 0.0
+        self._T_map_stopped = SE2.identity()  # where the robot was when its odometry last moved
 
     def predict(self, reading: Reading) -> Prediction:
         """Return where the robot is by odometry or, without any, by the motion between its last two readings.
@@ -75,6 +84,8 @@ class MotionModel:
             distance, since = math.hypot(now.x - before.x, now.y - before.y), abs(reading.scan.stamp - self._stamp)
             if not distance <= self._config.jump + self._config.jump_per_second * since:
                 return replace(self._by_constant_velocity(reading), jump=distance)
+            if self._is_frozen(before, now):
+                return replace(self._by_constant_velocity(reading), is_frozen=True)
             return self._by_odometry(before, now)
         return self._by_constant_velocity(reading)
 
@@ -122,9 +133,18 @@ class MotionModel:
             duration = reading.scan.stamp - self._stamp
             if duration > 0.0:
                 self._last_move, self._duration = (self._T_map_robot, T_map_robot), duration
+        if not _is_still(self._T_odom_robot, reading.T_odom_robot):
+            self._T_map_stopped = T_map_robot
         self._stamp = reading.scan.stamp
         self._T_odom_robot = reading.T_odom_robot
         self._T_map_robot = T_map_robot
+
+    def _is_frozen(self, T_odom_before: SE2, T_odom_now: SE2) -> bool:
+        """Tell whether the odometry stands still although the scans went on, as when its driver or a cable fails."""
+        if not _is_still(T_odom_before, T_odom_now):
+            return False
+        moved = self._T_map_stopped.inverse() @ self._T_map_robot
+        return max(math.hypot(moved.x, moved.y), abs(moved.theta)) > self._config.frozen
 
     def _last_step(self) -> SE2:
         """Return the motion between the last two readings that were some time apart."""
@@ -149,6 +169,14 @@ class MotionModel:
         position = config.position_floor + config.position_per_second * duration
         heading = config.heading_floor + config.heading_per_second * duration
         return Prediction(self.coasting(reading), np.array([position, position, heading]))
+
+
+def _is_still(T_odom_before: SE2 | None, T_odom_now: SE2 | None) -> bool:
+    """Tell whether two poses of the odometry are the same but for noise of a standing robot."""
+    if T_odom_before is None or T_odom_now is None:
+        return False
+    step = T_odom_before.inverse() @ T_odom_now
+    return max(math.hypot(step.x, step.y), abs(step.theta)) < _STANDING
 
 
 def _part(motion: SE2, ratio: float) -> SE2:

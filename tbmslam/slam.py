@@ -148,6 +148,10 @@ class Slam:
     def _checked(self, scan: LaserScan, match: ScanMatch, prediction: Prediction, T_robot_sensor: SE2) -> ScanMatch:
         """Return where the laser was; where it got lost, a new part of the drive begins."""
         guess = prediction.T_map_robot @ T_robot_sensor
+        if prediction.is_frozen:
+            self.incidents.add(
+                scan.stamp, "the odometry stands still while the robot moves, scans alone tell the motion"
+            )
         found = self._monitor.checked(scan, match, guess, prediction.jump)
         if found is None:
             self._tracker = self._make_tracker()

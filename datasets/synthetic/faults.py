@@ -113,6 +113,12 @@ def _odometry_freeze(scene: _Scene) -> SimulatedRobot:
     return replace(scene.robot, odometry=Trajectory(scene.robot.odometry.stamps, poses))
 
 
+def _odometry_stuck(scene: _Scene) -> SimulatedRobot:
+    """Let odometry stand still while the robot is pushed, and go on from there."""
+    before, after = (_odometry_at(scene.robot, stamp) for stamp in (scene.begin, scene.end))
+    return _odometry_moved(_odometry_freeze(scene), scene.end, before @ after.inverse())
+
+
 def _clock_offset(scene: _Scene) -> SimulatedRobot:
     """Let the stamps of all scans lag behind the clock of the odometry."""
     return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_FAULT)
@@ -187,6 +193,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "odometry_jump": _odometry_jump,
     "odometry_reset": _odometry_reset,
     "odometry_freeze": _odometry_freeze,
+    "odometry_stuck": _odometry_stuck,
     "clock_offset": _clock_offset,
     "clock_step": _clock_step,
     "stamps_back": _stamps_back,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.simulation import poses_at
-from tbmslam.drive_monitor import LOST
+from tbmslam.drive_monitor import CHANGED, LOST
 from tbmslam.laser_scan import Reading
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
@@ -110,3 +110,41 @@ def test_odometry_in_a_bag_that_stops_for_a_while(robot):
     _, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+
+
+def paused(readings, at, seconds):
+    """Switch the laser off for a while, in which the robot stands still."""
+    return [replace(r, scan=replace(r.scan, stamp=r.scan.stamp + seconds * (k >= at))) for k, r in enumerate(readings)]
+
+
+def test_a_pause_in_which_nothing_changes_is_no_incident(robot):
+    slam, drive = mapped(paused(robot.readings, 60, 600.0))
+    assert said(slam) == []
+    assert len(drive.trajectory) == len(robot.readings)
+
+
+def test_a_corridor_alike_everywhere_gives_a_carried_robot_away_by_what_changed_in_a_pause(robot):
+    """Scans fit in some way all the same, which says nothing where the wheels stood still."""
+    readings = paused(carried(robot, 60, 66), 61, 2.0)
+    slam, _ = mapped(readings)
+    (told,) = [i for i in slam.incidents if i.what in (LOST, CHANGED)]
+    assert told.stamp == readings[61].scan.stamp
+
+
+def test_small_changes_in_a_pause_are_told_and_cut_nothing(robot):
+    readings = paused(carried(robot, 60, 62), 61, 2.0)
+    slam, drive = mapped(readings)
+    assert [i.what for i in slam.incidents] == [CHANGED]
+    assert len(drive.trajectory) == len(readings)
+
+
+def test_odometry_that_freezes_is_told_and_scans_alone_tell_the_motion(robot):
+    stopped = robot.readings[60].T_odom_robot
+    last = robot.readings[120].T_odom_robot
+    readings = [
+        r if k < 60 else replace(r, T_odom_robot=stopped @ last.inverse() @ (last if k < 120 else r.T_odom_robot))
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any(i.what.startswith("the odometry stands still while the robot moves") for i in slam.incidents)

@@ -57,8 +57,12 @@ def test_odometry_faults(robot, world):
     reset = with_fault(robot, world, "odometry_reset").odometry
     assert reset.poses[np.searchsorted(reset.stamps, robot.truth.stamps[0] + 5.0)] == pytest.approx(0.0, abs=0.05)
     frozen = with_fault(robot, world, "odometry_freeze").odometry
+    stuck = with_fault(robot, world, "odometry_stuck").odometry
+    assert steps(stuck).max() <= steps(robot.odometry).max() + 1e-9
     held = (frozen.stamps >= frozen.stamps[0] + 5.1) & (frozen.stamps < frozen.stamps[0] + 10.9)
-    assert np.ptp(frozen.poses[held], axis=0).max() == 0.0
+    for odometry in (frozen, stuck):
+        assert np.ptp(odometry.poses[held], axis=0).max() == 0.0
+    assert not np.allclose(stuck.poses[-1], frozen.poses[-1])
 
 
 def test_clock_faults(robot, world):
