@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -18,6 +19,8 @@ Marks = npt.NDArray[np.uint8]
 _FREE, _WALL = 1, 2
 _SMALL_M = 1.5
 """What is shorter than this may be moved [m]."""
+_FARTHEST_M = 0.5
+"""What is farther from everything known is not bent into it [m]."""
 _MARGIN = 12
 """Unknown cells around a spoilt map."""
 
@@ -146,11 +149,11 @@ class Distortion:
         y, x = np.mgrid[0 : shape[1], 0 : shape[0]]
         centres = np.asarray(np.stack((x, y), axis=-1).reshape(-1, 2) + 0.5, dtype=np.float64) * resolution
         read = T_map_building.inverse().apply(centres)
-        read = read + self._displacements(read, points, rng)
-        cell = np.floor(read / resolution).astype(np.int64)
-        inside = (cell >= 0).all(axis=1) & (cell[:, 0] < marks.shape[1]) & (cell[:, 1] < marks.shape[0])
+        reach = math.ceil(_FARTHEST_M / resolution)
+        near = np.flatnonzero(_read(_widened(marks > 0, reach), read / resolution + reach))
+        read = read[near] + self._displacements(read[near], points, rng)
         bent = np.zeros(len(centres), dtype=np.uint8)
-        bent[inside] = marks[cell[inside, 1], cell[inside, 0]]
+        bent[near] = _read(marks, read / resolution)
         return bent.reshape(shape[1], shape[0]), T_map_building
 
     def _displacements(self, points: FloatArray, known: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -167,6 +170,21 @@ class Distortion:
         mean = there.mean(axis=0)
         size = float(np.sqrt(((there - mean) ** 2).sum(axis=1).mean()))
         return np.asarray((field(points) - mean) * (self.bend_m / max(size, 1e-9)))
+
+
+def _read(image: Marks, points: FloatArray) -> Marks:
+    """Return what an image (rows, cols) has at points (N, 2) given in cells; 0 beside it."""
+    col, row = np.floor(points).astype(np.int64).T
+    inside = (row >= 0) & (row < image.shape[0]) & (col >= 0) & (col < image.shape[1])
+    found = np.zeros(len(points), dtype=np.uint8)
+    found[inside] = image[row[inside], col[inside]]
+    return found
+
+
+def _widened(known: npt.NDArray[np.bool_], cells: int) -> Marks:
+    """Return an image, larger by so many cells on each side, of what lies no farther than that from the known."""
+    kernel = np.ones((2 * cells + 1, 2 * cells + 1), dtype=np.uint8)
+    return cv2.dilate(np.pad(known.astype(np.uint8), cells), kernel).astype(np.uint8)
 
 
 def _normal_quantile(share: float) -> float:

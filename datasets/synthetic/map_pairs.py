@@ -185,15 +185,24 @@ def _parts(building: Building, overlap: float, rng: np.random.Generator) -> tupl
     """Return what each of two robots saw when both drove equally far and share a part of their free cells."""
     ways_a, ways_b = _ways_from_far_ends(building.occupancy == 0, rng)
     free = np.isfinite(ways_a)  # where a robot can get to
+    lengths = [ways[free] for ways in (ways_a, ways_b)]
+    ranked = [np.sort(one) for one in lengths]
     low, high = 0.0, 1.0
     for _ in range(25):
         share = (low + high) / 2.0
-        a, b = (ways <= np.quantile(ways[free], share) for ways in (ways_a, ways_b))
-        common = np.count_nonzero(a & b & free) / max(min(int((a & free).sum()), int((b & free).sum())), 1)
+        a, b = (one <= _quantile(order, share) for one, order in zip(lengths, ranked, strict=True))
+        common = np.count_nonzero(a & b) / max(min(np.count_nonzero(a), np.count_nonzero(b)), 1)
         low, high = (low, share) if common > overlap else (share, high)
     share = low if overlap < 1.0 else 1.0
-    a, b = (ways <= np.quantile(ways[free], share) for ways in (ways_a, ways_b))
+    a, b = (ways <= _quantile(order, share) for ways, order in zip((ways_a, ways_b), ranked, strict=True))
     return _seen(building.occupancy, a & free), _seen(building.occupancy, b & free)
+
+
+def _quantile(ranked: npt.NDArray[np.float64], share: float) -> float:
+    """Return what such a share of sorted numbers lies below; numpy would look for the order again."""
+    whole, part = divmod(share * (len(ranked) - 1), 1.0)
+    low = int(whole)
+    return float(ranked[low] + (ranked[min(low + 1, len(ranked) - 1)] - ranked[low]) * part)
 
 
 def _seen(occupancy: Occupancy, free: npt.NDArray[np.bool_]) -> Occupancy:
