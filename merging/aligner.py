@@ -8,6 +8,7 @@ from merging.candidates import Candidate, find_candidates, refine_all
 from merging.confidence import confidences
 from merging.config import MergeConfig, VerificationConfig
 from merging.consensus import find_consensus
+from merging.decoys import find_decoys
 from merging.features import Features, describe, match
 from merging.structure import Structure
 from merging.verification import Evidence, examine
@@ -107,19 +108,28 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
         return replace(found, reason=f"{fits}, {limit}: is the resolution of a map wrong?")
     motion = refine_all(target.structure, source.structure, [consensus.T_target_source], config)[0]
     evidence = examine(target.structure, source.structure, motion, config.verification)
-    return _judged(found, [(motion, evidence)], target.structure, config.verification)
+    decoys = find_decoys(target.structure, source.structure, config)
+    return _judged(found, [(motion, evidence)], decoys, target.structure, config.verification)
 
 
 def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
     """Align by the most likely of all rotations and shifts."""
     found = Alignment("correlation", accepted=False, reason="no rotation and shift brings the walls together")
     candidates = find_candidates(target, source, config)
-    return _judged(found, candidates, target, config.verification) if candidates else found
+    if not candidates:
+        return found
+    return _judged(found, candidates, find_decoys(target, source, config), target, config.verification)
 
 
-def _judged(found: Alignment, candidates: list[Candidate], target: Structure, config: VerificationConfig) -> Alignment:
+def _judged(
+    found: Alignment,
+    candidates: list[Candidate],
+    decoys: list[Evidence],
+    target: Structure,
+    config: VerificationConfig,
+) -> Alignment:
     """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
-    likely = confidences([evidence for _, evidence in candidates])
+    likely = confidences([evidence for _, evidence in candidates], decoys)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [

@@ -5,12 +5,15 @@ The candidates of a pair and "none of them" compete (a conditional logit, McFadd
     P(candidate i) = exp(l_i) / (1 + sum over j of exp(l_j)),    l = bias + sum of weights * features
 
 so that two places equally good share the probability, however good they are, and a sum far below 1 says that the maps
-show different places. `tools/calibrate_merging.py` fits the weights and writes `confidence_model.json`.
+show different places. What tells most is the margin over chance: over the best places of the source's mirror image
+(`merging.decoys`) and over all but the best places of the source itself. Maps of unlike size, style and repetitiveness
+are measured by their own chance in this way. `tools/calibrate_merging.py` fits the weights and writes
+`confidence_model.json`.
 """
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import resources
 
@@ -20,89 +23,88 @@ from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 
 SIGNS = {
-    "log of agreed_wall_m": 1,
-    "log of weakest_wall_m": 1,
+    "log of smaller_wall_m": -1,
+    "log of larger_wall_m": -1,
     "agreement": 1,
-    "conflict": -1,
-    "worst_agreement": 1,
-    "worst_conflict": -1,
-    "log of smaller_wall_m": 0,
-    "log of larger_wall_m": 0,
-    "log of distinctness": 1,
-    "log of agreeing pieces": 1,
-    "share of agreeing pieces": 1,
-    "share of conflicting pieces": -1,
     "log of agreeing corners": 1,
-    "log of distinctness of pieces": 1,
-    "log of distinctness of sure pieces": 1,
+    "margin of walls": 1,
+    "margin of pieces": 1,
+    "margin of corners": 1,
 }
-"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate; logarithms are of one plus
-the number. Distinctness is how far a candidate stands out from what chance brings together in this very pair, see
-`_distinctness`. How near the agreeing walls lie is left out: it tells how maps were bent, not where they belong."""
+"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate. The larger the maps, the
+more places there are for chance; logarithms are of one plus the number. How near the agreeing walls lie is left out: it
+tells how maps were bent, not where they belong."""
 FEATURES = tuple(SIGNS)
-_ENOUGH = 7
-"""Fewer candidates say nothing about chance."""
-_USUAL, _SURE = 0.8, 2.0
-"""What a piece that does not agree costs, in pieces that do."""
+_CHANCE = 2
+"""So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
+_ENOUGH_CORNERS = 6.0
+"""More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
+_LEAST_MARGIN, _MOST_MARGIN = -0.5, 1.2
+
+Measure = Callable[[Evidence], float]
 
 
-def features(candidates: Sequence[Evidence]) -> FloatArray:
-    """Return the numbers (K, F) that the model weighs, in the order of `FEATURES`, for the candidates of one pair."""
-    supports = [e.agreed_wall_m - 1.5 * e.conflicting_wall_m - 0.5 * e.unseen_wall_m for e in candidates]
-    columns = [_distinctness(supports)] + [
-        _distinctness([_surplus(evidence, cost) for evidence in candidates]) for cost in (_USUAL, _SURE)
-    ]
-    distinct = np.log1p(np.column_stack(columns)).tolist()
-    rows = [_features(evidence, *each) for evidence, each in zip(candidates, distinct, strict=True)]
+def _walls(evidence: Evidence) -> float:
+    """Return the agreeing wall [m], less what speaks against it."""
+    return evidence.agreed_wall_m - 1.5 * evidence.conflicting_wall_m - 0.5 * evidence.unseen_wall_m
+
+
+def _pieces(evidence: Evidence) -> float:
+    """Return how many pieces agree, less what those cost that do not."""
+    pieces = evidence.pieces
+    return pieces.agreeing - 0.8 * (pieces.compared - pieces.agreeing)
+
+
+def _corners(evidence: Evidence) -> float:
+    """Return how many corners agree, less what contradictions cost."""
+    return evidence.pieces.corners - 0.5 * evidence.pieces.conflicting
+
+
+_MARGINS: tuple[tuple[Measure, float], ...] = ((_walls, 4.0), (_pieces, 3.0), (_corners, 2.0))
+"""What is held against chance, and how much of each is too little to tell a ratio."""
+
+
+def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
+    """Return the numbers (K, F) that the model weighs, in the order of `FEATURES`, for the candidates of one pair.
+
+    Parameters
+    ----------
+    candidates
+        What speaks for and against the places where the source may lie.
+    decoys
+        The same for places of its mirror image.
+    """
+    margins = [_margins(measure, little, candidates, decoys) for measure, little in _MARGINS]
+    rows = [[*_features(evidence), *(of[index] for of in margins)] for index, evidence in enumerate(candidates)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 
-def _features(evidence: Evidence, walls: float, usual: float, sure: float) -> list[float]:
+def _features(evidence: Evidence) -> list[float]:
     looked_at = evidence.compared_wall_m + evidence.unseen_wall_m + 0.5
-    pieces = evidence.pieces
     return [
-        math.log1p(evidence.agreed_wall_m),
-        math.log1p(evidence.weakest_wall_m),
-        evidence.agreed_wall_m / looked_at,
-        evidence.conflicting_wall_m / looked_at,
-        evidence.worst_agreement,
-        evidence.worst_conflict,
         math.log1p(evidence.smaller_wall_m),
         math.log1p(evidence.larger_wall_m),
-        walls,
-        math.log1p(pieces.agreeing),
-        pieces.agreeing / (pieces.compared + 0.5),
-        pieces.conflicting / (pieces.compared + 0.5),
-        math.log1p(pieces.corners),
-        usual,
-        sure,
+        evidence.agreed_wall_m / looked_at,
+        math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS)),
     ]
 
 
-def _surplus(evidence: Evidence, cost: float) -> float:
-    """Return how many pieces agree, less what those cost that do not."""
-    pieces = evidence.pieces
-    return max(pieces.agreeing - cost * (pieces.compared - pieces.agreeing), 0.0)
+def _margins(
+    measure: Measure, little: float, candidates: Sequence[Evidence], decoys: Sequence[Evidence]
+) -> list[float]:
+    """Return the logarithm of how many times better than chance each candidate is, within limits."""
+    own = [max(measure(evidence), 0.0) for evidence in candidates]
+    by_chance = max([0.0, *sorted(own, reverse=True)[_CHANCE : _CHANCE + 1], *map(measure, decoys)])
+    ratios = [math.log((value + little) / (by_chance + little)) for value in own]
+    return [min(max(ratio, _LEAST_MARGIN), _MOST_MARGIN) for ratio in ratios]
 
 
-def _distinctness(supports: Sequence[float]) -> FloatArray:
-    """Return by how many of their spreads each candidate (K,) is better supported than the run of the others.
-
-    Most candidates of a pair are wrong, whatever the pair, so that their supports show what chance does in these maps.
-    """
-    ranked = np.sort(np.array(supports, dtype=np.float64))[::-1]
-    usual, spread = 0.0, 1.0
-    if len(ranked) >= _ENOUGH:  # the best few may be the truth and its likes
-        usual, spread = float(np.median(ranked[4:])), float(ranked[2:].std()) + 0.5
-    return np.asarray(np.maximum(np.array(supports, dtype=np.float64) - usual, 0.0) / spread)
-
-
-def confidences(candidates: Sequence[Evidence]) -> list[float]:
+def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> list[float]:
     """Return the probability that each candidate of a pair is where the maps really lie; together 1 at the most."""
     if not candidates:
         return []
     bias, weights = _model()
-    logits = features(candidates) @ weights + bias
+    logits = features(candidates, decoys) @ weights + bias
     shares = np.exp(np.append(logits, 0.0) - max(float(logits.max()), 0.0))
     return [float(share) for share in shares[:-1] / shares.sum()]
 

@@ -318,6 +318,8 @@ class MergeConfig(_Config):
         Cell size at which maps are compared [m]; None takes the coarsest map's.
     merged_resolution
         Cell size of the merged map [m]; None takes that of the map whose frame it has.
+    decoys
+        The search for places of the source's mirror image, which tell what chance achieves; see `merging.decoys`.
     """
 
     method: Method = "correlation"
@@ -330,6 +332,9 @@ class MergeConfig(_Config):
     consensus: ConsensusConfig = ConsensusConfig()
     structure: StructureConfig = StructureConfig()
     correlation: CorrelationConfig = CorrelationConfig()
+    decoys: CorrelationConfig = CorrelationConfig(
+        cells_along=90, max_cell_m=0.5, turns_share=0.3, proposals=150, semifinalists=6, finalists=3
+    )
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()

@@ -103,6 +103,7 @@ def choices_of(folder: Path, config: "MergeConfig") -> "list[Choice]":
     from merging.aligner import view_of
     from merging.candidates import find_candidates
     from merging.confidence import features
+    from merging.decoys import find_decoys
     from tools.conditional_logit import Choice
     from tools.pair_files import PairFileError, load_pair
     from tools.pair_floors import shows_part
@@ -115,7 +116,8 @@ def choices_of(folder: Path, config: "MergeConfig") -> "list[Choice]":
         if target is None or source is None:
             continue
         candidates = find_candidates(target.structure, source.structure, config)
-        numbers = features([evidence for _, evidence in candidates])
+        decoys = find_decoys(target.structure, source.structure, config)
+        numbers = features([evidence for _, evidence in candidates], decoys)
         right = np.array([pair.is_right(motion) for motion, _ in candidates], dtype=np.bool_)
         choices.append(Choice(pair.name, numbers, right, 1.0 if shows_part(pair.name) else WHOLE))
     if not choices:

@@ -1,5 +1,7 @@
 from dataclasses import replace
 
+import numpy as np
+
 from merging.confidence import FEATURES, confidences, features
 from merging.pieces import Pieces
 from merging.verification import Evidence
@@ -14,43 +16,67 @@ CHANCE = replace(GOOD, compared_wall_m=15.0, agreed_wall_m=5.0, conflicting_wall
                  pieces=Pieces(6.0, 5.0, 20.0, 2.0))  # fmt: skip
 
 
-def test_what_stands_out_is_believed():
-    found = confidences([GOOD, *[CHANCE] * 9])
+DECOYS = [CHANCE] * 3
+
+
+def test_what_beats_chance_is_believed():
+    found = confidences([GOOD, *[CHANCE] * 9], DECOYS)
     assert found[0] > 0.95
     assert sum(found) <= 1.0
 
 
 def test_chance_is_not():
-    assert max(confidences([CHANCE] * 10)) < 0.1
+    assert max(confidences([CHANCE] * 10, DECOYS)) < 0.1
+
+
+def test_what_fits_no_better_than_its_mirror_image_is_not():
+    """However well: the buildings mirror each other, or a corridor looks the same everywhere."""
+    assert confidences([GOOD, *[CHANCE] * 9], [GOOD])[0] < 0.5
+    assert confidences([GOOD, *[CHANCE] * 9], [CHANCE, GOOD, CHANCE]) == confidences([GOOD, *[CHANCE] * 9], [GOOD])
 
 
 def test_two_places_as_good_share_the_probability():
-    first, second, *_ = confidences([GOOD, GOOD, *[CHANCE] * 9])
+    first, second, *_ = confidences([GOOD, GOOD, *[CHANCE] * 9], DECOYS)
     assert first == second
     assert 0.45 < first <= 0.5
 
 
+def test_four_places_as_good_are_chance():
+    assert sum(confidences([GOOD, GOOD, GOOD, GOOD, *[CHANCE] * 9], DECOYS)) < 0.7
+
+
 def test_conflict_never_helps_and_wall_never_harms():
-    alone = confidences([GOOD, *[CHANCE] * 9])[0]
+    alone = confidences([GOOD, *[CHANCE] * 9], DECOYS)[0]
     worse = replace(GOOD, conflicting_wall_m=15.0, conflict=0.25, worst_conflict=0.3)
-    assert confidences([worse, *[CHANCE] * 9])[0] <= alone
+    assert confidences([worse, *[CHANCE] * 9], DECOYS)[0] <= alone
     more = replace(GOOD, agreed_wall_m=55.0, weakest_wall_m=25.0, pieces=Pieces(50.0, 2.0, 55.0, 25.0))
-    assert confidences([more, *[CHANCE] * 9])[0] >= alone
+    assert confidences([more, *[CHANCE] * 9], DECOYS)[0] >= alone
+
+
+def test_a_better_decoy_never_helps():
+    walls_and_corners = ((0.0, 0.0), (10.0, 2.0), (30.0, 10.0), (50.0, 20.0))
+    decoys = [
+        replace(CHANCE, agreed_wall_m=m, pieces=Pieces(m, 2.0, 55.0, corners)) for m, corners in walls_and_corners
+    ]
+    found = np.array([features([GOOD, *[CHANCE] * 9], [decoy])[0] for decoy in decoys])
+    margins = ["margin" in name for name in FEATURES]
+    assert (np.diff(found, axis=0) <= 0.0).all()
+    assert (found[-1] < found[0])[margins].all()
 
 
 def test_nothing_found_is_no_probability():
-    assert confidences([]) == []
+    assert confidences([], []) == []
+    assert 0.0 < confidences([GOOD], [])[0] < 1.0
 
 
 def test_every_feature_has_its_number():
-    assert features([GOOD, CHANCE]).shape == (2, len(FEATURES))
-    assert features([]).shape == (0, len(FEATURES))
+    assert features([GOOD, CHANCE], DECOYS).shape == (2, len(FEATURES))
+    assert features([], DECOYS).shape == (0, len(FEATURES))
 
 
-def test_a_candidate_like_all_others_does_not_stand_out():
-    alike = features([CHANCE] * 10)
-    apart = features([GOOD, *[CHANCE] * 9])
+def test_a_candidate_like_all_others_has_no_margin():
+    alike, apart = features([CHANCE] * 10, DECOYS), features([GOOD, *[CHANCE] * 9], DECOYS)
     for name in FEATURES:
-        if "distinctness" in name:
+        if "margin" in name:
             assert not alike[:, FEATURES.index(name)].any()
-            assert apart[0, FEATURES.index(name)] > 1.0
+            assert apart[0, FEATURES.index(name)] > 0.5

@@ -104,7 +104,7 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert "all that were left out" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
-    assert written["weights"]["conflict"] <= 0.0 <= written["weights"]["log of weakest_wall_m"]
+    assert written["weights"]["log of larger_wall_m"] <= 0.0 <= written["weights"]["margin of walls"]
 
 
 def test_large_pairs_are_not_written(tmp_path, capsys):

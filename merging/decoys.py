@@ -1,0 +1,45 @@
+"""How well a map lies on another where it certainly does not belong: its mirror image, laid onto it all the same.
+
+A mirror image has the same walls, rooms and repetitions, and is found nowhere in a building but by chance or because
+the building is symmetrical. A place that is the true one fits better than the best place of the mirror image; one that
+chance found does not. It is the target-decoy search of J. Elias and S. Gygi, Nature Methods 4, 2007.
+"""
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from merging.candidates import find_candidates
+from merging.config import MergeConfig
+from merging.structure import Structure
+from merging.verification import Evidence
+from tbmslam.grid import GridGeometry
+
+Cell = TypeVar("Cell", bound=np.generic)
+
+
+def find_decoys(target: Structure, source: Structure, config: MergeConfig) -> list[Evidence]:
+    """Return what the maps say for and against the best places of the source's mirror image in the target."""
+    coarse = config.model_copy(update={"correlation": config.decoys})
+    return [evidence for _, evidence in find_candidates(target, mirror_image(source), coarse)]
+
+
+def mirror_image(structure: Structure) -> Structure:
+    """Return a map as a mirror along its y axis shows it."""
+    g = structure.geometry
+    return replace(
+        structure,
+        geometry=GridGeometry(g.resolution, -(g.origin_x + g.cols * g.resolution), g.origin_y, g.rows, g.cols),
+        points=structure.points * (-1.0, 1.0),
+        normals=structure.normals * (-1.0, 1.0),
+        known=_flipped(structure.known),
+        free=_flipped(structure.free),
+        distances_m=_flipped(structure.distances_m),
+        nearest=_flipped(structure.nearest),
+    )
+
+
+def _flipped(cells: npt.NDArray[Cell]) -> npt.NDArray[Cell]:
+    return np.ascontiguousarray(cells[:, ::-1])
