@@ -191,7 +191,7 @@ def _parts(building: Building, overlap: float, rng: np.random.Generator) -> tupl
     for _ in range(25):
         share = (low + high) / 2.0
         a, b = (one <= _quantile(order, share) for one, order in zip(lengths, ranked, strict=True))
-        common = np.count_nonzero(a & b) / max(min(np.count_nonzero(a), np.count_nonzero(b)), 1)
+        common = np.count_nonzero(a & b) / max(min(int(np.count_nonzero(a)), int(np.count_nonzero(b))), 1)
         low, high = (low, share) if common > overlap else (share, high)
     share = low if overlap < 1.0 else 1.0
     a, b = (ways <= _quantile(order, share) for ways, order in zip((ways_a, ways_b), ranked, strict=True))
