@@ -98,7 +98,7 @@ class Submap:
         chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor)
         self._surfaces = SurfelMap(surfels, spare=0.0)
-        self._surfaces.insert(hits.points, hits.normals)
+        self._surfaces.insert(hits, SE2.identity())
         T_map_anchor = drive.poses[None, self.anchor]
         lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
         self._field, self._lattice = _search_field(lasers, hits.points, drive.begins(chosen), config)

@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.surfel_alignment import align
 from tbmslam.kernels.surfel_search import search
-from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, add_hits, align, claim_tiles, extent
+from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray
 
@@ -76,17 +77,28 @@ class SurfelMap:
         )
         self._used = 1
 
-    def insert(self, points: FloatArray, normals: FloatArray) -> None:
-        """Add hits (N, 2) [m] and the normals (N, 2) of what they hit, towards the laser, in the map's frame."""
-        if len(points) == 0:
+    def insert(self, hits: Hits, pose: SE2) -> None:
+        """Add hits of a frame at a pose."""
+        if not len(hits.points):
             return
-        self._grow_to_contain(points)
-        self._used = claim_tiles(self._surfels.tiles, self._surfels.lattice, self._used, points, normals)
-        self._make_room(CELLS * self._used)
-        add_hits(self._surfels, points, normals)
+        used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose)
+        if used < 0:
+            self._grow_to_contain(hits.placed(pose).points)
+            used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose)
+        self._used = used
+        if CELLS * used > len(self._surfels.moments):
+            self._make_room(CELLS * used)
+            insert_hits(self._surfels, used, hits.points, hits.normals, pose)
 
     def register(
-        self, hits: Hits, guess: SE2, deviations: FloatArray, say: float, tolerances: FloatArray, iterations: int
+        self,
+        hits: Hits,
+        guess: SE2,
+        deviations: FloatArray,
+        say: float,
+        tolerances: FloatArray,
+        iterations: int,
+        every: int = 1,
     ) -> Registration:
         """Lay hits onto the surfaces.
 
@@ -104,9 +116,11 @@ class SurfelMap:
             Distances beyond which a hit loses its say [standard deviations], from wide to narrow.
         iterations
             Gauss-Newton steps for each tolerance, at the most.
+        every
+            Every n-th hit is enough.
         """
         pose, hessian, matched, cost = align(
-            self._surfels, hits.points, hits.normals, guess, deviations, say, tolerances, iterations
+            self._surfels, hits.points, hits.normals, every, guess, deviations, say, tolerances, iterations
         )
         return Registration(SE2(*pose), hessian, matched, cost)
 
@@ -129,11 +143,10 @@ class SurfelMap:
     def _make_room(self, slots: int) -> None:
         """Have room for that many slots."""
         have = len(self._surfels.moments)
-        if slots > have:
-            more = slots + (have // 2 if self._spare else 0)
-            moments, fits = (np.zeros((more, 6), dtype=np.float32) for _ in range(2))
-            moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
-            self._surfels = self._surfels._replace(moments=moments, fits=fits)
+        more = slots + (have // 2 if self._spare else 0)
+        moments, fits = (np.zeros((more, 6), dtype=np.float32) for _ in range(2))
+        moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
+        self._surfels = self._surfels._replace(moments=moments, fits=fits)
 
     def _grow_to_contain(self, points: FloatArray) -> None:
         (resolution, first_row, first_col), (_, tile_rows, tile_cols) = self._surfels.lattice, self._surfels.tiles.shape

@@ -51,8 +51,9 @@ class SurfelTracker:
     def __init__(self, config: SurfelTrackerConfig) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = None
-        # Scans are laid onto the older map; the younger one takes its place once it reaches back far enough.
-        self._map, self._next = SurfelMap(config.surfels), SurfelMap(config.surfels)
+        # Once it reaches back far enough, a map of the recent part of what is in it takes its place.
+        self._map = SurfelMap(config.surfels)
+        self._recent: list[tuple[Hits, SE2]] = []
         self._travelled = 0.0
         self._last: SE2 | None = None
         self._seen: tuple[LaserScan, Hits] | None = None
@@ -63,7 +64,7 @@ class SurfelTracker:
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
-        hits = self._hits_of(scan).thinned(config.max_points)
+        hits = self._hits_of(scan)
         if not len(hits.points) or not deviations.any():
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
@@ -98,7 +99,8 @@ class SurfelTracker:
     def _register(self, hits: Hits, guess: SE2, deviations: FloatArray) -> Registration:
         config = self._config
         say = config.independent_points
-        return self._map.register(hits, guess, deviations, say, self._tolerances, config.iterations)
+        every = max(len(hits.points) // config.max_points, 1)
+        return self._map.register(hits, guess, deviations, say, self._tolerances, config.iterations, every)
 
     def revised_poses(self) -> FloatArray | None:
         """Leave what was tracked as it is."""
@@ -115,8 +117,9 @@ class SurfelTracker:
             self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
         self._last = pose
         if self._travelled > self._config.window:
-            self._map, self._next = self._next, SurfelMap(self._config.surfels)
+            self._map = SurfelMap(self._config.surfels)
+            self._map.insert(Hits.joined([hits.placed(there) for hits, there in self._recent]), SE2.identity())
+            self._recent.clear()
             self._travelled = 0.0
-        hits = self._hits_of(scan).placed(pose)
-        self._map.insert(hits.points, hits.normals)
-        self._next.insert(hits.points, hits.normals)
+        self._map.insert(self._hits_of(scan), pose)
+        self._recent.append((self._hits_of(scan), pose))

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel
+from tbmslam.kernels.hits import move_hits
 from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
@@ -112,6 +113,27 @@ def add_hits(surfels: Surfels, points: FloatArray, normals: FloatArray) -> None:
 
 
 @kernel
+def insert_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
+    """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays hold them.
+
+    Returns how many tiles are in use then; as long as these have no room, nothing was added. -1 where hits lie outside
+    the lattice, or within two cells of its border.
+    """
+    placed, facing = move_hits(points, normals, pose)
+    tiles, moments, _, lattice, _ = surfels
+    left, right, bottom, top = extent(placed)
+    resolution, first_row, first_col = lattice
+    inside = math.floor(bottom / resolution) - 2 >= first_row and math.floor(left / resolution) - 2 >= first_col
+    last_row, last_col = first_row + SIDE * tiles.shape[1], first_col + SIDE * tiles.shape[2]
+    if not inside or math.floor(top / resolution) + 3 > last_row or math.floor(right / resolution) + 3 > last_col:
+        return -1
+    used = claim_tiles(tiles, lattice, used, placed, facing)
+    if used * CELLS <= len(moments):
+        add_hits(surfels, placed, facing)
+    return used
+
+
+@kernel
 def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
     """Fit one surfel to the hits of its cell and the eight around it."""
     tiles, moments, fits, lattice, limits = surfels
@@ -156,161 +178,3 @@ def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
     fit[3] = -difference * sine
     fit[4] = mean + difference * cosine
     fit[5] = min(count / certain_count, 1.0) / (1.0 + thin / (clutter * clutter))
-
-
-@kernel
-def linearise(
-    surfels: Surfels,
-    points: FloatArray,
-    normals: FloatArray,
-    pose: Pose,
-    tolerance: float,
-    hessian: FloatArray,
-    gradient: FloatArray,
-) -> tuple[float, float]:
-    """Fill the normal equations of a scan's mean distance to the surfels; return that cost and the matched share.
-
-    The cost of a point is Geman and McClure's t^2 d^2 / (t^2 + d^2) of its Mahalanobis distance d, with the tolerance t
-    in standard deviations: far points lose their say. The pose is perturbed in the map's frame, its rotation about the
-    sensor.
-    """
-    tiles, _, fits, lattice, _ = surfels
-    resolution, first_row, first_col = lattice
-    rows, cols = tiles.shape[1] * SIDE, tiles.shape[2] * SIDE
-    x, y, theta = pose
-    cosine, sine = math.cos(theta), math.sin(theta)
-    cost, matched = 0.0, 0.0
-    xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    sum_x, sum_y, sum_t = 0.0, 0.0, 0.0
-    tolerance_squared = tolerance * tolerance
-    inverse = 1.0 / resolution
-    for i in range(len(points)):
-        rx, ry = cosine * points[i, 0] - sine * points[i, 1], sine * points[i, 0] + cosine * points[i, 1]
-        px, py = x + rx, y + ry
-        col = math.floor(px * inverse) - first_col
-        row = math.floor(py * inverse) - first_row
-        if row < 0 or col < 0 or row >= rows or col >= cols:
-            continue
-        layer = layer_of(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
-        slot = slot_of(tiles, layer, row, col)
-        if fits[slot, 5] < 0.0:
-            fit_surfel(surfels, layer, row, col)
-        weight = float(fits[slot, 5])
-        if weight == 0.0:
-            continue
-        dx, dy = px - fits[slot, 0], py - fits[slot, 1]
-        ixx, ixy, iyy = fits[slot, 2], fits[slot, 3], fits[slot, 4]
-        gx, gy = ixx * dx + ixy * dy, ixy * dx + iyy * dy
-        distance = dx * gx + dy * gy
-        share = tolerance_squared / (tolerance_squared + distance)
-        matched += weight * share
-        cost += weight * share * distance
-        weight *= share * share
-        # d(point)/d(theta) = (-ry, rx)
-        jx = -ixx * ry + ixy * rx
-        jy = -ixy * ry + iyy * rx
-        xx += weight * ixx
-        xy += weight * ixy
-        yy += weight * iyy
-        xt += weight * jx
-        yt += weight * jy
-        tt += weight * (-ry * jx + rx * jy)
-        sum_x += weight * gx
-        sum_y += weight * gy
-        sum_t += weight * (-ry * gx + rx * gy)
-    each = 1.0 / max(len(points), 1)
-    hessian[0, 0], hessian[1, 1], hessian[2, 2] = xx * each, yy * each, tt * each
-    hessian[0, 1] = hessian[1, 0] = xy * each
-    hessian[0, 2] = hessian[2, 0] = xt * each
-    hessian[1, 2] = hessian[2, 1] = yt * each
-    gradient[0], gradient[1], gradient[2] = sum_x * each, sum_y * each, sum_t * each
-    return cost * each, matched * each
-
-
-@kernel
-def align(
-    surfels: Surfels,
-    points: FloatArray,
-    normals: FloatArray,
-    guess: Pose,
-    deviations: FloatArray,
-    say: float,
-    tolerances: FloatArray,
-    iterations: int,
-) -> tuple[Pose, FloatArray, float, float]:
-    """Move a scan onto the surfels by Gauss-Newton; return its pose, the Hessian, the matched share and the cost.
-
-    `deviations` (3,) are the guess's in the map's frame: a direction that the surfels do not determine keeps it. All
-    points together count as `say` independent ones. `tolerances` are worked through from wide to narrow, `iterations`
-    steps each at the most.
-    """
-    x, y, theta = guess
-    prior = (deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0)
-    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
-    system, step = np.zeros((3, 3)), np.zeros(3)
-    cost, matched = 0.0, 0.0
-    for level in range(len(tolerances)):
-        # A wide tolerance only leads to where the next one starts.
-        enough = 1.0 if level == len(tolerances) - 1 else 10.0
-        for _ in range(iterations):
-            cost, matched = linearise(surfels, points, normals, (x, y, theta), tolerances[level], hessian, gradient)
-            hessian *= say
-            gradient *= say
-            _drop_weak_direction(hessian, gradient)
-            system[:] = hessian
-            gradient[0] += prior[0] * (x - guess[0])
-            gradient[1] += prior[1] * (y - guess[1])
-            gradient[2] += prior[2] * (theta - guess[2])
-            for a in range(3):
-                system[a, a] += prior[a]
-            _solve(system, gradient, step)
-            x, y, theta = x - step[0], y - step[1], theta - step[2]
-            if max(abs(step[0]), abs(step[1])) < enough * 2e-4 and abs(step[2]) < enough * 2e-5:
-                break
-    return (x, y, theta), hessian, matched, cost * say
-
-
-@kernel
-def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
-    """Silence a direction of the plane that hardly any surface faces, such as the one along a corridor.
-
-    Fitted normals scatter by some degrees, and what that leaks along a wall is no evidence: a curvature below 0.5 % of
-    the one across is dropped, above 1.5 % it is kept, with a ramp between.
-    """
-    middle = 0.5 * (hessian[0, 0] + hessian[1, 1])
-    spread = math.hypot(0.5 * (hessian[0, 0] - hessian[1, 1]), hessian[0, 1])
-    if middle + spread <= 0.0:
-        return
-    kept = min(max((middle - spread) / (middle + spread) * 100.0 - 0.5, 0.0), 1.0)
-    if kept >= 1.0:
-        return
-    angle = 0.5 * math.atan2(2.0 * hessian[0, 1], hessian[0, 0] - hessian[1, 1])
-    weak = np.array([-math.sin(angle), math.cos(angle), 0.0])
-    # P = I - (1 - kept) weak weak^T leaves the rest as it is; the system becomes P H P, P g.
-    for a in range(3):
-        along = hessian[a, 0] * weak[0] + hessian[a, 1] * weak[1]
-        for b in range(2):
-            hessian[a, b] -= (1.0 - kept) * along * weak[b]
-    for b in range(3):
-        along = weak[0] * hessian[0, b] + weak[1] * hessian[1, b]
-        for a in range(2):
-            hessian[a, b] -= (1.0 - kept) * along * weak[a]
-    along = weak[0] * gradient[0] + weak[1] * gradient[1]
-    gradient[0] -= (1.0 - kept) * along * weak[0]
-    gradient[1] -= (1.0 - kept) * along * weak[1]
-
-
-@kernel
-def _solve(matrix: FloatArray, vector: FloatArray, solution: FloatArray) -> None:
-    """Solve a symmetric positive definite (3, 3) system by Cholesky's method."""
-    a = math.sqrt(max(matrix[0, 0], 1e-12))
-    b, c = matrix[0, 1] / a, matrix[0, 2] / a
-    d = math.sqrt(max(matrix[1, 1] - b * b, 1e-12))
-    e = (matrix[1, 2] - b * c) / d
-    f = math.sqrt(max(matrix[2, 2] - c * c - e * e, 1e-12))
-    u = vector[0] / a
-    v = (vector[1] - b * u) / d
-    w = (vector[2] - c * u - e * v) / f
-    solution[2] = w / f
-    solution[1] = (v - e * solution[2]) / d
-    solution[0] = (u - b * solution[1] - c * solution[2]) / a

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.surfel_alignment import align, linearise, pair_up
 from tbmslam.kernels.surfel_search import search
-from tbmslam.kernels.surfels import CELLS, Surfels, add_hits, align, claim_tiles, extent, fit_surfel, linearise, slot_of
+from tbmslam.kernels.surfels import CELLS, Surfels, add_hits, claim_tiles, extent, fit_surfel, slot_of
 from tests import reference
 
 RESOLUTION = 0.1
@@ -75,17 +76,23 @@ def test_surfels_are_the_plain_fit():
         assert fitted_weight == pytest.approx(weight, rel=1e-3)
 
 
+def linearised(surfels, points, normals, pose, tolerance):
+    """Return the cost and the matched share, the Hessian and the gradient of a scan at a pose."""
+    pairs, hessian, gradient = np.empty((len(points), 8)), np.zeros((3, 3)), np.zeros(3)
+    count = pair_up(surfels, points, normals, 1, pose, pairs)
+    return *linearise(pairs[:count], 1.0 / len(points), pose, tolerance, hessian, gradient), hessian, gradient
+
+
 def test_gradient_and_curvature_are_those_of_the_cost():
     generator = np.random.default_rng(2)
     surfels = surfels_of(room_walls(generator))
     points = room_walls(generator, 300)
-    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
 
     def cost(pose):
-        return linearise(surfels, points, facing_origin(points), pose, 50.0, np.zeros((3, 3)), np.zeros(3))[0]
+        return linearised(surfels, points, facing_origin(points), pose, 50.0)[0]
 
     pose = (0.004, -0.003, 0.001)
-    linearise(surfels, points, facing_origin(points), pose, 50.0, hessian, gradient)
+    _, _, hessian, gradient = linearised(surfels, points, facing_origin(points), pose, 50.0)
     step = 1e-6
     for axis in range(3):
         ahead, behind = list(pose), list(pose)
@@ -98,7 +105,7 @@ def test_gradient_and_curvature_are_those_of_the_cost():
 
 def aligned(points, guess, deviation=np.inf, surfels=None):
     deviations, say, tolerances = np.full(3, deviation), float(len(points)), np.array([8.0, 3.0])
-    return align(surfels, points, facing_origin(points), guess, deviations, say, tolerances, 10)
+    return align(surfels, points, facing_origin(points), 1, guess, deviations, say, tolerances, 10)
 
 
 def test_a_scan_finds_its_place_to_millimetres():
@@ -122,6 +129,20 @@ def test_along_a_corridor_the_guess_stays():
     assert hessian[0, 0] < 0.02 * hessian[1, 1]
 
 
+def test_few_of_many_points_find_the_place_as_well():
+    generator = np.random.default_rng(4)
+    surfels = surfels_of(room_walls(generator))
+    points = room_walls(generator, 1200)
+    deviations, tolerances = np.full(3, np.inf), np.array([8.0, 3.0])
+    normals = facing_origin(points)
+    every, some = (
+        align(surfels, points, normals, n, (0.06, -0.05, 0.02), deviations, 40.0, tolerances, 10) for n in (1, 3)
+    )
+    assert some[0] == pytest.approx(every[0], abs=0.003)
+    assert some[2] == pytest.approx(every[2], rel=0.05)
+    np.testing.assert_allclose(some[1], every[1], rtol=0.3, atol=0.05 * np.abs(every[1]).max())
+
+
 def test_nothing_known_leaves_the_guess():
     pose, _, matched, cost = aligned(np.ones((5, 2)), (1.0, 2.0, 0.5), deviation=1.0, surfels=NOTHING)
     assert pose == pytest.approx((1.0, 2.0, 0.5))
@@ -139,7 +160,7 @@ def test_search_is_trying_every_pose():
     for turn, row, col in itertools.product(turns, range(-3, 4), range(-3, 4)):
         pose = (guess[0] + col * RESOLUTION, guess[1] + row * RESOLUTION, guess[2] + turn)
         away = costs[0] * RESOLUTION * math.hypot(row, col) + costs[1] * abs(turn)
-        matched = linearise(surfels, scan, normals, pose, 8.0, np.zeros((3, 3)), np.zeros(3))[1]
+        matched = linearised(surfels, scan, normals, pose, 8.0)[1]
         scores[pose] = matched - away
     assert found == pytest.approx(max(scores, key=scores.get))
 
@@ -173,7 +194,7 @@ def test_the_far_face_of_a_thin_wall_is_another_surface():
     for face, normals in ((near_face, towards), (far_face, away)):
         tolerances = np.array([8.0, 3.0])
         pose, _, matched, _ = align(
-            surfels, face[:300], normals[:300], (0.0, 0.05, 0.0), np.ones(3), 300.0, tolerances, 10
+            surfels, face[:300], normals[:300], 1, (0.0, 0.05, 0.0), np.ones(3), 300.0, tolerances, 10
         )
         assert pose[1] == pytest.approx(0.0, abs=0.003)
         assert matched > 0.9
