@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from tbmslam.blocked_beams import BlockedBeamsConfig
 from tbmslam.continuity import ContinuityConfig
 from tbmslam.deskew import DeskewConfig
+from tbmslam.forgetting import ForgettingConfig
 from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
@@ -73,6 +74,7 @@ class SlamConfig(BaseModel):
         SurfelTrackerConfig()
     )
     keyframes: KeyframeConfig = KeyframeConfig()
+    forgetting: ForgettingConfig = ForgettingConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
     continuity: ContinuityConfig = ContinuityConfig()
     blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()

@@ -3,14 +3,14 @@
 import logging
 import math
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from tbmslam.config import SlamConfig
 from tbmslam.deskew import deskewed
-from tbmslam.drive_correction import spread_corrections
+from tbmslam.drive_memory import DriveMemory
 from tbmslam.drive_monitor import DriveMonitor
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
@@ -21,9 +21,10 @@ from tbmslam.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.motion import MotionModel, Prediction
 from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
 from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray, compose, inverse, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
@@ -68,8 +69,7 @@ class Slam:
         self._closer = self._make_closer()
         # Plain numbers, three for each pose: a day has millions.
         self._stamps, self._poses = array("d"), array("d")
-        self._T_map_keyframe = SE2.identity()
-        self._keyframes: list[TrackedKeyframe] = []
+        self._T_map_keyframe: SE2 | None = None
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
         continuity = self.config.continuity
@@ -77,7 +77,7 @@ class Slam:
             continuity = continuity.model_copy(update={"enabled": False})
         self._monitor = DriveMonitor(continuity, self.config.blocked_beams, self.config.odometry_check)
         self.incidents = self._monitor.incidents
-        self._parts = [(0, 0)]  # first reading and first keyframe of what hangs together
+        self._parts = [DriveMemory(0, self.config.forgetting)]  # each hangs together
 
     @property
     def started(self) -> float:
@@ -96,8 +96,7 @@ class Slam:
         self._variances += prediction.deviations**2
         if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
             self._tracker.learn(scan, match)
-            keyframe = TrackedKeyframe.of(len(self._stamps), scan, T_robot_sensor, match, self._variances)
-            self._keyframes.append(keyframe)
+            self._keep(scan, T_robot_sensor, match)
             self._T_map_keyframe = T_map_robot
             self._variances = np.zeros(3)
             self._monitor.note_keyframe(reading, T_map_robot)
@@ -110,16 +109,15 @@ class Slam:
 
         Where the robot got lost, it is the map of the longest part of the drive that hangs together.
         """
-        readings, kept = self._longest_part()
+        readings, part = self._longest_part()
         poses = np.array(self._poses).reshape(-1, 3)[readings]
         tracked = poses
-        places = np.array([k.index for k in kept], dtype=np.int64)
-        keyframes = packed(kept, tracked[places])
-        poses = self._close_loops(poses, kept, keyframes)
+        keyframes = self._packed(part, tracked)
+        poses = self._close_loops(poses, part, keyframes)
         if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
-        keyframes = replace(keyframes, poses=poses[places])
+        keyframes = replace(keyframes, poses=poses[[k.index for k in part.keyframes]].reshape(-1, 3))
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
@@ -155,29 +153,40 @@ class Slam:
         found = self._monitor.checked(scan, match, guess, prediction.jump)
         if found is None:
             self._tracker = self._make_tracker()
-            self._parts.append((len(self._stamps), len(self._keyframes)))
+            self._parts.append(DriveMemory(len(self._stamps), self.config.forgetting))
             found = ScanMatch(guess, 0.0, moved=False)
         return found
 
-    def _longest_part(self) -> tuple[slice, list[TrackedKeyframe]]:
-        """Return the readings of the part with the most keyframes, and these."""
-        ends = [*self._parts[1:], (len(self._stamps), len(self._keyframes))]
-        parts = list(zip(self._parts, ends, strict=True))
-        (first, first_keyframe), (end, end_keyframe) = max(parts, key=lambda part: part[1][1] - part[0][1])
-        for (begin, _), (stop, _) in parts:
-            if begin != first:
-                self._leave_out(begin, stop)
-        kept = [self._kept(keyframe, first) for keyframe in self._keyframes[first_keyframe:end_keyframe]]
-        return slice(first, end), kept
+    def _keep(self, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch) -> None:
+        """Keep a scan as a keyframe; once there are very many, forget those that show nothing new."""
+        part = self._parts[-1]
+        if self._closer is not None and part.is_full():
+            keyframes = self._packed(part, np.array(self._poses).reshape(-1, 3)[part.start :])
+            part.forget(*self._closed(self._closer, part, keyframes, Watch()))
+        index = len(self._stamps) - part.start
+        part.add(TrackedKeyframe.of(index, scan, T_robot_sensor, match, self._variances))
 
-    def _kept(self, keyframe: TrackedKeyframe, first: int) -> TrackedKeyframe:
-        """Return a keyframe without what is known to be wrong by now, counted from the first reading of its part."""
+    def _longest_part(self) -> tuple[slice, DriveMemory]:
+        """Return the readings of the part with the most keyframes, and its memory."""
+        ends = [*(part.start for part in self._parts[1:]), len(self._stamps)]
+        longest = max(range(len(self._parts)), key=lambda number: len(self._parts[number]))
+        for number, (part, end) in enumerate(zip(self._parts, ends, strict=True)):
+            if number != longest:
+                self._leave_out(part.start, end)
+        return slice(self._parts[longest].start, ends[longest]), self._parts[longest]
+
+    def _packed(self, part: DriveMemory, poses: FloatArray) -> Keyframes:
+        """Return the keyframes of a part with poses (N, 3) of the robot, without what is known to be wrong by now."""
+        kept = [self._cleared(keyframe) for keyframe in part.keyframes]
+        return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
+
+    def _cleared(self, keyframe: TrackedKeyframe) -> TrackedKeyframe:
         scan = keyframe.scan
         cleared = self._monitor.cleared(scan)
-        if cleared is scan and first == 0:
+        if cleared is scan:
             return keyframe
         T_robot_sensor, match, variances = keyframe.T_robot_sensor, keyframe.match, keyframe.variances
-        return TrackedKeyframe.of(keyframe.index - first, cleared, T_robot_sensor, match, variances)
+        return TrackedKeyframe.of(keyframe.index, cleared, T_robot_sensor, match, variances)
 
     def _leave_out(self, begin: int, end: int) -> None:
         """Note that a part of the drive is not in the map."""
@@ -186,17 +195,20 @@ class Slam:
         what = f"left out of the map, make a robot of it by --interval {interval}"
         self.incidents.add(since, what, max(until - since, 0.0))
 
-    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe], keyframes: Keyframes) -> FloatArray:
+    def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
         closed = self._tracker.revised_poses()
-        if closed is None and self._closer is not None and len(kept) >= 2:
-            tracked = np.array([k.match.T_map_sensor for k in kept])
-            closed, closures = self._closer.close(tracked, keyframes, chain(kept), self._watch)
+        if closed is None and self._closer is not None and len(keyframes) >= 2:
+            closed, closures = self._closed(self._closer, part, keyframes, self._watch)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
-        if closed is None:
-            return poses
-        moved = compose(closed, inverse(keyframes.sensor_poses))
-        return spread_corrections(poses, np.array([k.index for k in kept]), moved)
+        return poses if closed is None else part.corrected(poses, closed)
+
+    def _closed(
+        self, closer: LoopCloser, part: DriveMemory, keyframes: Keyframes, watch: Watch
+    ) -> tuple[FloatArray, list[MotionEdge]]:
+        """Return the poses (K, 3) of the laser at keyframes after closing loops, and the closures."""
+        tracked = np.array([k.match.T_map_sensor for k in part.keyframes])
+        return closer.close(tracked, keyframes, chain(part.keyframes), watch)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""
@@ -209,9 +221,9 @@ class Slam:
 
     def _has_moved_to(self, T_map_robot: SE2) -> bool:
         """Tell whether the robot is far enough from its last keyframe for a new one."""
-        if not self._keyframes:
-            return True
         last, limits = self._T_map_keyframe, self.config.keyframes
+        if last is None:
+            return True
         distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
         return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
 

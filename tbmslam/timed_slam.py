@@ -5,17 +5,17 @@ of the parts measures that of a whole stretch, and shares it out.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from tbmslam.config import SlamConfig
+from tbmslam.drive_memory import DriveMemory
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.slam import Slam
-from tbmslam.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracker import Tracker
 
 _P = ParamSpec("_P")
@@ -56,8 +56,8 @@ class TimedSlam(Slam):
     def _make_tracker(self) -> Tracker:
         return _TimedTracker(super()._make_tracker(), self.clock)
 
-    def _close_loops(self, poses: FloatArray, kept: Sequence[TrackedKeyframe], keyframes: Keyframes) -> FloatArray:
-        return self.clock.timed("closing", super()._close_loops, poses, kept, keyframes)
+    def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:
+        return self.clock.timed("closing", super()._close_loops, poses, part, keyframes)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         return self.clock.timed("rendering", super()._rendered, keyframes)

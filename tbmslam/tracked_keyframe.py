@@ -1,7 +1,7 @@
 """A keyframe as the tracker left it, and what is known of the motion from one to the next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,14 @@ class TrackedKeyframe:
     def scan(self) -> LaserScan:
         """The scan."""
         return self.outline.with_ranges(self.ranges.astype(np.float64))
+
+    def moved(self, T_new_map: SE2) -> "TrackedKeyframe":
+        """Return it as seen from another frame."""
+        match = replace(self.match, T_map_sensor=T_new_map @ self.match.T_map_sensor)
+        if match.information is not None:
+            rotation = SE2(0.0, 0.0, T_new_map.theta).matrix()
+            match = replace(match, information=rotation @ match.information @ rotation.T)
+        return replace(self, match=match)
 
 
 _NO_RANGES = np.zeros(0)

@@ -53,3 +53,24 @@ def shortest_ways(places: int, edges: IntArray, lengths: FloatArray, start: int)
             elif ways[other] + lengths[e] < ways[one]:
                 ways[one], shorter = ways[other] + lengths[e], True
     return ways
+
+
+@kernel
+def shown_before(poses: FloatArray, first: int, reach: float, turn: float, enough: int) -> npt.NDArray[np.bool_]:
+    """Return which poses (N, 3) have enough of the ones before within a distance and a turn; those before do not.
+
+    Poses before `first` always count, later ones only where they were not shown before themselves.
+    """
+    shown = np.zeros(len(poses), dtype=np.bool_)
+    for k in range(first, len(poses)):
+        count = 0
+        for earlier in range(k):
+            dx, dy = poses[earlier, 0] - poses[k, 0], poses[earlier, 1] - poses[k, 1]
+            if shown[earlier] or dx * dx + dy * dy > reach * reach:
+                continue
+            if abs((poses[earlier, 2] - poses[k, 2] + math.pi) % (2.0 * math.pi) - math.pi) <= turn:
+                count += 1
+                if count == enough:
+                    shown[k] = True
+                    break
+    return shown
