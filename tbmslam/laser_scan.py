@@ -38,7 +38,8 @@ class Hits:
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, so that at least `count` are left where there are as many."""
         step = max(len(self.points) // count, 1)
-        return Hits(self.points[::step], self.normals[::step])
+        # In one piece, as kernels are compiled once more for others.
+        return Hits(np.ascontiguousarray(self.points[::step]), np.ascontiguousarray(self.normals[::step]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,12 @@ Pose = tuple[float, float, float]
 WALL = 100
 """What a point on a wall gains."""
 
+BLOCK = 16
+"""Cells that are added at once."""
+
+SHORT_SUM = 255
+"""Points whose sum fits into 16 bits, whatever they gain."""
+
 
 @kernel
 def search_field(counts: Counts, free_penalty: float) -> GainField:
@@ -110,19 +116,31 @@ def correlate(
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
     width = 2 * reach + 1
+    # Rows are added in whole blocks, on a field with a border that spares all questions: a few wide instructions.
+    blocks = -(-width // BLOCK)
+    margin = blocks * BLOCK
+    wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
+    wide[margin : margin + rows, margin : margin + cols] = field
     sums = np.zeros((len(turns), width, width), dtype=np.int32)
+    few = np.empty((width, margin), dtype=np.int16)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]
         cosine, sine = math.cos(theta), math.sin(theta)
-        for i in range(len(points)):
-            x = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
-            y = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
-            row = math.floor(y / resolution) - first_row - reach
-            col = math.floor(x / resolution) - first_col - reach
-            # The part of the window that lies on the field; its inner loop runs along memory on both sides.
-            row_start, row_stop = max(0, -row), min(width, rows - row)
-            col_start, col_stop = max(0, -col), min(width, cols - col)
-            for r in range(row_start, row_stop):
-                for c in range(col_start, col_stop):
-                    sums[k, r, c] += field[row + r, col + c]
+        for first in range(0, len(points), SHORT_SUM):
+            few[:] = 0
+            for i in range(first, min(first + SHORT_SUM, len(points))):
+                x = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
+                y = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
+                row = math.floor(y / resolution) - first_row - reach + margin
+                col = math.floor(x / resolution) - first_col - reach + margin
+                if row < 0 or col < 0 or row + width > len(wide) or col + margin > wide.shape[1]:
+                    continue
+                for r in range(width):
+                    for block in range(0, margin, BLOCK):
+                        total, cells = few[r, block : block + BLOCK], wide[row + r, col + block : col + block + BLOCK]
+                        for c in range(BLOCK):
+                            total[c] += cells[c]
+            for r in range(width):
+                for c in range(width):
+                    sums[k, r, c] += few[r, c]
     return sums

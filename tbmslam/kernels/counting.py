@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel
-from tbmslam.kernels.hits import beam_starts
 from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,22 +49,28 @@ def beam_ends(
     count = 0
     for k in range(len(poses)):
         limit = min(max_range, beams[k, 3])
-        own_starts = beam_starts(offsets[k + 1] - offsets[k], (beam_steps[k, 0], beam_steps[k, 1], beam_steps[k, 2]))
+        # Where the laser is and the beam's direction are moved on from beam to beam, as in `hit_points`.
+        x, y = poses[k, 0], poses[k, 1]
         cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        step_x = cosine * beam_steps[k, 0] - sine * beam_steps[k, 1]
+        step_y = sine * beam_steps[k, 0] + cosine * beam_steps[k, 1]
+        sway_cosine, sway_sine = math.cos(beam_steps[k, 2]), math.sin(beam_steps[k, 2])
+        cosine, sine = math.cos(poses[k, 2] + beams[k, 0]), math.sin(poses[k, 2] + beams[k, 0])
+        turn = beams[k, 1] + beam_steps[k, 2]
+        turn_cosine, turn_sine = math.cos(turn), math.sin(turn)
         for i in range(offsets[k], offsets[k + 1]):
             length = float(ranges[i])
-            if math.isnan(length) or (length == math.inf and not clears):
-                continue
-            is_hit[count] = length <= max_range and length != math.inf
-            if not is_hit[count]:
-                length = min(length, limit)
-            angle = poses[k, 2] + beams[k, 0] + (i - offsets[k]) * (beams[k, 1] + beam_steps[k, 2])
-            x, y = own_starts[(i - offsets[k]) % len(own_starts)]
-            ends[count, 0] = poses[k, 0] + cosine * x - sine * y + length * math.cos(angle)
-            ends[count, 1] = poses[k, 1] + sine * x + cosine * y + length * math.sin(angle)
-            count += 1
+            if not (math.isnan(length) or (length == math.inf and not clears)):
+                is_hit[count] = length <= max_range and length != math.inf
+                if not is_hit[count]:
+                    length = min(length, limit)
+                ends[count, 0], ends[count, 1] = x + length * cosine, y + length * sine
+                count += 1
+            cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
+            x, y = x + step_x, y + step_y
+            step_x, step_y = step_x * sway_cosine - step_y * sway_sine, step_y * sway_cosine + step_x * sway_sine
         starts[k + 1] = count
-    return ends[:count].copy(), is_hit[:count].copy(), starts
+    return ends[:count], is_hit[:count], starts
 
 
 @kernel
@@ -129,8 +134,9 @@ def _seen_by_neighbours(
         return 0.0
     ax, ay = ends[beam - apart, 0] - laser[0], ends[beam - apart, 1] - laser[1]
     bx, by = ends[beam + apart, 0] - laser[0], ends[beam + apart, 1] - laser[1]
-    a, b = math.hypot(ax, ay), math.hypot(bx, by)
-    length = math.hypot(ends[beam, 0] - laser[0], ends[beam, 1] - laser[1])
+    a, b = math.sqrt(ax * ax + ay * ay), math.sqrt(bx * bx + by * by)
+    dx, dy = ends[beam, 0] - laser[0], ends[beam, 1] - laser[1]
+    length = math.sqrt(dx * dx + dy * dy)
     if ax * bx + ay * by <= 0.0 or length == 0.0:
         return 0.0
     parted = COVERED * resolution * a * b / max(abs(ax * by - ay * bx), 1e-12)
