@@ -11,6 +11,7 @@ from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.seen_space import SeenSpace
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 
 
@@ -42,6 +43,8 @@ class SurfelTrackerConfig(BaseModel):
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
     window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
+    seen_scans: int = Field(10, ge=1, description="last keyframes whose empty space is remembered: what walks in moves")
+    seen_depth: float = Field(0.2, gt=0, description="how far they went on behind what now stands there [m]")
     novel: float = Field(0.6, ge=0, le=1, description="share of hits on known surfaces below which a scan is learnt")
 
 
@@ -54,6 +57,7 @@ class SurfelTracker:
         # Once it reaches back far enough, a map of the recent part of what is in it takes its place.
         self._map = SurfelMap(config.surfels)
         self._recent: list[tuple[Hits, SE2]] = []
+        self._space = SeenSpace(config.seen_scans, config.seen_depth)
         self._travelled = 0.0
         self._last: SE2 | None = None
         self._seen: tuple[LaserScan, Hits] | None = None
@@ -111,7 +115,7 @@ class SurfelTracker:
         return match.score < self._config.novel
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
-        """Add the scan's hits to the surfaces, and let old ones go."""
+        """Add those of the scan's hits that do not move to the surfaces, and let old ones go."""
         pose = match.T_map_sensor
         if self._last is not None:
             self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
@@ -121,5 +125,6 @@ class SurfelTracker:
             self._map.insert(Hits.joined([hits.placed(there) for hits, there in self._recent]), SE2.identity())
             self._recent.clear()
             self._travelled = 0.0
-        self._map.insert(self._hits_of(scan), pose)
-        self._recent.append((self._hits_of(scan), pose))
+        hits = self._space.still(self._hits_of(scan), pose)
+        self._map.insert(hits, pose)
+        self._recent.append((hits, pose))

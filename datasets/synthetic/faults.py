@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from datasets.synthetic.simulation import SimulatedRobot, poses_at
-from datasets.synthetic.surroundings import behind_glass, ranges_of, with_moved_boxes, with_people
+from datasets.synthetic.surroundings import behind_glass, ranges_of, with_moved_boxes, with_people, within_a_crowd
 from datasets.synthetic.world import World
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
@@ -169,6 +169,11 @@ def _people(scene: _Scene) -> SimulatedRobot:
     return _rescanned(scene.robot, scene.scans(), with_people(scene.robot, scene.begin, scene.rng))
 
 
+def _crowd(scene: _Scene) -> SimulatedRobot:
+    """Let people go along with the robot, close to it."""
+    return _rescanned(scene.robot, scene.scans(), within_a_crowd(scene.robot, scene.rng))
+
+
 def _furniture(scene: _Scene) -> SimulatedRobot:
     """Stand boxes around, and move all of them at once."""
     ranges = with_moved_boxes(scene.robot, scene.begin, scene.rng)
@@ -202,6 +207,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "beams_blocked": _beams_blocked,
     "glass": _glass,
     "people": _people,
+    "crowd": _crowd,
     "furniture": _furniture,
     "carried": _carried,
 }

@@ -13,6 +13,7 @@ _GLASS_SHARE, _PASSING = 0.15, 0.8  # of the walls, and of the beams that meet t
 _LONG_WALL = 1.0  # [m]
 _EVERY, _IN_SIGHT = 3.0, 8.0  # a person crosses the way so often, and is in sight before and after [s]
 _PERSON, _WALKING = 0.2, 1.0  # radius [m], speed [m/s]
+_CROWD, _CROWD_FROM, _CROWD_TO, _ROUND = 5, 1.0, 2.0, 0.2  # people, distances [m], how fast they walk around [rad/s]
 _BOXES, _BOX = 12, 0.5  # number, side [m]
 _KEPT_FREE = 0.7  # from the robot to the middle of a box or a person [m]
 
@@ -51,6 +52,19 @@ def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -
         walked = passing[there] + directions[there] * (_WALKING * (stamp - meetings[there]))[:, None]
         aside = walked[np.hypot(*(walked - pose[:2]).T) > _KEPT_FREE]  # nobody walks through the robot
         things.append(np.vstack([np.zeros((0, 4)), *(_polygon(place, _PERSON, 8, 0.0) for place in aside)]))
+    return _before(robot, things, rng)
+
+
+def within_a_crowd(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with people who go along with the robot, a metre or two away."""
+    phases, slow, speeds = rng.uniform(0.0, 2.0 * np.pi, (2, _CROWD)), *rng.uniform(-_ROUND, _ROUND, (2, _CROWD))
+    things = []
+    for stamp, pose in zip(robot.truth.stamps, robot.truth.poses, strict=True):
+        angles = phases[0] + speeds * (stamp - robot.truth.stamps[0])
+        swing = np.sin(phases[1] + slow * (stamp - robot.truth.stamps[0]))
+        distances = _CROWD_FROM + (_CROWD_TO - _CROWD_FROM) * (0.5 + 0.5 * swing)
+        places = pose[:2] + distances[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+        things.append(np.vstack([_polygon(place, _PERSON, 8, 0.0) for place in places]))
     return _before(robot, things, rng)
 
 

@@ -67,6 +67,7 @@ CASES = (
     _case("half of the beams covered", "beams_blocked@20+60", "blocks", quick=True),
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),
+    _case("five people go along, 1 to 2 m away", "crowd@0+600"),
     _case("a dozen boxes moved", "furniture@30"),
     _case("robot carried elsewhere", "carried@20+15", "lost", quick=True),
     _case(

@@ -1,0 +1,70 @@
+"""How far a laser saw in each direction, and what stands where it saw through."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+
+FloatArray = npt.NDArray[np.float64]
+Pose = tuple[float, float, float]
+"""x, y [m] and theta [rad]."""
+
+
+@kernel
+def seen_distances(points: FloatArray, directions: int) -> FloatArray:
+    """Return how far all is empty in each of some directions (D,) around the laser [m]; 0 where nothing came back.
+
+    Parameters
+    ----------
+    points
+        A scan's hits (M, 2) in the laser's frame [m].
+    directions
+        Number of equal sectors of the full circle, the first beginning at -pi; what the neighbours met counts, too.
+    """
+    nearest = np.full(directions, np.inf)
+    for i in range(len(points)):
+        sector = _sector(points[i, 0], points[i, 1], directions)
+        nearest[sector] = min(nearest[sector], math.hypot(points[i, 0], points[i, 1]))
+    seen = np.zeros(directions)
+    for k in range(directions):
+        least = min(nearest[k - 1], nearest[k], nearest[(k + 1) % directions])
+        most = max(nearest[k - 1], nearest[k], nearest[(k + 1) % directions])
+        if math.isfinite(most):
+            seen[k] = least
+    return seen
+
+
+@kernel
+def stands_in_seen_space(
+    points: FloatArray, pose: Pose, lasers: FloatArray, seen: FloatArray, depth: float
+) -> npt.NDArray[np.bool_]:
+    """Return which points (M,) lie where an earlier scan went on behind them.
+
+    Parameters
+    ----------
+    points, pose
+        Hits (M, 2) in the frame of a laser [m], and where that is.
+    lasers, seen
+        Poses (K, 3) of lasers and what `seen_distances` (K, D) says of their scans.
+    depth
+        How far the earlier scan went on [m].
+    """
+    stands = np.zeros(len(points), dtype=np.bool_)
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(lasers)):
+        turn_cosine, turn_sine = math.cos(lasers[k, 2]), math.sin(lasers[k, 2])
+        for i in range(len(points)):
+            if stands[i]:
+                continue
+            away_x = pose[0] + cosine * points[i, 0] - sine * points[i, 1] - lasers[k, 0]
+            away_y = pose[1] + sine * points[i, 0] + cosine * points[i, 1] - lasers[k, 1]
+            x, y = turn_cosine * away_x + turn_sine * away_y, turn_cosine * away_y - turn_sine * away_x
+            stands[i] = seen[k, _sector(x, y, seen.shape[1])] > math.hypot(x, y) + depth
+    return stands
+
+
+@kernel
+def _sector(x: float, y: float, directions: int) -> int:
+    return min(int((math.atan2(y, x) + math.pi) / (2.0 * math.pi) * directions), directions - 1)

@@ -1,0 +1,45 @@
+"""What stands where earlier scans saw through, against a plain twin."""
+
+import math
+
+import numpy as np
+
+from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
+from tbmslam.se2 import SE2
+
+
+def plain_sector(x, y, directions):
+    return min(int((math.atan2(y, x) + math.pi) / (2.0 * math.pi) * directions), directions - 1)
+
+
+def plain_seen(points, directions):
+    met = [[] for _ in range(directions)]
+    for x, y in points:
+        met[plain_sector(x, y, directions)].append(math.hypot(x, y))
+    around = [[met[(k + d) % directions] for d in (-1, 0, 1)] for k in range(directions)]
+    return [min(min(one) for one in three) if all(three) else 0.0 for three in around]
+
+
+def test_seen_distances_are_those_of_the_twin():
+    rng = np.random.default_rng(4)
+    for number in (0, 1, 30, 400):
+        points = rng.normal(0.0, 3.0, (number, 2))
+        np.testing.assert_allclose(seen_distances(points, 36), plain_seen(points, 36))
+
+
+def test_points_stand_in_seen_space_where_the_twin_says_so():
+    rng = np.random.default_rng(5)
+    points, lasers = rng.normal(0.0, 2.0, (200, 2)), rng.normal(0.0, 1.0, (3, 3))
+    seen = np.abs(rng.normal(2.0, 1.0, (3, 36)))
+    pose = SE2(0.5, -0.3, 2.0)
+    expected = []
+    for point in pose.apply(points):
+        there = [SE2.from_array(laser).inverse().apply(point[None])[0] for laser in lasers]
+        expected.append(any(seen[k][plain_sector(x, y, 36)] > math.hypot(x, y) + 0.1 for k, (x, y) in enumerate(there)))
+    assert stands_in_seen_space(points, pose, lasers, seen, 0.1).tolist() == expected
+    assert 20 < sum(expected) < 180
+
+
+def test_no_laser_has_seen_nothing():
+    points = np.ones((4, 2))
+    assert not stands_in_seen_space(points, SE2.identity(), np.zeros((0, 3)), np.zeros((0, 36)), 0.1).any()

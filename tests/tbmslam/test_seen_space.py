@@ -1,0 +1,64 @@
+import math
+
+import numpy as np
+import pytest
+
+from tbmslam.laser_scan import Hits
+from tbmslam.se2 import SE2
+from tbmslam.seen_space import SeenSpace
+
+
+def wall(*things):
+    """Return hits on a round wall of 5 m radius, and on things at (angle, distance) that hide a part of it."""
+    angles = np.radians(np.arange(-180.0, 180.0, 0.5))
+    distances = np.full(len(angles), 5.0)
+    for angle, distance in things:
+        distances[np.abs(angles - angle) < 0.1] = distance
+    towards = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    return Hits(distances[:, None] * towards, -towards)
+
+
+def distances_of(hits):
+    return np.hypot(*hits.points.T)
+
+
+def test_walls_stay_and_what_walks_in_does_not():
+    space = SeenSpace(3, 0.2)
+    assert len(space.still(wall(), SE2.identity()).points) == 720
+    seen = space.still(wall((1.0, 2.0)), SE2.identity())
+    assert distances_of(seen).min() == pytest.approx(5.0)
+    assert len(seen.points) == len(seen.normals) == 720 - 23
+
+
+def test_what_stood_there_from_the_beginning_stays_also_seen_from_elsewhere():
+    space = SeenSpace(3, 0.2)
+    first = wall((1.0, 2.0))
+    assert space.still(first, SE2.identity()) is first
+    moved = SE2(0.3, -0.2, 0.7)
+    again = Hits(*(first.placed(moved.inverse()).points, first.normals))
+    assert len(space.still(again, moved).points) == 720
+
+
+def test_nothing_is_known_of_where_no_beam_came_back_and_of_long_ago():
+    space = SeenSpace(2, 0.2)
+    half = wall()
+    space.still(Hits(half.points[:360], half.normals[:360]), SE2.identity())  # only the lower half
+    assert len(space.still(wall((1.0, 2.0)), SE2.identity()).points) == 720
+    space = SeenSpace(1, 0.2)
+    for hits in (wall(), wall((1.0, 2.0))):
+        space.still(hits, SE2.identity())
+    assert len(space.still(wall((1.0, 2.0)), SE2.identity()).points) == 720
+
+
+def test_small_differences_are_noise():
+    space = SeenSpace(2, 0.2)
+    space.still(wall(), SE2.identity())
+    assert len(space.still(wall((1.0, 4.81)), SE2.identity()).points) == 720
+    assert len(space.still(wall((1.0, 4.79)), SE2.identity()).points) < 720
+
+
+def test_an_empty_scan_is_one():
+    space = SeenSpace(2, 0.2)
+    nothing = Hits(np.zeros((0, 2)), np.zeros((0, 2)))
+    for hits in (nothing, wall(), nothing):
+        assert len(space.still(hits, SE2(1.0, 2.0, math.pi)).points) == len(hits.points)
