@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
+from tbmslam.kernels.blocked_beams import follow_beams
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
 
@@ -43,6 +44,8 @@ class BlockedBeams:
 
     def __init__(self, config: BlockedBeamsConfig) -> None:
         self._config = config
+        soon = config.very_near, config.soon, config.soon_turned
+        self._limits = (config.spread, config.near, config.travelled, config.turned, *soon)
         self._last: SE2 | None = None
         self._spans: list[tuple[float, float, npt.NDArray[np.int64]]] = []
         self._forget(0)
@@ -51,8 +54,9 @@ class BlockedBeams:
         """Begin with scans of so many beams."""
         self.blocked: npt.NDArray[np.bool_] = np.zeros(beams, dtype=np.bool_)
         self._hidden = self.blocked  # with those suspected to be blocked
-        self._range: FloatArray = np.full(beams, np.nan)  # where a beam ended when it began to be constant
-        self._since, self._way_then, self._left, self._right = np.zeros((4, beams))
+        self._hides = False
+        self._state: FloatArray = np.zeros((5, beams))  # see `follow_beams`
+        self._state[0] = np.nan
         self._way = self._turn = 0.0
 
     def look(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
@@ -74,9 +78,9 @@ class BlockedBeams:
 
         What is very near and did not change since the last look is not believed either, as long as it does not.
         """
-        if len(scan.ranges) != len(self._hidden) or not self._hidden.any():
+        if not self._hides or len(scan.ranges) != len(self._hidden):
             return scan
-        same = np.abs(scan.ranges - self._range) <= self._config.spread
+        same = np.abs(scan.ranges - self._state[0]) <= self._config.spread
         return scan.with_ranges(np.where(self._hidden & same, np.nan, scan.ranges))
 
     def cleared(self, scan: LaserScan) -> LaserScan:
@@ -90,46 +94,23 @@ class BlockedBeams:
     def _follow(self, scan: LaserScan, way: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
         self._way, self._turn = self._way + way, self._turn + turn
-        # What got lost on the way proves nothing, and what ends far off is not on the robot.
-        ends = np.isfinite(ranges) & ~(np.abs(ranges - self._range) <= config.spread)
-        ended = ends & self.blocked
-        if ended.any():
-            self._end(ended, scan.stamp)
-        self._range[ends] = ranges[ends]
-        self._since[ends], self._way_then[ends] = scan.stamp, self._way
-        self._left[ends] = self._right[ends] = self._turn
-        np.maximum(self._left, self._turn, out=self._left)
-        np.minimum(self._right, self._turn, out=self._right)
-        near = np.flatnonzero(self._range < config.near)
-        blocked, suspected = np.zeros((2, len(ranges)), dtype=np.bool_)
-        if len(near) >= config.fewest:
-            travelled, turned = self._way - self._way_then[near], self._left[near] - self._right[near]
-            suspected[near] = (self._range[near] < config.very_near) & (travelled + turned > 0.0)
-            soon = suspected[near] & (travelled >= config.soon) & (turned >= config.soon_turned)
-            blocked[near] = soon | ((travelled >= config.travelled) & (turned >= config.turned))
-            blocked, suspected = _in_runs(blocked, config.fewest), _in_runs(suspected, config.fewest)
+        if self.blocked.any():
+            ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
+            self._end(ends & self.blocked, scan.stamp)
+        here = scan.stamp, self._way, self._turn
+        blocked, suspected = follow_beams(self._state, ranges, here, self._limits, config.fewest)
         more = bool((blocked & ~self.blocked).any())
         self.blocked, self._hidden = blocked, blocked | suspected
+        self._hides = bool(self._hidden.any())
         return more
 
     def _end(self, beams: npt.NDArray[np.bool_], stamp: float) -> None:
         """Note when beams were blocked that no longer are."""
-        for since in np.unique(self._since[beams]):
-            self._spans.append((float(since), stamp, np.flatnonzero(beams & (self._since == since))))
+        for since in np.unique(self._state[1, beams]):
+            self._spans.append((float(since), stamp, np.flatnonzero(beams & (self._state[1] == since))))
 
     def _open_spans(self) -> list[tuple[float, float, npt.NDArray[np.int64]]]:
         if not self.blocked.any():
             return []
-        starts = np.unique(self._since[self.blocked])
-        return [(float(s), math.inf, np.flatnonzero(self.blocked & (self._since == s))) for s in starts]
-
-
-def _in_runs(marked: npt.NDArray[np.bool_], fewest: int) -> npt.NDArray[np.bool_]:
-    """Return only those marks (B,) that have enough marked neighbours in a row."""
-    if not marked.any():
-        return marked
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False]))))
-    kept = np.zeros_like(marked)
-    for begin, end in edges.reshape(-1, 2):
-        kept[begin:end] = end - begin >= fewest
-    return kept
+        starts = np.unique(self._state[1, self.blocked])
+        return [(float(s), math.inf, np.flatnonzero(self.blocked & (self._state[1] == s))) for s in starts]

@@ -2,7 +2,6 @@
 
 import logging
 import math
-from dataclasses import replace
 
 from tbmslam.blocked_beams import BlockedBeams, BlockedBeamsConfig
 from tbmslam.continuity import ContinuityConfig, compare_scans
@@ -55,7 +54,7 @@ class DriveMonitor:
             share = self._beams.blocked.mean()
             self.incidents.add(reading.scan.stamp, f"something on the robot blocks {share:.0%} of the beams")
         scan = self._beams.without(reading.scan)
-        return reading if scan is reading.scan else replace(reading, scan=scan)
+        return reading if scan is reading.scan else reading.with_scan(scan)
 
     def checked(self, scan: LaserScan, match: ScanMatch, guess: SE2, jump: float) -> ScanMatch | None:
         """Return where a scan was taken: as it was matched, or as the odometry says; None where neither can be.
@@ -110,17 +109,19 @@ class DriveMonitor:
 
     def _change_in_pause(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> float:
         """Return how much contradicts the scan before a pause in which nothing moved; 0 without such a pause."""
-        config, T_last_guess = self._continuity, last[1].inverse() @ guess
-        moved = max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta))
-        if scan.stamp - last[0].stamp < config.pause or moved > config.still:
+        config = self._continuity
+        if scan.stamp - last[0].stamp < config.pause:
+            return 0.0
+        T_last_guess = last[1].to(guess)
+        if max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta)) > config.still:
             return 0.0
         return compare_scans(last[0], scan, T_last_guess, config).contradiction
 
     def _continues(self, last: tuple[LaserScan, SE2], scan: LaserScan, T_map_sensor: SE2, guess: SE2) -> bool:
         """Tell whether a scan at a pose does not contradict the one before, nor the odometry for no good reason."""
         config = self._continuity
-        comparison = compare_scans(last[0], scan, last[1].inverse() @ T_map_sensor, config)
-        moved = guess.inverse() @ T_map_sensor
+        comparison = compare_scans(last[0], scan, last[1].to(T_map_sensor), config)
+        moved = guess.to(T_map_sensor)
         is_far = max(math.hypot(moved.x, moved.y), abs(moved.theta)) > config.far
         if is_far and comparison.agreement < config.min_agreement:
             return False

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +12,7 @@ from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan, move_hit
 from tbmslam.se2 import SE2, FloatArray
 
 
-@dataclass(frozen=True)
-class Hits:
+class Hits(NamedTuple):
     """Points that a laser hit, and how the surfaces there face.
 
     Parameters
@@ -139,3 +139,7 @@ class Reading:
     T_odom_robot: SE2 | None
     T_robot_sensor: SE2 = field(default_factory=SE2.identity)
     T_odom_swept: SE2 | None = None
+
+    def with_scan(self, scan: LaserScan) -> "Reading":
+        """Return the same reading with another scan."""
+        return Reading(scan, self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept)

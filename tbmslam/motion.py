@@ -1,14 +1,13 @@
 """Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.laser_scan import Reading
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 _STANDING = 0.001  # what wheels that stand still may seem to move from scan to scan [m, rad]
 
@@ -37,8 +36,7 @@ class MotionConfig(BaseModel):
     jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
 
 
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(NamedTuple):
     """Where the robot should be.
 
     Parameters
@@ -83,9 +81,9 @@ class MotionModel:
             before, now = self._T_odom_robot, reading.T_odom_robot
             distance, since = math.hypot(now.x - before.x, now.y - before.y), abs(reading.scan.stamp - self._stamp)
             if not distance <= self._config.jump + self._config.jump_per_second * since:
-                return replace(self._by_constant_velocity(reading), jump=distance)
+                return self._by_constant_velocity(reading)._replace(jump=distance)
             if self._is_frozen(before, now):
-                return replace(self._by_constant_velocity(reading), is_frozen=True)
+                return self._by_constant_velocity(reading)._replace(is_frozen=True)
             return self._by_odometry(before, now)
         return self._by_constant_velocity(reading)
 
@@ -115,16 +113,16 @@ class MotionModel:
         if duration <= 0.0:
             return SE2.identity()
         if reading.T_odom_robot is not None and reading.T_odom_swept is not None:
-            return reading.T_odom_robot.inverse() @ reading.T_odom_swept
+            return reading.T_odom_robot.to(reading.T_odom_swept)
         step, since = self._last_step(), self._duration
         if self._stamp is not None and reading.T_odom_robot is not None and self._T_odom_robot is not None:
-            step, since = self._T_odom_robot.inverse() @ reading.T_odom_robot, reading.scan.stamp - self._stamp
+            step, since = self._T_odom_robot.to(reading.T_odom_robot), reading.scan.stamp - self._stamp
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
 
     def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
         """Return how the robot moves in some time [s] if since the last reading it has come to a pose."""
         since = reading.scan.stamp - self._stamp if self._stamp is not None else 0.0
-        step = self._T_map_robot.inverse() @ T_map_robot
+        step = self._T_map_robot.to(T_map_robot)
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
 
     def correct(self, reading: Reading, T_map_robot: SE2) -> None:
@@ -143,17 +141,17 @@ class MotionModel:
         """Tell whether the odometry stands still although the scans went on, as when its driver or a cable fails."""
         if not _is_still(T_odom_before, T_odom_now):
             return False
-        moved = self._T_map_stopped.inverse() @ self._T_map_robot
+        moved = self._T_map_stopped.to(self._T_map_robot)
         return max(math.hypot(moved.x, moved.y), abs(moved.theta)) > self._config.frozen
 
     def _last_step(self) -> SE2:
         """Return the motion between the last two readings that were some time apart."""
         before, after = self._last_move
-        return before.inverse() @ after
+        return before.to(after)
 
     def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2) -> Prediction:
         config = self._config
-        step = T_odom_before.inverse() @ T_odom_now
+        step = T_odom_before.to(T_odom_now)
         if config.composition == "component":
             pose = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, T_odom_now, T_odom_before, strict=True)))
         else:
@@ -175,8 +173,8 @@ def _is_still(T_odom_before: SE2 | None, T_odom_now: SE2 | None) -> bool:
     """Tell whether two poses of the odometry are the same but for noise of a standing robot."""
     if T_odom_before is None or T_odom_now is None:
         return False
-    step = T_odom_before.inverse() @ T_odom_now
-    return max(math.hypot(step.x, step.y), abs(step.theta)) < _STANDING
+    moved = math.hypot(T_odom_now.x - T_odom_before.x, T_odom_now.y - T_odom_before.y)
+    return moved < _STANDING and abs(wrap_angle(T_odom_now.theta - T_odom_before.theta)) < _STANDING
 
 
 def _part(motion: SE2, ratio: float) -> SE2:

@@ -56,8 +56,8 @@ class OdometryCheck:
             return False
         self._known.append((T_odom_robot, T_map_robot))
         T_odom_first, T_map_first = self._known[0]
-        by_wheels, by_scans = T_odom_first.inverse() @ T_odom_robot, T_map_first.inverse() @ T_map_robot
-        apart = by_wheels.inverse() @ by_scans
+        by_wheels, by_scans = T_odom_first.to(T_odom_robot), T_map_first.to(T_map_robot)
+        apart = by_wheels.to(by_scans)
         config = self._config
         more = config.per_metre * math.hypot(by_scans.x, by_scans.y)
         distance = math.hypot(apart.x, apart.y)

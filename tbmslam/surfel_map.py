@@ -6,7 +6,7 @@ and Strasser 2003) with the point-to-line metric (Censi 2008): along a wall the 
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -31,8 +31,7 @@ class SurfelConfig(BaseModel):
     certain_hits: float = Field(8.0, gt=0, description="hits from which on an element counts fully")
 
 
-@dataclass(frozen=True)
-class Registration:
+class Registration(NamedTuple):
     """How a scan fits a surfel map.
 
     Parameters

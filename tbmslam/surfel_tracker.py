@@ -69,7 +69,7 @@ class SurfelTracker:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
         hits = self._hits_of(scan)
-        if not len(hits.points) or not deviations.any():
+        if not len(hits.points) or not deviations.max() > 0.0:
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
         if result.matched < config.doubtful:
@@ -90,7 +90,7 @@ class SurfelTracker:
 
     def _is_near(self, guess: SE2, other_guess: SE2) -> bool:
         """Tell whether a search around one guess covers the other's well enough."""
-        apart = guess.inverse() @ other_guess
+        apart = guess.to(other_guess)
         config = self._config
         return math.hypot(apart.x, apart.y) < 0.3 * config.search_shift and abs(apart.theta) < 0.3 * config.search_turn
 

@@ -14,6 +14,13 @@ def test_a_product_moves_in_the_frame_of_its_first_factor():
     assert SE2(1.0, 2.0, QUARTER) @ SE2(3.0, 0.0, QUARTER) == pytest.approx((1.0, 5.0, -math.pi))
 
 
+@pytest.mark.parametrize("heading", [-3.0, 0.3, 3.0])
+def test_a_pose_seen_from_another_is_the_motion_to_it(heading):
+    here, there = SE2(1.0, 2.0, heading), SE2(-0.5, 4.0, -2.5)
+    assert here.to(there) == pytest.approx(here.inverse() @ there)
+    assert here @ here.to(there) == pytest.approx(there)
+
+
 def test_apply_carries_points_of_any_shape():
     pose = SE2(1.0, 2.0, QUARTER)
     np.testing.assert_allclose(pose.apply([1.0, 0.0]), [1.0, 3.0])

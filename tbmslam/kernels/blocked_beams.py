@@ -1,0 +1,63 @@
+"""Beams followed while a robot moves, to find those that something on it blocks."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@kernel
+def follow_beams(
+    state: FloatArray, ranges: FloatArray, here: tuple[float, float, float], limits: tuple[float, ...], fewest: int
+) -> tuple[BoolArray, BoolArray]:
+    """Return which beams (B,) are blocked, and which of the others are suspected to be.
+
+    Parameters
+    ----------
+    state
+        (5, B): where a beam ended when it began to be constant [m], its stamp [s] and the way [m] then, and the largest
+        and the smallest turn since [rad].
+    ranges
+        Where the beams (B,) end now [m].
+    here
+        The stamp [s], the way [m] and the turn [rad] by now.
+    limits
+        How far ranges of a constant beam differ; how near it ends; the way and the turn that it outlasts; how near is
+        very near, and way and turn for that [m, rad].
+    fewest
+        Neighbours that must be blocked, or suspected, together.
+    """
+    stamp, way, turn = here
+    spread, near, travelled, turned, very_near, soon, soon_turned = limits
+    blocked, suspected = np.zeros(len(ranges), dtype=np.bool_), np.zeros(len(ranges), dtype=np.bool_)
+    for i in range(len(ranges)):
+        # What got lost on the way proves nothing, and what ends far off is not on the robot.
+        if math.isfinite(ranges[i]) and not abs(ranges[i] - state[0, i]) <= spread:
+            state[0, i], state[1, i], state[2, i] = ranges[i], stamp, way
+            state[3, i] = state[4, i] = turn
+        state[3, i], state[4, i] = max(state[3, i], turn), min(state[4, i], turn)
+        if state[0, i] < near:
+            length, angle = way - state[2, i], state[3, i] - state[4, i]
+            suspected[i] = state[0, i] < very_near and length + angle > 0.0
+            is_soon = suspected[i] and length >= soon and angle >= soon_turned
+            blocked[i] = is_soon or (length >= travelled and angle >= turned)
+    _keep_runs(blocked, fewest)
+    _keep_runs(suspected, fewest)
+    return blocked, suspected
+
+
+@kernel
+def _keep_runs(marked: BoolArray, fewest: int) -> None:
+    """Drop the marks (B,) that have too few marked neighbours in a row."""
+    begin = 0
+    for i in range(len(marked) + 1):
+        if i < len(marked) and marked[i]:
+            continue
+        if i - begin < fewest:
+            marked[begin:i] = False
+        begin = i + 1
