@@ -7,13 +7,11 @@ D. Haehnel, R. Triebel, W. Burgard, S. Thrun, "Map building with mobile robots i
 filter such readings before they enter a map.
 """
 
-from collections import deque
-
 import numpy as np
 
 from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
 from tbmslam.laser_scan import Hits
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2
 
 _DIRECTIONS = 360
 
@@ -30,16 +28,21 @@ class SeenSpace:
     """
 
     def __init__(self, scans: int, depth: float) -> None:
-        self._last: deque[tuple[SE2, FloatArray]] = deque(maxlen=scans)
+        # A ring: the oldest one is written over.
+        self._lasers, self._seen = np.zeros((scans, 3)), np.zeros((scans, _DIRECTIONS))
+        self._number = 0
         self._depth = depth
 
     def still(self, hits: Hits, T_map_sensor: SE2) -> Hits:
         """Return the hits that do not stand in seen space, and remember what all of them let see."""
-        kept = hits
-        if self._last:
-            lasers = np.array([pose for pose, _ in self._last])
-            seen = np.array([distances for _, distances in self._last])
-            stays = ~stands_in_seen_space(hits.points, T_map_sensor, lasers, seen, self._depth)
-            kept = hits if stays.all() else Hits(hits.points[stays], hits.normals[stays])
-        self._last.append((T_map_sensor, seen_distances(hits.points, _DIRECTIONS)))
+        kept, number = hits, min(self._number, len(self._lasers))
+        if number:
+            lasers, seen = self._lasers[:number], self._seen[:number]
+            stands = stands_in_seen_space(hits.points, T_map_sensor, lasers, seen, self._depth)
+            if stands.any():
+                kept = Hits(hits.points[~stands], hits.normals[~stands])
+        if len(self._lasers):
+            place = self._number % len(self._lasers)
+            self._lasers[place], self._seen[place] = T_map_sensor, seen_distances(hits.points, _DIRECTIONS)
+            self._number += 1
         return kept
