@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import StructureConfig
+from merging.steadiness import steadiness
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import FloatArray
@@ -44,7 +45,7 @@ class Structure:
     nearest
         The index in `points` of that surface cell (rows, cols).
     weights
-        How much each surface cell (N,) counts: short pieces of wall may be things that people move.
+        How much each surface cell (N,) counts: small things may be moved.
     """
 
     geometry: GridGeometry
@@ -80,7 +81,7 @@ class Structure:
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
             nearest=nearest,
-            weights=_steadiness(walls, surface, config.steady_m / grid.geometry.resolution, config.least_weight),
+            weights=steadiness(walls, surface, grid.geometry.resolution, config),
         )
 
     @cached_property
@@ -122,14 +123,6 @@ def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
     extents = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     return np.asarray(walls & (extents >= min_cells)[labels])
-
-
-def _steadiness(walls: BoolArray, surface: BoolArray, steady_cells: float, least: float) -> FloatArray:
-    """Return the weights (N,) of surface cells: 1 in pieces of wall that are long, `least` in the shortest."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
-    extents = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    weights = np.clip(extents / max(steady_cells, 1.0), least, 1.0)
-    return np.asarray(weights[labels[surface]], dtype=np.float64)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
