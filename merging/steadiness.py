@@ -46,7 +46,7 @@ def _blocks(walls: BoolArray, thickness: int, shorter: float) -> BoolArray:
 
 def _sizes(labels: _Labels, stats: _Labels, enough: float) -> FloatArray:
     """Return the longer sides (K,) of components [cells]; for those surely longer than `enough` any number over it."""
-    sizes = np.max(stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]], axis=1).astype(np.float64)
+    sizes = np.asarray(stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1), dtype=np.float64)
     sizes[0] = np.inf
     for index in np.flatnonzero(sizes <= 1.5 * enough):
         left, top, width, height = stats[index, : cv2.CC_STAT_AREA]
