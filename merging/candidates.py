@@ -20,8 +20,8 @@ Candidate = tuple[SE2, Evidence]
 def find_candidates(target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
     """Return the places that the walls speak for most, the best first, none near a better one.
 
-    The correlation proposes many motions on coarse cells; a few hundred walls slide and judge all of them, and
-    all walls the best.
+    The correlation proposes many motions on coarse cells; a few hundred walls slide and some more judge all of
+    them, and all walls the best.
     """
     proposals = propose(target, source, config.correlation)
     if not proposals:
@@ -30,7 +30,7 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
     some = target.some(how.few_walls), source.some(how.few_walls)
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
     slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
-    supports = support_m(target, source, slid, config.verification, how.few_walls)
+    supports = support_m(target, source, slid, config.verification, how.some_walls)
     best = distinct(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
     supports = support_m(target, source, finalists, config.verification, how.many_walls)

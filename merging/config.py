@@ -122,8 +122,10 @@ class CorrelationConfig(_Config):
     wall_bonus
         What a metre of wall on any wall brings.
     turns_share, most_turns
-        Share of all rotations that are tried, those under which most walls face the same ways, and how many at most:
+        Share of all rotations that are tried because under them most walls face the same ways, and how many at most:
         large maps have many, and walls enough to tell which.
+    coarse_share, most_coarse_turns
+        Share of all rotations that are tried because they fit well on coarser cells, and how many at most.
     min_overlap_m
         Shifts under which the maps reach into each other by less are not told apart from others [m].
     peaks_per_rotation, proposals
@@ -139,12 +141,14 @@ class CorrelationConfig(_Config):
     clearance_cells: Annotated[float, Field(ge=0.0)] = 1.6
     penalty: Annotated[float, Field(ge=0.0)] = 0.5
     wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
-    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.45
-    most_turns: Annotated[int, Field(ge=1)] = 160
+    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.33
+    most_turns: Annotated[int, Field(ge=1)] = 120
+    coarse_share: Share = 0.2
+    most_coarse_turns: Annotated[int, Field(ge=0)] = 60
     min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
     peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
     proposals: Annotated[int, Field(ge=1)] = 1000
-    semifinalists: Annotated[int, Field(ge=2)] = 60
+    semifinalists: Annotated[int, Field(ge=2)] = 40
     finalists: Annotated[int, Field(ge=2)] = 20
 
 
@@ -159,8 +163,8 @@ class RefinementConfig(_Config):
         How far it looks in the first and in the last iteration of the final refinement [m].
     iterations, rough_iterations
         Steps of the final refinement, and of the first one.
-    few_walls, many_walls
-        How many walls of each map are looked at in the first and in the final refinement.
+    few_walls, some_walls, many_walls
+        How many walls of each map are looked at in the first refinement, to judge its results, and in the final one.
     """
 
     proposal_reach_m: Metres = 1.2
@@ -169,6 +173,7 @@ class RefinementConfig(_Config):
     iterations: Annotated[int, Field(ge=0)] = 10
     rough_iterations: Annotated[int, Field(ge=0)] = 10
     few_walls: Annotated[int, Field(ge=3)] = 300
+    some_walls: Annotated[int, Field(ge=3)] = 1000
     many_walls: Annotated[int, Field(ge=3)] = 2500
 
 

@@ -31,20 +31,22 @@ _BLOCK = 8
 """Each square of so many cells offers one peak."""
 _DIRECTIONS = 720
 """Bins of the full circle in which directions of walls are counted."""
+_COARSER = 2
+"""How many cells of the fine search make one of the coarse search, along an axis, and how many turns one turn."""
 
 
 @dataclass(frozen=True)
 class _Layout:
     """Walls and free space of a map as weighted points about a centre.
 
-    `walls` (N,) lie `metres` apart and face along `facing` (N,), which is 0 where a wall faces both ways; `free` (M,)
-    are cells of the correlation, of which the shares `filled` (M,) are free.
+    `walls` (N,) count for `metres` (N,), less where they may be moved, and face along `facing` (N,), which is 0 where a
+    wall faces both ways; `free` (M,) are cells of the correlation, of which the shares `filled` (M,) are free.
     """
 
     centre: complex
     walls: _Complex
     facing: _Complex
-    metres: float
+    metres: FloatArray
     free: _Complex
     filled: FloatArray
 
@@ -62,7 +64,8 @@ class _Layout:
         x = geometry.origin_x + (blocks % geometry.cols + 0.5) * side
         y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
         filled = counts * (geometry.resolution / cell_m) ** 2
-        return cls(centre, walls - centre, facing, geometry.resolution, x + 1j * y - centre, filled)
+        metres = structure.weights * geometry.resolution
+        return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
 
     def extents(self) -> FloatArray:
         """Return twice the farthest reach (2,) of any point from the centre, along y and x [m]."""
@@ -89,25 +92,43 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
     if len(target.points) == 0 or len(source.points) == 0:
         return []
     cell = _cell_size(target, source, config)
-    fixed, moving = (
-        _Layout.of(structure, cell, max(config.clearance_m, config.clearance_cells * cell))
-        for structure in (target, source)
-    )
-    height, width = fixed.extents() + 2.0 * moving.radius() - min(config.min_overlap_m, 2.0 * moving.radius())
-    size = scipy.fft.next_fast_len(math.ceil(height / cell)), scipy.fft.next_fast_len(math.ceil(width / cell))
-    target_facing, target_kinds = _target_spectra(fixed, size, cell, config)
-    steps = math.ceil(2.0 * math.pi / min(max(cell / max(moving.spread(), cell), 0.01), 0.05))
+    fine, coarse = (_Search.of(target, source, size, config) for size in (cell, _COARSER * cell))
+    steps = math.ceil(2.0 * math.pi / min(max(cell / max(fine.moving.spread(), cell), 0.01), 0.05))
+    turns = np.union1d(_likely_turns(fine.fixed, fine.moving, steps, config), _promising_turns(coarse, steps, config))
     peaks = []
-    for theta in _likely_turns(fixed, moving, 2.0 * math.pi * np.arange(steps) / steps, config):
-        facing, kinds = _source_images(moving, float(theta), size, cell)
-        product = np.conj(scipy.fft.fft2(facing, overwrite_x=True)) * target_facing
-        product += np.conj(scipy.fft.fft2(kinds, overwrite_x=True)) * target_kinds
-        scores = scipy.fft.ifft2(product, overwrite_x=True).real
-        values, rows, cols = _peaks(scores, config.peaks_per_rotation)
-        shifts = ((cols - size[1] // 2) + 1j * (rows - size[0] // 2)) * cell
+    for theta in 2.0 * math.pi * turns / steps:
+        values, rows, cols = _peaks(fine.scores(float(theta)), config.peaks_per_rotation)
+        shifts = ((cols - fine.size[1] // 2) + 1j * (rows - fine.size[0] // 2)) * cell
         peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
     distinct = _distinct(np.concatenate(peaks), 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
-    return [_motion(fixed.centre, moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
+    return [_motion(fine.fixed.centre, fine.moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Two maps on cells of one size, ready to be correlated."""
+
+    fixed: _Layout
+    moving: _Layout
+    cell: float
+    size: _Size
+    facing: _Image
+    kinds: _Image
+
+    @classmethod
+    def of(cls, target: Structure, source: Structure, cell: float, config: CorrelationConfig) -> "_Search":
+        clearance_m = max(config.clearance_m, config.clearance_cells * cell)
+        fixed, moving = (_Layout.of(structure, cell, clearance_m) for structure in (target, source))
+        height, width = fixed.extents() + 2.0 * moving.radius() - min(config.min_overlap_m, 2.0 * moving.radius())
+        size = scipy.fft.next_fast_len(math.ceil(height / cell)), scipy.fft.next_fast_len(math.ceil(width / cell))
+        return cls(fixed, moving, cell, size, *_target_spectra(fixed, size, cell, config))
+
+    def scores(self, theta: float) -> npt.NDArray[np.floating]:
+        """Return the scores (rows, cols) of all shifts of the source turned by an angle; no shift is in the middle."""
+        facing, kinds = _source_images(self.moving, theta, self.size, self.cell)
+        product = np.conj(scipy.fft.fft2(facing, overwrite_x=True)) * self.facing
+        product += np.conj(scipy.fft.fft2(kinds, overwrite_x=True)) * self.kinds
+        return np.asarray(scipy.fft.ifft2(product, overwrite_x=True).real)
 
 
 def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
@@ -118,33 +139,45 @@ def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) 
     return max(cell, extent / config.most_cells)
 
 
-def _likely_turns(fixed: _Layout, moving: _Layout, turns: FloatArray, config: CorrelationConfig) -> FloatArray:
+def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
     """Return the share of all turns, or as many as allowed, under which the walls of both maps face the same ways most.
 
     Buildings have few directions, and a turn that brings none of them together brings no walls together.
     """
     spectra = [np.fft.rfft(_directions(layout)) for layout in (fixed, moving)]
     likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
-    bins = np.rint(turns * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
-    count = min(math.ceil(config.turns_share * len(turns)), config.most_turns)
-    best = np.argsort(-likeness[bins], kind="stable")[:count]
-    return turns[np.sort(best)]
+    bins = np.rint(np.arange(steps) * (_DIRECTIONS / steps)).astype(np.int64) % _DIRECTIONS
+    count = min(math.ceil(config.turns_share * steps), config.most_turns)
+    return np.argsort(-likeness[bins], kind="stable")[:count]
+
+
+def _promising_turns(coarse: _Search, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
+    """Return the turns, as many as allowed, that have the best scores on coarse cells.
+
+    Of maps that overlap little, most walls are not shared, so that the way they face may tell nothing of the truth.
+    Coarse cells need only every so many turns.
+    """
+    tried = np.arange(0, steps, _COARSER)
+    best = np.array([coarse.scores(2.0 * math.pi * float(turn) / steps).max() for turn in tried])
+    count = min(math.ceil(config.coarse_share * steps), config.most_coarse_turns) // _COARSER
+    chosen = tried[np.argsort(-best, kind="stable")[:count]]
+    return np.asarray((chosen[:, None] + np.arange(_COARSER)).ravel() % steps)
 
 
 def _directions(layout: _Layout) -> FloatArray:
     """Return how many walls face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
-    facing = layout.facing[layout.facing != 0]
-    bins = np.floor(np.angle(facing) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
-    counts = np.bincount(bins, minlength=_DIRECTIONS).astype(np.float64)
+    facing = layout.facing != 0
+    bins = np.floor(np.angle(layout.facing[facing]) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
+    metres = np.bincount(bins, layout.metres[facing], _DIRECTIONS)
     near = np.minimum(np.arange(_DIRECTIONS), _DIRECTIONS - np.arange(_DIRECTIONS))
     kernel = np.exp(-0.5 * (near * (360.0 / _DIRECTIONS) / 2.0) ** 2)
-    return np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(kernel), _DIRECTIONS)
+    return np.fft.irfft(np.fft.rfft(metres) * np.fft.rfft(kernel), _DIRECTIONS)
 
 
 def _target_spectra(layout: _Layout, size: _Size, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
     """Return the spectra that the source's images are multiplied with; see `_source_images`."""
     middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of no shift shall come to lie
-    walls = _splat(layout.walls + middle, np.full(len(layout.walls), layout.metres + 0j), size, cell)
+    walls = _splat(layout.walls + middle, layout.metres + 0j, size, cell)
     facing = _splat(layout.walls + middle, layout.facing * layout.metres, size, cell)
     free = np.minimum(_splat(layout.free + middle, layout.filled + 0j, size, cell).real, 1.0)
     # 1.5: blurred, a straight wall through the cells shall count whole on its line.
@@ -162,7 +195,7 @@ def _source_images(layout: _Layout, theta: float, size: _Size, cell: float) -> t
     """
     turn = np.exp(1j * theta)
     facing = _splat(layout.walls * turn, layout.facing * turn * layout.metres, size, cell)
-    walls = _splat(layout.walls * turn, np.full(len(layout.walls), layout.metres + 0j), size, cell)
+    walls = _splat(layout.walls * turn, layout.metres + 0j, size, cell)
     free = _splat(layout.free * turn, layout.filled + 0j, size, cell)
     return facing, np.asarray(walls + 1j * np.minimum(free.real, 1.0), dtype=np.complex64)
 
