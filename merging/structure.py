@@ -45,7 +45,9 @@ class Structure:
     nearest
         The index in `points` of that surface cell (rows, cols).
     weights
-        How much each surface cell (N,) counts: small things may be moved.
+        How much each surface cell (N,) counts as evidence: short pieces of wall may be things that people move.
+    steadiness
+        How much each surface cell (N,) counts in the search, which such things must not lead astray.
     """
 
     geometry: GridGeometry
@@ -57,6 +59,7 @@ class Structure:
     distances_m: npt.NDArray[np.float32]
     nearest: npt.NDArray[np.int32]
     weights: FloatArray
+    steadiness: FloatArray
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "Structure":
@@ -81,7 +84,8 @@ class Structure:
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
             nearest=nearest,
-            weights=steadiness(walls, surface, grid.geometry.resolution, config),
+            weights=_weights(walls, surface, config.long_m / g.resolution, config.short_weight),
+            steadiness=steadiness(walls, surface, g.resolution, config),
         )
 
     @cached_property
@@ -101,6 +105,11 @@ class Structure:
             float(g.origin_x),
             float(g.origin_y),
         )
+
+    @cached_property
+    def steady_walls(self) -> Walls:
+        """The same for the search, where small things count little."""
+        return self.walls._replace(weights=self.steadiness)
 
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
         """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""
@@ -123,6 +132,14 @@ def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
     extents = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     return np.asarray(walls & (extents >= min_cells)[labels])
+
+
+def _weights(walls: BoolArray, surface: BoolArray, long_cells: float, least: float) -> FloatArray:
+    """Return the weights (N,) of surface cells: 1 in pieces of wall that are long, `least` in the shortest."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
+    extents = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    weights = np.clip(extents / max(long_cells, 1.0), least, 1.0)
+    return np.asarray(weights[labels[surface]], dtype=np.float64)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:

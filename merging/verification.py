@@ -21,7 +21,7 @@ class Evidence:
     """What speaks for and against an alignment.
 
     Lengths of wall are means of two directions, either map's walls held against the other map, and short pieces of
-    wall count less than their length (`StructureConfig.steady_m`).
+    wall count less than their length (`StructureConfig.long_m`).
 
     Parameters
     ----------
@@ -74,9 +74,10 @@ def support_m(
 ) -> FloatArray:
     """Return how much wall (M,) speaks for each alignment, less what speaks against it [m].
 
-    `limit` is the number of walls of each map that are held against the other; None takes all.
+    `limit` is the number of walls of each map that are held against the other; None takes all. Small things count as in
+    `Structure.steadiness`.
     """
-    forth, back = _sums(target, source, motions, config, limit)
+    forth, back = _sums(target, source, motions, config, limit, steady=True)
     against = config.conflict_weight * (forth + back)[:, CONFLICTING] + config.unseen_weight * (forth + back)[:, UNSEEN]
     return np.asarray(((forth + back)[:, AGREED] - against) / 2.0)
 
@@ -101,7 +102,13 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
 
 
 def _sums(
-    target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig, limit: int | None
+    target: Structure,
+    source: Structure,
+    motions: list[SE2],
+    config: VerificationConfig,
+    limit: int | None,
+    *,
+    steady: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the sums (M, 8) of `compare` in metres: the source's walls held against the target, and the reverse."""
     backward = [motion.inverse() for motion in motions]
@@ -109,7 +116,8 @@ def _sums(
     for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
         some = moving.some(limit)
         metres = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
-        sums.append(compare(moving.walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
+        walls = moving.steady_walls if steady else moving.walls
+        sums.append(compare(walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
     return sums[0], sums[1]
 
 
