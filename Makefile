@@ -73,18 +73,20 @@ fuzz: develop
 paper: develop
 	$(BIN)/python tools/reproduce_paper.py -o out/paper
 
-# The confidence model, anew from the recordings and map pairs in DATA, which are no part of the repository. Prints what the
-# model is worth on each building when that was left out of the fit, and draws docs/confidence.png. Takes half an hour.
+# The confidence model, anew from the recordings and map pairs in DATA, which are no part of the repository, and from simulated
+# buildings. Prints what the model is worth on each building when that was left out of the fit, and draws docs/confidence.png.
+# Takes about ten minutes of CPU time.
 DATA ?= ../shared/data
 BUILDINGS := ex3 lab_f lab_ipa nlb simona uma vim23 vottero
 confidence: develop
 	$(BIN)/python tools/build_maps.py $(DATA)/mit-csail/mit-csail.bag -o out/confidence/csail
 	$(BIN)/python tools/build_maps.py $(DATA)/intel/intel.bag --angle-step-deg 1.0 -o out/confidence/intel
 	$(BIN)/python tools/build_maps.py $(DATA)/aces/aces.bag --angle-step-deg 1.0 -o out/confidence/aces
-	$(BIN)/python tools/make_map_pairs.py -o out/confidence/pairs --parts 4 --overlap 100 50 35 25 15 --largest 600 --floor \
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/real --parts 2 --overlap 50 35 25 15 --largest 600 --floor \
 	    $(foreach one,$(BUILDINGS),$(subst _,-,$(one))=$(DATA)/map-pairs/crop_$(one)_100.npz) \
 	    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
-	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/pairs \
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/simulated --seeds 900001 --parts 2 --overlap 50 25 --largest 900
+	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/real out/confidence/simulated \
 	    --plot docs/confidence.png -o merging/confidence_model.json
 
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
