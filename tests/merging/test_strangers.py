@@ -1,0 +1,50 @@
+"""Buildings that are no strangers by their looks: mirror images, and corridors that look the same everywhere."""
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.map_pairs import Building, building_of_world, cut_pairs, foreign_pair, mirrored
+from merging import align
+from tools.pair_files import KnownPair
+
+
+@pytest.fixture(scope="module")
+def wings():
+    return building_of_world("wings", 41)
+
+
+def symmetrical(building):
+    """A building beside its mirror image, which together are their own mirror image."""
+    both = np.hstack((building.occupancy, mirrored(building).occupancy))
+    return Building(f"{building.name}twin", both, building.resolution)
+
+
+def test_one_building_is_recognised(wings):
+    pair = KnownPair.of(next(iter(cut_pairs(wings, 1, [0.5]))))
+    found = align(pair.target, pair.source)
+    assert found.accepted, found.reason
+    assert pair.is_right(found.T_target_source)
+
+
+def test_its_mirror_image_is_not(wings):
+    pair = KnownPair.of(foreign_pair(wings, mirrored(wings), 1))
+    found = align(pair.target, pair.source)
+    assert not found.accepted, found.reason
+    assert found.confidence < 0.1
+
+
+def test_a_building_that_is_its_own_mirror_image_is_not_placed_by_half(wings):
+    """Nothing tells the left half from the right one but the things that stand about: what is accepted must be right."""
+    twin = symmetrical(wings)
+    pair = KnownPair.of(next(iter(cut_pairs(twin, 2, [0.5]))))
+    found = align(pair.target, pair.source)
+    assert not found.accepted or pair.is_right(found.T_target_source), found.reason
+
+
+def test_a_corridor_that_looks_the_same_everywhere_is_ambiguous():
+    pair = KnownPair.of(next(iter(cut_pairs(building_of_world("corridor", 41), 1, [0.5]))))
+    found = align(pair.target, pair.source)
+    assert not found.accepted, found.reason
+    assert found.ambiguous
+    assert "fit about as well" in found.reason
+    assert len(found.alternatives) >= 2
