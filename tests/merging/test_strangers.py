@@ -34,7 +34,7 @@ def test_its_mirror_image_is_not(wings):
 
 
 def test_a_building_that_is_its_own_mirror_image_is_not_placed_by_half(wings):
-    """Nothing tells the left half from the right one but the things that stand about: what is accepted must be right."""
+    """Nothing tells its halves apart but the things that stand about: what is accepted must be right."""
     twin = symmetrical(wings)
     pair = KnownPair.of(next(iter(cut_pairs(twin, 2, [0.5]))))
     found = align(pair.target, pair.source)
