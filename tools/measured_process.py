@@ -1,5 +1,6 @@
 """Calls in a fresh process of their own, so that memory and caches are those of the call alone."""
 
+import contextlib
 import multiprocessing
 import resource
 import sys
@@ -61,6 +62,12 @@ def peak_memory_mb() -> float:
                 return int(line.split()[1]) * 1024 / 1e6
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+
+
+def forget_peak_memory() -> None:
+    """Let `peak_memory_mb` tell of what comes from here on, where the system can; else it tells of all."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def _answer(

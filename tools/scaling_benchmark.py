@@ -17,7 +17,7 @@ from tbmslam.config import preset
 from tbmslam.timed_slam import TimedSlam
 from tbmslam.trajectory_errors import absolute_errors
 from tools.machine import describe_machine
-from tools.measured_process import MeasurementError, in_fresh_process, peak_memory_mb
+from tools.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.slam_run import WARM_UP_SCANS, CpuClock
 from tools.text_table import number, text_table
 
@@ -40,7 +40,8 @@ HEAD = (
 
 NOTES = """\
 round: around one block again and again; spiral: outwards, nothing is seen twice. CPU microseconds a scan to match, to
-insert, in all before the end, in all over the last quarter of the drive, and to finish (closing loops, rendering)."""
+insert, in all before the end, in all over the last quarter of the drive, and to finish (closing loops, rendering).
+Once there are thousands of keyframes, loops are closed on the way too."""
 
 _SCAN_RATE = 5.0  # [Hz]: a scan every 10 cm or so
 _BLOCK = 50
@@ -63,7 +64,7 @@ class ScalingRun:
     matching_us, inserting_us, scan_us, last_quarter_us, finishing_us
         CPU time a scan: see NOTES.
     driven_memory_mb, peak_memory_mb
-        Most memory that the process held until the drive's end, the simulation included, and in all.
+        Most memory that the process held until the drive's end, the simulated scans included, and in all.
     ate_m
         Error against the true trajectory.
     """
@@ -121,6 +122,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
     for reading in itertools.islice(drive.readings(), WARM_UP_SCANS):
         warm_up.process(reading)
     warm_up.finish()
+    forget_peak_memory()  # of planning the drive, and of compiling
     slam, clock, stops = TimedSlam(config), CpuClock(), [(0, 0.0)]
     readings = drive.readings()
     while block := list(itertools.islice(readings, _BLOCK)):

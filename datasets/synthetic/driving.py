@@ -1,6 +1,7 @@
 """A robot follows a path: it looks a little ahead, turns towards what it sees there, and slows down to turn."""
 
 import math
+from array import array
 
 import numpy as np
 
@@ -52,14 +53,14 @@ def drive_along(
     target = _pursued(path, 0, path[0, 0], path[0, 1])
     dx, dy = path[target] - path[0]
     pose = SE2(float(path[0, 0]), float(path[0, 1]), math.atan2(dy, dx))
-    poses = [pose]
+    poses = array("d", pose)  # plain numbers: a day has millions of poses
     forward, turn, travelled, mood = 0.0, 0.0, 0.0, 1.0
-    while travelled < length and len(poses) <= duration * RATE:
+    while travelled < length and len(poses) // 3 <= duration * RATE:
         target = _pursued(path, target, pose.x, pose.y)
         ahead = pose.inverse().apply(path[target])
         if target == len(path) - 1 and math.hypot(*ahead) < 0.05:
             break
-        if (len(poses) - 1) % round(_MOOD * RATE) == 0:
+        if (len(poses) // 3 - 1) % round(_MOOD * RATE) == 0:
             mood = float(rng.uniform(0.6, 1.0))
         error = math.atan2(ahead[1], ahead[0])
         wanted = mood * speed * max(0.0, math.cos(error)) ** 4 if abs(error) < 0.8 else 0.0
@@ -69,8 +70,8 @@ def drive_along(
         turn += min(max(wanted_turn - turn, -_TURN_GAIN), _TURN_GAIN)
         pose = pose @ SE2.exp(forward / RATE, 0.0, turn / RATE)
         travelled += forward / RATE
-        poses.append(pose)
-    return Trajectory(start_stamp + np.arange(len(poses)) / RATE, np.array(poses))
+        poses.extend(pose)
+    return Trajectory(start_stamp + np.arange(len(poses) // 3) / RATE, np.array(poses).reshape(-1, 3))
 
 
 def _pursued(path: FloatArray, index: int, x: float, y: float) -> int:

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from tbmslam.relations import read_relations
-from tools.measured_process import MeasurementError, in_fresh_process, peak_memory_mb
+from tools.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 
 
 def test_a_call_is_made_in_another_process():
@@ -16,6 +16,16 @@ def test_memory_is_that_of_the_process_alone():
     here = peak_memory_mb()
     assert here > 200.0
     assert in_fresh_process(peak_memory_mb) < here - 150.0
+
+
+@pytest.mark.skipif(not os.access("/proc/self/clear_refs", os.W_OK), reason="needs a system that forgets its peak")
+def test_a_peak_can_be_forgotten():
+    held = bytearray(200_000_000)
+    held[::4096] = b"x" * len(held[::4096])
+    before = peak_memory_mb()
+    del held
+    forget_peak_memory()
+    assert peak_memory_mb() < before - 150.0
 
 
 def test_a_known_error_keeps_its_line(tmp_path):
