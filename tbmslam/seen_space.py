@@ -9,7 +9,7 @@ filter such readings before they enter a map.
 
 import numpy as np
 
-from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
+from tbmslam.kernels.seen_space import seen_distances, still_hits
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2
 
@@ -38,9 +38,7 @@ class SeenSpace:
         kept, number = hits, min(self._number, len(self._lasers))
         if number:
             lasers, seen = self._lasers[:number], self._seen[:number]
-            stands = stands_in_seen_space(hits.points, T_map_sensor, lasers, seen, self._depth)
-            if stands.any():
-                kept = Hits(hits.points[~stands], hits.normals[~stands])
+            kept = Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))
         if len(self._lasers):
             place = self._number % len(self._lasers)
             self._lasers[place], self._seen[place] = T_map_sensor, seen_distances(hits.points, _DIRECTIONS)

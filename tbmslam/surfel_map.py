@@ -142,7 +142,7 @@ class SurfelMap:
     def _make_room(self, slots: int) -> None:
         """Have room for that many slots."""
         have = len(self._surfels.moments)
-        more = slots + (have // 2 if self._spare else 0)
+        more = 2 * slots if self._spare else slots
         moments, fits = (np.zeros((more, 6), dtype=np.float32) for _ in range(2))
         moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
         self._surfels = self._surfels._replace(moments=moments, fits=fits)

@@ -66,6 +66,21 @@ def stands_in_seen_space(
 
 
 @kernel
+def still_hits(
+    points: FloatArray, normals: FloatArray, pose: Pose, lasers: FloatArray, seen: FloatArray, depth: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points and normals (M, 2) that do not stand in seen space, as `stands_in_seen_space` tells it."""
+    stands = stands_in_seen_space(points, pose, lasers, seen, depth)
+    kept, facing = np.empty_like(points), np.empty_like(normals)
+    count = 0
+    for i in range(len(points)):
+        kept[count, 0], kept[count, 1] = points[i, 0], points[i, 1]
+        facing[count, 0], facing[count, 1] = normals[i, 0], normals[i, 1]
+        count += int(not stands[i])
+    return kept[:count], facing[:count]
+
+
+@kernel
 def _sector(x: float, y: float, directions: int) -> int:
     """Return the number of the sector that a direction lies in; they are equal to a twentieth.
 

@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from tbmslam.kernels import kernel
-from tbmslam.kernels.surfels import CELLS, FACING, SIDE, FloatArray, Pose, Surfels, fit_surfel
+from tbmslam.kernels.surfels import CELLS, FACING, IN_TILE, SIDE, TILE_BITS, FloatArray, Pose, Surfels, fit_surfel
 
-TILE_BITS, IN_TILE = np.uint32(SIDE.bit_length() - 1), np.uint32(SIDE - 1)
-"""A cell's row in tiles is its row shifted right by the one, and its row in its tile the row masked by the other."""
+BITS, MASK = np.uint32(TILE_BITS), np.uint32(IN_TILE)
 
 LEADING_POINTS = 120
 """Points that lead through the wide tolerances, at least."""
@@ -54,8 +53,8 @@ def pair_up(
             continue
         col, row = np.uint32(cell_x), np.uint32(cell_y)
         layer = 1 if normals[i, 0] * facing_x + normals[i, 1] * facing_y > 0.0 else 0
-        tile = np.uint32(tiles[layer, row >> TILE_BITS, col >> TILE_BITS])
-        slot = tile * np.uint32(CELLS) + (row & IN_TILE) * np.uint32(SIDE) + (col & IN_TILE)
+        tile = np.uint32(tiles[layer, row >> BITS, col >> BITS])
+        slot = tile * np.uint32(CELLS) + (row & MASK) * np.uint32(SIDE) + (col & MASK)
         if fits[slot, 5] < 0.0:
             fit_surfel(surfels, layer, int(row), int(col))
         pairs[count, 0], pairs[count, 1] = px, py

@@ -22,6 +22,8 @@ TileIndex = npt.NDArray[np.int32]
 SIDE = 4
 """Cells along a side of a tile."""
 CELLS = SIDE * SIDE
+TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
+"""A cell's row in tiles is its row shifted right by the one, and its row in its tile the row masked by the other."""
 FACING = (0.7986, 0.6018)
 """Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
 
@@ -54,7 +56,7 @@ def layer_of(normal_x: float, normal_y: float) -> int:
 @kernel
 def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> int:
     """Return a cell's slot; one below `CELLS` is nobody's."""
-    return int(tiles[layer, row // SIDE, col // SIDE] * CELLS + row % SIDE * SIDE + col % SIDE)
+    return int(tiles[layer, row >> TILE_BITS, col >> TILE_BITS] * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
 
 
 @kernel
@@ -78,8 +80,8 @@ def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArra
         row = math.floor(points[i, 1] / resolution) - first_row
         col = math.floor(points[i, 0] / resolution) - first_col
         layer = layer_of(normals[i, 0], normals[i, 1])
-        for r in range((row - 1) // SIDE, (row + 1) // SIDE + 1):
-            for c in range((col - 1) // SIDE, (col + 1) // SIDE + 1):
+        for r in range((row - 1) >> TILE_BITS, ((row + 1) >> TILE_BITS) + 1):
+            for c in range((col - 1) >> TILE_BITS, ((col + 1) >> TILE_BITS) + 1):
                 if tiles[layer, r, c] == 0:
                     tiles[layer, r, c] = used
                     used += 1

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
+from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space, still_hits
 from tbmslam.se2 import SE2
 
 
@@ -44,6 +44,9 @@ def test_points_stand_in_seen_space_where_the_twin_says_so():
         expected.append(any(seen[k][plain_sector(x, y, 36)] > math.hypot(x, y) + 0.1 for k, (x, y) in enumerate(there)))
     assert stands_in_seen_space(points, pose, lasers, seen, 0.1).tolist() == expected
     assert 20 < sum(expected) < 180
+    kept, normals = still_hits(points, -points, pose, lasers, seen, 0.1)
+    np.testing.assert_array_equal(kept, points[~np.array(expected)])
+    np.testing.assert_array_equal(normals, -kept)
 
 
 def test_no_laser_has_seen_nothing():
