@@ -2,11 +2,10 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.kernels.insertion import BeamFactors, insert_beams, insert_scan
+from tbmslam.kernels.insertion import BeamFactors, beams_of_scan, insert_beams, insert_scan
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
@@ -57,25 +56,25 @@ class ScanInserter:
         scan_quality
             Weight in [0, 1] on the evidence of every beam: how sure the pose is.
         """
-        ranges, limit = scan.ranges, self._config.max_range
-        is_hit = scan.is_hit() & (ranges <= limit)
-        clears = np.isfinite(ranges) if self._config.no_return == "ignore" else ~np.isnan(ranges)
-        lengths = np.where(is_hit, ranges, np.minimum(ranges, min(limit, scan.range_max)))[clears]
-        if not len(lengths):
+        limit, no_return = self._config.max_range, self._config.no_return
+        starts, ends, is_hit, corners = beams_of_scan(
+            scan.ranges,
+            (scan.angle_min, scan.angle_increment),
+            scan.beam_step,
+            T_map_sensor,
+            (limit, min(limit, scan.range_max)),
+            no_return == "free",
+        )
+        if not len(ends):
             return
-        directions = scan.angles()[clears] + T_map_sensor.theta
-        starts = T_map_sensor.apply(scan.starts())
-        if len(starts) > 1:
-            starts = starts[clears]
-        ends = starts + np.column_stack((lengths * np.cos(directions), lengths * np.sin(directions)))
-        grid.grow_to_contain(np.vstack((ends, starts)))
+        grid.grow_to_contain(corners)
         insert = insert_scan if self._config.once_per_scan else insert_beams
         insert(
             grid.ratios,
             grid.lattice,
             starts,
             ends,
-            is_hit[clears],
+            is_hit,
             self._factors_for(grid.resolution, scan_quality),
         )
 

@@ -95,6 +95,68 @@ def _walk_bresenham(cells: npt.NDArray[np.int64], end_row: int, end_col: int) ->
 
 
 @kernel
+def beams_of_scan(
+    ranges: FloatArray,
+    directions: tuple[float, float],
+    beam_step: tuple[float, float, float],
+    pose: tuple[float, float, float],
+    limits: tuple[float, float],
+    clears: bool,
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
+    """Return the beams of a scan that say anything, as of `insert_beams`: starts, ends, which hit; and their corners.
+
+    Parameters
+    ----------
+    ranges
+        Distances (N,), coded as in `LaserScan` [m].
+    directions
+        That of the first beam, and the step between beams, in the laser's frame [rad].
+    beam_step
+        Motion of the laser from one beam to the next.
+    pose
+        Where the laser was at the first beam.
+    limits
+        A hit beyond the first only clears the way, and all ways end at the second [m].
+    clears
+        Whether a beam that met nothing clears the way up to its limit.
+
+    Returns
+    -------
+    Starts (1, 2) for all beams where the laser stayed, else (M, 2); ends (M, 2); which hit (M,); lower and upper corner
+    (2, 2) of all that.
+    """
+    starts, ends = np.empty((len(ranges), 2)), np.empty((len(ranges), 2))
+    is_hit = np.empty(len(ranges), dtype=np.bool_)
+    still = beam_step[0] == 0.0 and beam_step[1] == 0.0
+    x, y, count = pose[0], pose[1], 0
+    # Directions are turned from beam to beam, as in `hit_points`.
+    cosine, sine = math.cos(pose[2] + directions[0]), math.sin(pose[2] + directions[0])
+    turn = directions[1] + beam_step[2]
+    turn_cosine, turn_sine = math.cos(turn), math.sin(turn)
+    step_x = math.cos(pose[2]) * beam_step[0] - math.sin(pose[2]) * beam_step[1]
+    step_y = math.sin(pose[2]) * beam_step[0] + math.cos(pose[2]) * beam_step[1]
+    sway_cosine, sway_sine = math.cos(beam_step[2]), math.sin(beam_step[2])
+    corners = np.array([[x, y], [x, y]])
+    for i in range(len(ranges)):
+        length = ranges[i]
+        if math.isfinite(length) or (clears and length == math.inf):
+            is_hit[count] = length <= limits[0] and length != math.inf
+            if not is_hit[count]:
+                length = min(length, limits[1])
+            starts[count, 0], starts[count, 1] = x, y
+            ends[count, 0], ends[count, 1] = x + length * cosine, y + length * sine
+            for k in range(2):
+                corners[0, k] = min(corners[0, k], starts[count, k], ends[count, k])
+                corners[1, k] = max(corners[1, k], starts[count, k], ends[count, k])
+            count += 1
+        cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
+        if not still:
+            x, y = x + step_x, y + step_y
+            step_x, step_y = step_x * sway_cosine - step_y * sway_sine, step_y * sway_cosine + step_x * sway_sine
+    return starts[: min(count, 1) if still else count], ends[:count], is_hit[:count], corners
+
+
+@kernel
 def insert_beams(
     ratios: FloatArray,
     lattice: Lattice,

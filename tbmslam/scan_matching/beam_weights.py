@@ -1,5 +1,6 @@
 """What a scan's score asks of a cell, and how much each beam counts in it."""
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,14 @@ def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:
     if weighting == "even":
         weights = np.ones(int(hit.sum()))
     else:
-        angles, ranges = scan.angles()[hit], scan.ranges[hit]
-        cosine, sine = np.abs(np.cos(angles)), np.abs(np.sin(angles))
-        weights = np.select([cosine > 0.9, cosine > 0.8], [3.0, 2.0], sine + cosine) * np.sqrt(ranges)
+        turning = scan.angle_increment + scan.beam_step.theta
+        weights = _say_of_directions(len(hit), scan.angle_min, turning)[hit] * np.sqrt(scan.ranges[hit])
     return np.asarray(weights / weights.sum())
+
+
+@lru_cache(maxsize=8)
+def _say_of_directions(count: int, first: float, step: float) -> FloatArray:
+    """Return how much each of some directions (N,) counts; a laser's are always the same."""
+    angles = first + step * np.arange(count, dtype=np.float64)
+    cosine, sine = np.abs(np.cos(angles)), np.abs(np.sin(angles))
+    return np.asarray(np.select([cosine > 0.9, cosine > 0.8], [3.0, 2.0], sine + cosine))
