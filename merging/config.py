@@ -151,7 +151,7 @@ class CorrelationConfig(_Config):
     most_coarse_turns: Annotated[int, Field(ge=0)] = 60
     min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
     peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
-    proposals: Annotated[int, Field(ge=1)] = 1000
+    proposals: Annotated[int, Field(ge=1)] = 600
     semifinalists: Annotated[int, Field(ge=2)] = 40
     finalists: Annotated[int, Field(ge=2)] = 20
 
@@ -346,7 +346,7 @@ class MergeConfig(_Config):
     structure: StructureConfig = StructureConfig()
     correlation: CorrelationConfig = CorrelationConfig()
     decoys: CorrelationConfig = CorrelationConfig(
-        cells_along=90, max_cell_m=0.5, turns_share=0.3, proposals=150, semifinalists=6, finalists=3
+        cells_along=90, max_cell_m=0.5, turns_share=0.3, coarse_share=0.0, proposals=150, semifinalists=6, finalists=3
     )
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()

@@ -92,9 +92,12 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
     if len(target.points) == 0 or len(source.points) == 0:
         return []
     cell = _cell_size(target, source, config)
-    fine, coarse = (_Search.of(target, source, size, config) for size in (cell, _COARSER * cell))
+    fine = _Search.of(target, source, cell, config)
     steps = math.ceil(2.0 * math.pi / min(max(cell / max(fine.moving.spread(), cell), 0.01), 0.05))
-    turns = np.union1d(_likely_turns(fine.fixed, fine.moving, steps, config), _promising_turns(coarse, steps, config))
+    turns = _likely_turns(fine.fixed, fine.moving, steps, config)
+    if config.coarse_share > 0.0:
+        coarse = _Search.of(target, source, _COARSER * cell, config)
+        turns = np.union1d(turns, _promising_turns(coarse, steps, config))
     peaks = []
     for theta in 2.0 * math.pi * turns / steps:
         values, rows, cols = _peaks(fine.scores(float(theta)), config.peaks_per_rotation)
@@ -148,7 +151,7 @@ def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: Correlati
     likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
     bins = np.rint(np.arange(steps) * (_DIRECTIONS / steps)).astype(np.int64) % _DIRECTIONS
     count = min(math.ceil(config.turns_share * steps), config.most_turns)
-    return np.argsort(-likeness[bins], kind="stable")[:count]
+    return np.sort(np.argsort(-likeness[bins], kind="stable")[:count])
 
 
 def _promising_turns(coarse: _Search, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
