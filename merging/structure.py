@@ -144,8 +144,8 @@ def _weights(walls: BoolArray, surface: BoolArray, long_cells: float, least: flo
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the directions (N, 2) from surface cells into free space, and where it lies on both sides (N,)."""
-    sharp = free.astype(np.float64) - walls.astype(np.float64)
-    contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float64)
+    sharp = free.astype(np.float32) - walls.astype(np.float32)
+    contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float32)
     gradient = _derivatives(contrast, ((1, 0), (0, 1)), surface)
     steepness = np.linalg.norm(gradient, axis=1)
     # In the middle of a thin wall the slopes of its sides cancel; its curvature still tells how it runs.
@@ -156,9 +156,12 @@ def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[Flo
     return np.where(two_sided[:, None], axes, gradient / np.maximum(steepness, _FLAT)[:, None]), two_sided
 
 
-def _derivatives(contrast: FloatArray, orders: tuple[tuple[int, int], ...], surface: BoolArray) -> FloatArray:
+def _derivatives(
+    contrast: npt.NDArray[np.float32], orders: tuple[tuple[int, int], ...], surface: BoolArray
+) -> FloatArray:
     """Return derivatives of the given orders along x and y at the surface cells (N, len(orders))."""
-    return np.column_stack([cv2.Sobel(contrast, cv2.CV_64F, *order, scale=0.125)[surface] for order in orders])
+    columns = [cv2.Sobel(contrast, cv2.CV_32F, *order, scale=0.125)[surface] for order in orders]
+    return np.column_stack(columns).astype(np.float64)
 
 
 def _nearest_surface(surface: BoolArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
