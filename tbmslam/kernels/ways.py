@@ -61,16 +61,23 @@ def shown_before(poses: FloatArray, first: int, reach: float, turn: float, enoug
 
     Poses before `first` always count, later ones only where they were not shown before themselves.
     """
+    # Sorted by cells as large as the distance: what may be near lies in three runs, one of each row.
+    cols, rows = np.floor(poses[:, 0] / reach), np.floor(poses[:, 1] / reach)
+    stride = cols.max() - cols.min() + 3.0
+    cells = rows * stride + cols
+    order = np.argsort(cells, kind="mergesort")
+    in_order = cells[order]
     shown = np.zeros(len(poses), dtype=np.bool_)
     for k in range(first, len(poses)):
         count = 0
-        for earlier in range(k):
-            dx, dy = poses[earlier, 0] - poses[k, 0], poses[earlier, 1] - poses[k, 1]
-            if shown[earlier] or dx * dx + dy * dy > reach * reach:
-                continue
-            if abs((poses[earlier, 2] - poses[k, 2] + math.pi) % (2.0 * math.pi) - math.pi) <= turn:
-                count += 1
-                if count == enough:
-                    shown[k] = True
-                    break
+        for row in range(-1, 2):
+            middle = cells[k] + row * stride
+            stop = np.searchsorted(in_order, middle + 1.5)
+            for at in range(np.searchsorted(in_order, middle - 1.5), stop):
+                earlier = order[at]
+                dx, dy = poses[earlier, 0] - poses[k, 0], poses[earlier, 1] - poses[k, 1]
+                turned = abs((poses[earlier, 2] - poses[k, 2] + math.pi) % (2.0 * math.pi) - math.pi)
+                if earlier < k and not shown[earlier] and dx * dx + dy * dy <= reach * reach and turned <= turn:
+                    count += 1
+        shown[k] = count >= enough
     return shown

@@ -2,7 +2,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from tbmslam.kernels.ways import distances_to_stretches, shortest_ways
+from tbmslam.kernels.ways import distances_to_stretches, shortest_ways, shown_before
 
 
 def test_distances_are_to_the_nearest_of_each_stretch(generator):
@@ -35,3 +35,14 @@ def test_ways_are_the_shortest_in_the_graph(generator):
 
 def test_what_no_edge_reaches_is_infinitely_far():
     assert shortest_ways(3, np.array([[0, 1]]), np.array([2.0]), 0).tolist() == [0.0, 2.0, np.inf]
+
+
+def test_poses_are_shown_by_enough_before_them(generator):
+    poses = np.column_stack((generator.uniform(-4.0, 4.0, (400, 2)), generator.uniform(-np.pi, np.pi, 400)))
+    expected = np.zeros(400, dtype=bool)
+    for k in range(100, 400):
+        turned = np.abs(np.angle(np.exp(1j * (poses[:k, 2] - poses[k, 2]))))
+        near = (np.hypot(*(poses[:k, :2] - poses[k, :2]).T) <= 1.0) & (turned <= 0.8) & ~expected[:k]
+        expected[k] = near.sum() >= 3
+    np.testing.assert_array_equal(shown_before(poses, 100, 1.0, 0.8, 3), expected)
+    assert 20 < expected.sum() < 280
