@@ -2,20 +2,21 @@
 
 Stretches of the drive are joined into submaps. Wherever the drive may have come back, which a model of its drift says,
 a bundle of neighbouring keyframes is searched for in the old submap, laid onto its surfaces and verified: enough of it
-must lie on surfaces, little in space known to be free, and no other place may fit as well. A direction that the fit
-leaves open, as along a corridor, stays open. Accepted closures enter a robust pose graph.
+must lie on surfaces, and little in space known to be free. A direction that the fit leaves open, as along a corridor,
+stays open. Where the drive may have drifted far, finds count only when several along the way agree. Accepted closures
+enter a robust pose graph.
 """
 
 import logging
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.closing_targets import ClosingTargets
+from tbmslam.closure_votes import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
@@ -49,7 +50,7 @@ class LoopClosingConfig(BaseModel):
     )
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
-    max_shift: float = Field(4.0, gt=0, description="largest search window [m]")
+    max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
     max_turn: float = Field(0.5, gt=0, description="largest search window [rad]")
     surprise: float = Field(0.15, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
     search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
@@ -57,7 +58,7 @@ class LoopClosingConfig(BaseModel):
     min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
     max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
-    max_ambiguity: float = Field(0.9, ge=0, le=1, description="score of another place over the best one's")
+    votes: ClosureVotesConfig = ClosureVotesConfig()
     min_determined: float = Field(
         0.02, ge=0, description="curvature of a direction over the other's below which it is open"
     )
@@ -65,15 +66,6 @@ class LoopClosingConfig(BaseModel):
     heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
     max_contradiction: float = Field(4.0, gt=0, description="deviations from the solution that end a closure")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
-
-
-class _PlacedBundle(NamedTuple):
-    """Where a keyframe's bundle lies in a target, and the curvature there of the directions that are determined."""
-
-    keyframe: int
-    target: int
-    pose: SE2
-    hessian: FloatArray
 
 
 class LoopCloser:
@@ -136,15 +128,15 @@ class _Drive:
         self._hits = DriveHits(keyframes, poses, config.submap.max_range)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._chain = MotionChain(chain)
+        self._votes = ClosureVotes(config.votes, self._hits.travelled)
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
         stops = self._stops(self.config.step).tolist()
         for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
-            tried = [self._fit(keyframe, *candidate) for candidate in self._candidates(keyframe)]
-            fits = [fit for fit in tried if fit is not None]
-            self._targets.note(keyframe, [fit.target for fit in fits])
+            fits = self._found(keyframe)
+            self._targets.note(keyframe, [fit.target for fit in fits if fit.keyframe == keyframe])
             found = self._add_closures(fits)
             if any(map(self._is_surprising, found)):
                 self._optimise()
@@ -210,29 +202,53 @@ class _Drive:
         reached = np.flatnonzero(distances <= config.reach + shifts)[: config.submaps_per_step]
         return [(int(near[k]), float(shifts[k]), float(turns[k])) for k in reached]
 
-    def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> _PlacedBundle | None:
+    def _found(self, keyframe: int) -> list[PlacedBundle]:
+        """Return where a keyframe's bundle was found; finds of wide searches come when several along the way agree."""
+        fits, votes = [], []
+        for target, shift, turn in self._candidates(keyframe):
+            if shift > self.config.votes.beyond:
+                votes += self._votes_for(keyframe, target, shift, turn)
+            else:
+                fits.append(self._fit(keyframe, target, shift, turn))
+        self._votes.add(votes)
+        return [fit for fit in fits if fit is not None] + (self._votes.elected(self.poses) if votes else [])
+
+    def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
+        """Return all places in a target at which a keyframe's bundle may lie."""
+        config, submap = self.config, self._targets.submap(target)
+        bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
+        if len(bundle.points) < config.search_points // 2:
+            return []
+        points, guess = bundle.thinned(config.search_points).points, relative_pose(self.poses, submap.anchor, keyframe)
+        votes = []
+        for place in submap.places(points, guess, shift, turn, config.votes.places):
+            fit = submap.fit(bundle, place)
+            weight = self._votes.weight(fit.matched, fit.violated)
+            is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= config.max_slide
+            if weight > 0.0 and is_near and self._open_direction(fit.hessian) is None:
+                votes.append(PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight))
+        return votes
+
+    def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
         """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
         config, submap = self.config, self._targets.submap(target)
         bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
         if len(bundle.points) < config.search_points // 2:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
-        rival = None
         if shift > 0.0:
             found = submap.search(bundle.thinned(config.search_points).points, guess, shift, turn)
             if found.at_border:
                 return None
-            rival = found.rival if found.ambiguity > config.max_ambiguity else None
             guess = found.pose
         fit = submap.fit(bundle, guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
-        hessian = self._determined(fit.hessian, rival)
-        if hessian is None or math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
+        if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
-        return _PlacedBundle(keyframe, target, fit.pose, hessian)
+        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
 
-    def _add_closures(self, found: Sequence[_PlacedBundle]) -> list[MotionEdge]:
+    def _add_closures(self, found: Sequence[PlacedBundle]) -> list[MotionEdge]:
         """Add what bundles say to the closures, and return it.
 
         A closure's information, in the keyframe's frame, is its curvature and what submaps bend at best.
@@ -245,26 +261,29 @@ class _Drive:
         edges = []
         for one, information in zip(found, informations, strict=True):
             rotation = SE2(0.0, 0.0, one.pose.theta).matrix()
-            anchor = self._targets.anchor(one.target)
-            edges.append(MotionEdge(anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
+            edges.append(MotionEdge(one.anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
             self.closures[one.keyframe, one.target] = edges[-1]
         return edges
 
-    def _determined(self, hessian: FloatArray, rival: FloatArray | None) -> FloatArray | None:
-        """Return the curvature without the direction that a fit leaves open; None where a rival lies across.
+    def _determined(self, hessian: FloatArray) -> FloatArray:
+        """Return the curvature without the direction that a fit leaves open.
 
         Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
         """
-        (xx, xy), (_, yy) = hessian[:2, :2].tolist()
-        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
-        spread = math.hypot(half, xy)
-        weak = 0.5 * math.atan2(xy, half) + 0.5 * math.pi
-        open_direction = np.array([math.cos(weak), math.sin(weak)])
-        if rival is not None and abs(rival @ open_direction) < 0.9 * np.hypot(*rival):
-            return None
-        if rival is None and middle - spread >= self.config.min_determined * (middle + spread):
+        open_direction = self._open_direction(hessian)
+        if open_direction is None:
             return hessian
         kept = np.eye(3)
         kept[:2, :2] -= np.outer(open_direction, open_direction)
         closed: FloatArray = kept @ hessian @ kept
         return closed
+
+    def _open_direction(self, hessian: FloatArray) -> FloatArray | None:
+        """Return the direction (2,) that a fit leaves open, if there is one."""
+        (xx, xy), (_, yy) = hessian[:2, :2].tolist()
+        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        spread = math.hypot(half, xy)
+        if middle - spread >= self.config.min_determined * (middle + spread):
+            return None
+        weak = 0.5 * math.atan2(xy, half) + 0.5 * math.pi
+        return np.array([math.cos(weak), math.sin(weak)])

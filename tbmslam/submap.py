@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.drive_hits import DriveHits
-from tbmslam.kernels.correlation import WALL, GainField, best_places, correlate, search_field, share_in_free_space
+from tbmslam.kernels.correlation import WALL, GainField, correlate, search_field, share_in_free_space, top_places
 from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfels import extent
@@ -109,22 +109,44 @@ class Submap:
         Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing. Of places that
         agree alike the nearest one is taken.
         """
+        scores, places, cells = self._best(points, guess, shift, turn, 2)
+        apart = (cells[1] - cells[0])[::-1] * self._config.resolution
+        best, rival = scores.tolist()
+        ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
+        return Find(places[0], ambiguity, apart, self._at_border(cells[0], shift))
+
+    def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
+        """Return up to `count` places where points (N, 2) agree best with the submap, the best one first.
+
+        As in `search`; what lies on the border of the window is left out.
+        """
+        scores, places, cells = self._best(points, guess, shift, turn, count)
+        found = zip(scores.tolist(), places, cells, strict=True)
+        return [place for score, place, cell in found if score > 0.0 and not self._at_border(cell, shift)]
+
+    def _best(
+        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
+    ) -> tuple[FloatArray, list[SE2], npt.NDArray[np.int64]]:
+        """Return scores (count,) of the best places, these, and their rows and columns (count, 2) from the guess."""
         config = self._config
         reach = math.ceil(shift / config.resolution)
-        count = math.ceil(turn / config.turn_step)
-        turns = np.arange(-count, count + 1, dtype=np.float64) * config.turn_step
+        half = math.ceil(turn / config.turn_step)
+        turns = np.arange(-half, half + 1, dtype=np.float64) * config.turn_step
         cost = config.shift_cost * config.resolution * WALL * len(points)
         clear = math.ceil(config.same_place / config.resolution)
         sums = correlate(self._field, self._lattice, points, guess, turns, reach)
-        best, (k, row, col), rival, (rival_row, rival_col) = best_places(sums, cost, clear)
-        pose = SE2(
-            guess.x + (col - reach) * config.resolution,
-            guess.y + (row - reach) * config.resolution,
-            guess.theta + float(turns[k]),
-        )
-        apart = np.array([rival_col - col, rival_row - row], dtype=np.float64) * config.resolution
-        at_border = reach > 2 and max(abs(row - reach), abs(col - reach)) == reach
-        return Find(pose, max(rival, 0.0) / best if best > 0.0 else 1.0, apart, at_border)
+        scores, found = top_places(sums, cost, clear, count)
+        cells = found[:, 1:] - reach
+        places = [
+            SE2(guess.x + col * config.resolution, guess.y + row * config.resolution, guess.theta + float(turns[k]))
+            for k, (row, col) in zip(found[:, 0].tolist(), cells.tolist(), strict=True)
+        ]
+        return scores, places, cells
+
+    def _at_border(self, cell: npt.NDArray[np.int64], shift: float) -> bool:
+        """Tell whether a place (row, column) from the guess lies on the border of a window: it may go on beyond."""
+        reach = math.ceil(shift / self._config.resolution)
+        return reach > 2 and int(np.abs(cell).max()) == reach
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Lay hits onto the surfaces near a guess, and tell how well they fit there."""

@@ -62,10 +62,11 @@ def share_in_free_space(field: GainField, lattice: Lattice, points: FloatArray, 
 
 
 @kernel
-def best_places(sums: Sums, cost: float, clear: int) -> tuple[float, tuple[int, int, int], float, tuple[int, int]]:
-    """Return the best sum and its place (turn, row, column), and the best one elsewhere and its (row, column).
+def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Return the largest sums (count,), best first, and their places (count, 3): turn, row, column.
 
-    Each cell away from the centre costs `cost`. Elsewhere is more than `clear` cells away along an axis.
+    Each cell away from the centre costs `cost`. Places are more than `clear` cells apart along an axis; where there are
+    no more of them the sum is -inf.
     """
     turns, width, _ = sums.shape
     reach = width // 2
@@ -76,18 +77,19 @@ def best_places(sums: Sums, cost: float, clear: int) -> tuple[float, tuple[int, 
             for col in range(width):
                 if sums[k, row, col] > top[row, col]:
                     top[row, col], turn[row, col] = sums[k, row, col], k
-    best, rival = -math.inf, -math.inf
-    best_row, best_col, rival_row, rival_col = 0, 0, 0, 0
     for row in range(width):
         for col in range(width):
             top[row, col] -= cost * math.hypot(row - reach, col - reach)
-            if top[row, col] > best:
-                best, best_row, best_col = top[row, col], row, col
-    for row in range(width):
-        for col in range(width):
-            if (abs(row - best_row) > clear or abs(col - best_col) > clear) and top[row, col] > rival:
-                rival, rival_row, rival_col = top[row, col], row, col
-    return best, (turn[best_row, best_col], best_row, best_col), rival, (rival_row, rival_col)
+    scores, places = np.full(count, -np.inf), np.zeros((count, 3), dtype=np.int64)
+    for number in range(count):
+        for row in range(width):
+            for col in range(width):
+                if top[row, col] > scores[number]:
+                    scores[number] = top[row, col]
+                    places[number] = turn[row, col], row, col
+        _, row, col = places[number]
+        top[max(row - clear, 0) : row + clear + 1, max(col - clear, 0) : col + clear + 1] = -np.inf
+    return scores, places
 
 
 @kernel

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
@@ -37,11 +38,12 @@ def errors(true, poses):
     return np.hypot(*(poses - true)[:, :2].T)
 
 
-def test_a_drifting_drive_is_bent_back(drive_in):
-    true, tracked, scans, chain = drifting_keyframes(drive_in("apartment", None, seed=1), 0.001)
+@pytest.mark.parametrize(("world", "left"), [("apartment", 0.5), ("office", 0.1), ("store", 0.25)])
+def test_a_drifting_drive_is_bent_back(drive_in, world, left):
+    true, tracked, scans, chain = drifting_keyframes(drive_in(world, None, seed=1), 0.001)
     closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
     assert len(closures) > 5
-    assert errors(true, closed).max() < 0.5 * errors(true, tracked).max()
+    assert errors(true, closed).max() < left * errors(true, tracked).max()
     for edge in closures:
         error = relative_pose(true, edge.source, edge.target).inverse() @ edge.T_source_target
         covariance = np.linalg.inv(edge.information)

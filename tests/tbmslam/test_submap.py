@@ -38,6 +38,17 @@ def test_a_search_finds_the_place(submap):
     assert fit.violated < 0.05
 
 
+def test_the_places_of_a_search_begin_with_the_best(submap):
+    made, hits, true = submap
+    guess = SE2(true.x + 1.0, true.y - 0.8, true.theta + 0.2)
+    places = made.places(hits.points, guess, 4.0, 0.3, 4)
+    assert places[0] == made.search(hits.points, guess, 4.0, 0.3).pose
+    assert 2 <= len(places) <= 4
+    for one, other in itertools.combinations(places, 2):
+        assert max(abs(one.x - other.x), abs(one.y - other.y)) > 0.8
+    assert made.places(hits.points, SE2(true.x + 0.8, true.y, true.theta), 0.6, 0.0, 1) == []
+
+
 def test_a_wrong_place_lies_in_free_space(submap):
     made, hits, true = submap
     fit = made.fit(hits, SE2(true.x + 1.5, true.y, true.theta + 0.8))

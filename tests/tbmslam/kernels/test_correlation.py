@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels.correlation import WALL, best_places, correlate, search_field, share_in_free_space
+from tbmslam.kernels.correlation import WALL, correlate, search_field, share_in_free_space, top_places
 from tbmslam.kernels.lattice import Lattice
 
 
@@ -57,11 +57,11 @@ def test_points_in_free_space_are_counted():
     assert share_in_free_space(field, Lattice(0.2, 0, 0), np.zeros((0, 2)), (0.4, 0.3, 0.0)) == 0.0
 
 
-def test_the_best_place_and_its_rival_elsewhere():
+def test_the_best_places_are_apart():
     sums = np.zeros((2, 7, 7), dtype=np.int32)
     sums[1, 2, 3], sums[0, 3, 4], sums[1, 6, 3] = 50, 45, 40
-    best, place, rival, elsewhere = best_places(sums, 1.0, 1)
-    assert (best, place) == (49.0, (1, 2, 3))
-    assert (rival, elsewhere) == (37.0, (6, 3))
-    assert best_places(sums, 20.0, 1)[1] == (1, 2, 3)
-    assert best_places(np.zeros((1, 1, 1), dtype=np.int32), 1.0, 1)[2] == -np.inf
+    scores, places = top_places(sums, 1.0, 1, 2)
+    np.testing.assert_array_equal(scores, [49.0, 37.0])
+    np.testing.assert_array_equal(places, [[1, 2, 3], [1, 6, 3]])
+    assert top_places(sums, 20.0, 1, 1)[1].tolist() == [[1, 2, 3]]
+    assert top_places(np.zeros((1, 1, 1), dtype=np.int32), 1.0, 1, 2)[0][1] == -np.inf
