@@ -51,7 +51,7 @@ class LoopClosingConfig(BaseModel):
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
     max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
-    max_turn: float = Field(0.5, gt=0, description="largest search window [rad]")
+    max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
     surprise: float = Field(0.15, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
     search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
     match_points: int = Field(300, ge=10, description="hits of a bundle laid onto the surfaces")
