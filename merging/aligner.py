@@ -12,7 +12,7 @@ from merging.decoys import find_decoys
 from merging.features import Features, describe, match
 from merging.structure import Structure
 from merging.verification import Evidence, examine
-from merging.warping import at_resolution
+from merging.warping import at_resolution, check_cell_size
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 
@@ -53,7 +53,10 @@ def view_of(grid: TbmGrid, resolution: float, config: MergeConfig) -> View | Non
 
 def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
     """Return the cell size at which maps are compared [m]: a fine map can be read coarsely, not the reverse."""
-    return config.resolution or max(grid.geometry.resolution for grid in grids)
+    resolution = config.resolution or max(grid.geometry.resolution for grid in grids)
+    for size in (resolution, *(grid.geometry.resolution for grid in grids)):
+        check_cell_size(size)
+    return resolution
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:

@@ -4,9 +4,33 @@ import math
 
 import numpy as np
 
+from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.map_check import MAX_CELLS
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
+
+_SMALLEST_CELL, _LARGEST_CELL = 1e-3, 100.0
+"""Cells of other sizes [m] are no map of a building but a wrong resolution, and arithmetic fails on them."""
+
+
+class CellSizeError(TbmSlamError):
+    """Maps cannot be brought into cells of such a size."""
+
+
+def check_cell_size(resolution: float) -> None:
+    """Check the side of a cell [m].
+
+    Raises
+    ------
+    CellSizeError
+        If no map has such cells.
+    """
+    if not _SMALLEST_CELL <= resolution <= _LARGEST_CELL:
+        raise CellSizeError(
+            f"cells of {resolution:g} m are not within {_SMALLEST_CELL:g} to {_LARGEST_CELL:g} m: correct the "
+            "resolution of the maps, --resolution or --compare-at"
+        )
 
 
 def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
@@ -20,6 +44,11 @@ def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
         Pose of the source's frame in the target's frame.
     lattice
         Any grid of the target's frame: the result's cells continue its cells, whatever its size.
+
+    Raises
+    ------
+    CellSizeError
+        If the lattice's cells are far too large or small for the grid.
     """
     known = grid.cropped_to_known()
     return resample(known, T_target_source, window_over(known.geometry, T_target_source, lattice))
@@ -37,7 +66,14 @@ def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometr
     """Return the smallest part of a lattice that covers a source grid placed in its frame."""
     left, bottom, right, top = source.bounds()
     corners = T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+    check_cell_size(lattice.resolution)
     cells = (corners - (lattice.origin_x, lattice.origin_y)) / lattice.resolution
+    sides = np.ptp(cells, axis=0)
+    if not sides.prod() <= MAX_CELLS:
+        raise CellSizeError(
+            f"a map of {right - left:.3g} x {top - bottom:.3g} m is too large for cells of {lattice.resolution:g} m: "
+            "pass coarser ones by --resolution and --compare-at, or correct the map's resolution"
+        )
     # Rounding must not add a row of cells that the source does not reach.
     first = np.floor(cells.min(axis=0) + 1e-6).astype(int)
     last = np.ceil(cells.max(axis=0) - 1e-6).astype(int)

@@ -1,5 +1,6 @@
 """Work on other machines: an existing Dask cluster, reached by its scheduler's address."""
 
+import re
 import secrets
 from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
@@ -36,6 +37,8 @@ class Cluster:
             from distributed import Client  # noqa: PLC0415 - an extra, and slow to load
         except ImportError:
             raise ClusterError("a cluster needs Dask: pip install 'tbmslam[cluster]'") from None
+        if re.fullmatch(r"(\w+://)?[^/\s]+:\d+", address) is None:
+            raise ClusterError(f"{address!r} is no address of a Dask scheduler: it must look like tcp://10.0.0.1:8786")
         self._address = address
         self._run = secrets.token_hex(4)
         try:

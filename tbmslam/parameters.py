@@ -113,7 +113,11 @@ def _of_kind(table: object, key: str, change: object) -> object:
         return value
     wanted = change.get(field.discriminator, getattr(value, field.discriminator))
     kinds = {kind.model_fields[field.discriminator].default: kind for kind in get_args(field.annotation)}
-    return value if wanted not in kinds or isinstance(value, kinds[wanted]) else kinds[wanted]()
+    return (
+        value
+        if not isinstance(wanted, str) or wanted not in kinds or isinstance(value, kinds[wanted])
+        else kinds[wanted]()
+    )
 
 
 def _unknown(key: str, place: tuple[str, ...], siblings: Sequence[str], names: Sequence[str]) -> str:

@@ -122,7 +122,7 @@ def main(argv: list[str] | None = None) -> int:
     except TbmSlamError as error:
         if args.debug:
             raise
-        sys.stderr.write(f"build_maps: {error}\n")
+        sys.stderr.write(f"build_maps: {' '.join(str(error).splitlines())}\n")  # names of files may hold line ends
         return 1
     except MemoryError:
         if args.debug:

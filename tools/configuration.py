@@ -82,6 +82,8 @@ def merging_text(config: MergeConfig) -> str:
 
 
 def _read(path: Path) -> Mapping[str, object]:
+    if path.exists() and not path.is_file():  # reading a device or a pipe might never end
+        raise ConfigError(f"{path}: cannot be read as TOML: it is no file")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

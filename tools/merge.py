@@ -55,9 +55,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    options.maps = list_maps(options.maps)
-    if not options.print_config:
-        _check(parser, options)
+    options.typed = sys.argv[1:] if arguments is None else arguments
+    try:
+        options.maps = list_maps(options.maps)
+        if not options.print_config:
+            _check(parser, options)
+    except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
+        parser.error(f"the maps cannot be listed: {error}")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
     from tools.configuration import whole_text
 
@@ -71,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except TbmSlamError as error:
         if options.debug:
             raise
-        print(f"merge: {error}", file=sys.stderr)
+        print("merge:", *str(error).splitlines(), file=sys.stderr)  # names of files may hold line ends
         return FAILED
     except MemoryError:
         if options.debug:
@@ -86,6 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.out is None:
         parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
+    if Path() in (*options.maps, options.out) and "" in options.typed:
+        parser.error("an empty text names no folder: is a variable of the shell unset?")
     if len(options.maps) < 2:
         parser.error(
             f"two maps or more are needed, got {len(options.maps)}: name their folders, as out/robot_0 out/robot_1"
@@ -120,7 +126,10 @@ def _lies_in(path: Path, folder: Path) -> bool:
 
 def _naming_parts(path: Path) -> tuple[str, ...]:
     """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
-    full = path.resolve()
+    try:
+        full = path.resolve()
+    except RuntimeError:  # links in a circle; loading tells that nothing is there
+        full = path.absolute()
     if full.suffix and not full.is_dir():
         full = full.parent if full.stem == "map" else full.with_suffix("")
     return full.parts[1:] or (str(path),)
@@ -212,6 +221,7 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     from merging.merger import merge
     from tbmslam.map_folder import load_map
+    from tbmslam.parameters import ConfigError
     from tbmslam.report.making import Making
     from tools.output_folder import output_folder
     from tools.progress import ProgressBars
@@ -219,6 +229,8 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     check_extra_files(options)
     watch = ProgressBars()
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
+    if strangers := [name for name in config.reliability if name not in named]:
+        raise ConfigError(f"--reliability: {strangers[0]!r} is none of the maps, which are {', '.join(named)}")
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
         result = merge(maps, config, options.workers, watch, options.scheduler)

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -211,3 +212,58 @@ def test_help_answers_at_once():
         [sys.executable, "-c", loaded], cwd=REPOSITORY, capture_output=True, text=True, check=True
     )
     assert answer.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    ("words", "fact"),
+    [
+        (("here", "there", "--resolution", "1e-9"), "merge: cells of 1e-09 m are not within 0.001 to 100 m"),
+        (("here", "there", "--resolution", "1e300"), r"merge: cells of 1e\+300 m are not within"),
+        (("here", "there", "--compare-at", "1e9"), r"merge: cells of 1e\+09 m are not within"),
+        (("here", "nano"), "merge: here: |merge: a map of|merge: cells of 1e-09 m"),
+        (("nano", "here"), "merge: a map of|merge: cells of 1e-09 m"),
+        (("here", "vast"), "merge: cells of 10000 m are not within"),
+        (("here", "there", "--config", "/dev/zero"), "merge: /dev/zero: cannot be read as TOML: it is no file"),
+        (
+            ("here", "there", "--reliability", "nobody=0.5"),
+            "merge: --reliability: 'nobody' is none of the maps, which",
+        ),
+        (("here", "new\nline/none"), "merge: .*new line/none: does not exist"),
+    ],
+)
+def test_odd_sizes_and_names_are_one_line(folders, tmp_path, capsys, words, fact):
+    for name, resolution in (("nano", 1e-9), ("vast", 1e4)):
+        masses = np.tile(np.array([0, 0, 1, 0], dtype=np.float32), (60, 80, 1))
+        map_folder.save_map(tmp_path / name, TbmMap(TbmGrid(GridGeometry(resolution, 0.0, 0.0, 60, 80), masses)))
+    places = {"here": folders, "there": folders, "nano": tmp_path, "vast": tmp_path, "new\nline/none": tmp_path}
+    given = [str(places[word] / word) if word in places else word for word in words]
+    assert merge.main([*given, "-o", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert re.match(fact, said)
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_links_in_a_circle_lead_nowhere(folders, tmp_path, capsys):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    assert merge.main([str(folders / "here"), str(loop), "-o", str(tmp_path / "out")]) == 1
+    assert re.match(r"merge: \S+: does not exist: give a map's folder or file\n$", capsys.readouterr().err)
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / "here"), str(loop / "robot_0"), "-o", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert "the maps cannot be listed: Symlink loop" in capsys.readouterr().err
+
+
+def test_an_empty_text_is_no_map(folders, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / "here"), "", "-o", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert "an empty text names no folder" in capsys.readouterr().err
+
+
+def test_nothing_is_written_into_a_folder_without_a_name(folders, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / "here"), str(folders / "there"), "-o", ""])
+    assert stopped.value.code == 2
+    assert "is a variable of the shell unset?" in capsys.readouterr().err
