@@ -8,7 +8,7 @@ from tbmslam.se2 import SE2
 from tbmslam.wall_limits import Limits
 from tests import wall_reference
 
-LIMITS = Limits(0.15, 0.3, 0.3, 0.7)
+LIMITS = Limits(0.153, 0.307, 0.3, 0.7)  # which no distance between cells meets exactly
 MOTIONS = [SE2(0.0, 0.0, 0.0), SE2(0.12, -0.07, 0.05), SE2(1.0, -0.5, math.pi / 2), SE2(-2.0, 3.0, 2.5)]
 
 
