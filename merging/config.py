@@ -294,7 +294,7 @@ class JointConfig(_Config):
     first_shift_m: Metres = 0.8
     last_shift_m: Metres = 0.3
     turn_rad: Annotated[float, Field(gt=0.0)] = 0.075
-    search_points: Annotated[int, Field(ge=10, le=160)] = 150
+    search_points: Annotated[int, Field(ge=10)] = 150
     match_points: Annotated[int, Field(ge=10)] = 500
     min_matched: Share = 0.4
     max_violated: Share = 0.2

@@ -8,15 +8,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.drive_hits import DriveHits
-from tbmslam.kernels.correlation import (
-    MOST_POINTS,
-    WALL,
-    GainField,
-    correlate,
-    search_field,
-    share_in_free_space,
-    top_places,
-)
+from tbmslam.kernels.correlation import WALL, GainField, correlate, search_field, share_in_free_space, top_places
 from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfels import extent
@@ -136,8 +128,6 @@ class Submap:
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
     ) -> tuple[FloatArray, list[SE2], npt.NDArray[np.int64]]:
         """Return scores (count,) of the best places, these, and their rows and columns (count, 2) from the guess."""
-        if len(points) > MOST_POINTS:
-            raise ValueError(f"points must be at most {MOST_POINTS} in a search, got {len(points)}")
         config = self._config
         reach = math.ceil(shift / config.resolution)
         half = math.ceil(turn / config.turn_step)

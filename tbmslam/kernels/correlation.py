@@ -10,16 +10,13 @@ from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 GainField = npt.NDArray[np.int8]
-Sums = npt.NDArray[np.int16]
+Sums = npt.NDArray[np.int32]
 Counts = npt.NDArray[np.int32]
 Pose = tuple[float, float, float]
 
 
 WALL = 100
 """What a point on a wall gains."""
-
-MOST_POINTS = 32767 // WALL
-"""So many points can be summed up in the 16 bits that go through the widest instructions."""
 
 BLOCK = 16
 """Cells that are added at once."""
@@ -107,8 +104,6 @@ def correlate(
     ----------
     field
         Values (rows, cols) of the cells.
-    points
-        At most `MOST_POINTS`.
     guess
         Pose of the points' frame that is turned and shifted.
     turns
@@ -128,7 +123,7 @@ def correlate(
     margin = blocks * BLOCK
     wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
     wide[margin : margin + rows, margin : margin + cols] = field
-    sums = np.zeros((len(turns), width, width), dtype=np.int16)
+    sums = np.zeros((len(turns), width, width), dtype=np.int32)
     few = np.empty((width, margin), dtype=np.int16)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]

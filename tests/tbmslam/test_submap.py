@@ -49,11 +49,6 @@ def test_the_places_of_a_search_begin_with_the_best(submap):
     assert made.places(hits.points, SE2(true.x + 0.8, true.y, true.theta), 0.6, 0.0, 1) == []
 
 
-def test_a_search_takes_so_many_points_and_no_more(submap):
-    with pytest.raises(ValueError, match="points must be at most 327 in a search, got 400"):
-        submap[0].search(np.zeros((400, 2)), SE2.identity(), 1.0, 0.1)
-
-
 def test_a_wrong_place_lies_in_free_space(submap):
     made, hits, true = submap
     fit = made.fit(hits, SE2(true.x + 1.5, true.y, true.theta + 0.8))

@@ -58,10 +58,10 @@ def test_points_in_free_space_are_counted():
 
 
 def test_the_best_places_are_apart():
-    sums = np.zeros((2, 7, 7), dtype=np.int16)
+    sums = np.zeros((2, 7, 7), dtype=np.int32)
     sums[1, 2, 3], sums[0, 3, 4], sums[1, 6, 3] = 50, 45, 40
     scores, places = top_places(sums, 1.0, 1, 2)
     np.testing.assert_array_equal(scores, [49.0, 37.0])
     np.testing.assert_array_equal(places, [[1, 2, 3], [1, 6, 3]])
     assert top_places(sums, 20.0, 1, 1)[1].tolist() == [[1, 2, 3]]
-    assert top_places(np.zeros((1, 1, 1), dtype=np.int16), 1.0, 1, 2)[0][1] == -np.inf
+    assert top_places(np.zeros((1, 1, 1), dtype=np.int32), 1.0, 1, 2)[0][1] == -np.inf
