@@ -61,12 +61,12 @@ def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cel
             if row != end_row:
                 row += row_step
             error = 0.0
-        elif after_row < after_col:
-            row += row_step
-            error -= row_change
         else:
-            col += col_step
-            error += col_change
+            # Nobody can predict which it is, so it is no branch.
+            by_row = after_row < after_col
+            row += row_step if by_row else 0
+            col += 0 if by_row else col_step
+            error = error - row_change if by_row else error + col_change
         cells[count, 0], cells[count, 1] = row, col
         count += 1
     return count
