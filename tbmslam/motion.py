@@ -30,7 +30,7 @@ class MotionConfig(BaseModel):
     heading_per_second: float = Field(0.5, gt=0, description="heading uncertainty without odometry [rad/s]")
     persistence: float = Field(0.5, gt=0, description="how long a motion goes on and can contradict the odometry [s]")
     frozen: float = Field(
-        0.15, gt=0, description="odometry that stands still is not believed once the scans have moved so far [m, rad]"
+        0.4, gt=0, description="odometry that stands still is not believed once the scans have moved so far [m, rad]"
     )
     jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
     jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")

@@ -44,7 +44,7 @@ class SurfelTrackerConfig(BaseModel):
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
     window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
     seen_scans: int = Field(10, ge=1, description="last keyframes whose empty space is remembered: what walks in moves")
-    seen_depth: float = Field(0.2, gt=0, description="how far they went on behind what now stands there [m]")
+    seen_depth: float = Field(0.5, gt=0, description="how far they went on behind what now stands there [m]")
     novel: float = Field(0.6, ge=0, le=1, description="share of hits on known surfaces below which a scan is learnt")
 
 

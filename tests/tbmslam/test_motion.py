@@ -84,12 +84,12 @@ def test_a_step_that_no_robot_makes_is_not_believed():
 
 def test_odometry_that_stands_still_while_scans_move_on_is_not_believed():
     model = MotionModel(MotionConfig())
-    for k in range(5):  # the scans go on by 6 cm each
+    for k in range(5):  # the scans go on by 15 cm each
         now = reading(0.1 * k, SE2(1.0, 2.0, 0.5))
         prediction = model.predict(now)
         assert prediction.is_frozen == (k == 4)
-        model.correct(now, SE2(0.06 * k, 0.0, 0.0))
-    assert prediction.T_map_robot == pytest.approx((0.24, 0.0, 0.0))  # as it moved before
+        model.correct(now, SE2(0.15 * k, 0.0, 0.0))
+    assert prediction.T_map_robot == pytest.approx((0.6, 0.0, 0.0))  # as it moved before
     assert model.predict(reading(0.5, SE2(1.3, 2.0, 0.5))).is_frozen is False
 
 
