@@ -32,7 +32,7 @@ def test_a_mirror_image_is_what_the_mirrored_grid_looks_like(rooms):
     np.testing.assert_allclose(seen.points[order], expected.points[other], atol=1e-9)
     np.testing.assert_allclose(seen.weights[order], expected.weights[other])
     sure = ~seen.two_sided[order]
-    np.testing.assert_allclose(seen.normals[order][sure], expected.normals[other][sure], atol=1e-9)
+    np.testing.assert_allclose(seen.normals[order][sure], expected.normals[other][sure], atol=1e-6)
 
 
 def test_a_mirror_image_knows_its_nearest_walls(rooms):

@@ -20,8 +20,8 @@ from tbmslam.worker_pool import worker_pool
 if __name__ == "__main__":
     with worker_pool(2) as pool:
         waiting = [pool.submit(time.sleep, 600) for _ in range(9)]
-        print("ready", flush=True)
         try:
+            print("ready", flush=True)
             waiting[0].result()
         except KeyboardInterrupt:
             print("interrupted", flush=True)
