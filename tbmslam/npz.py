@@ -38,14 +38,20 @@ def write_npz(path: str | os.PathLike[str], arrays: dict[str, Array]) -> None:
     ValueError
         If an array holds Python objects.
     """
-    with (
-        replacing(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
-    ):
-        for name, values in arrays.items():
-            # An entry opened by its name gets no time but the zip epoch: the same arrays give the same bytes.
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
-                np.lib.format.write_array(stream, values, allow_pickle=False)
+    try:
+        with (
+            replacing(path) as temporary,
+            zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        ):
+            for name, values in arrays.items():
+                # An entry opened by its name gets no time but the zip epoch: the same arrays give the same bytes.
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                    np.lib.format.write_array(stream, values, allow_pickle=False)
+    except ValueError as error:
+        # An archive that is interrupted while it ends an entry refuses to be closed, which would hide the interruption.
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
 
 
 class ArrayZip:

@@ -1,4 +1,5 @@
 import contextlib
+import gc
 import tracemalloc
 import zipfile
 
@@ -187,3 +188,21 @@ def test_any_damage_is_a_known_error(path):
         path.write_bytes(data[: rng.integers(1, len(data)) if rng.random() < 0.2 else None])
         with contextlib.suppress(NpzError):
             read_all(path)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the library leaves its file to us
+def test_an_interruption_while_an_entry_ends_is_heard(tmp_path, monkeypatch):
+    close, calls = zipfile._ZipWriteFile.close, []
+
+    def interrupted_once(entry):
+        calls.append(entry)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        close(entry)
+
+    monkeypatch.setattr("zipfile._ZipWriteFile.close", interrupted_once)
+    with pytest.raises(KeyboardInterrupt):
+        write_npz(tmp_path / "arrays.npz", {"a": np.zeros(3)})
+    calls.clear()
+    gc.collect()
+    assert list(tmp_path.iterdir()) == []

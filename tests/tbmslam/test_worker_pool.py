@@ -56,7 +56,13 @@ def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
     script.write_text(WORK_FOR_EVER)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    child = subprocess.Popen([sys.executable, script], env=environment, start_new_session=True, **pipes)  # noqa: S603
+    child = subprocess.Popen(  # noqa: S603 - our own script
+        [sys.executable, script],
+        env=environment,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - a background shell ignores it
+        **pipes,
+    )
     assert child.stdout is not None
     child.stdout.readline()
     time.sleep(after)

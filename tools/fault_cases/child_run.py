@@ -57,7 +57,7 @@ def run_child(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: _limit(largest_file, memory),  # noqa: PLW1509 - this process has no threads of its own
+        preexec_fn=lambda: _prepare(largest_file, memory),  # noqa: PLW1509 - this process has no threads of its own
     ) as child:
         try:
             if until is not None:
@@ -93,9 +93,11 @@ def _wait(child: subprocess.Popen[str], until: Callable[[], bool]) -> None:
             raise ChildRunError("the program was not seen doing what it was to be disturbed at")
 
 
-def _limit(largest_file: int | None, memory: int | None) -> None:
+def _prepare(largest_file: int | None, memory: int | None) -> None:
+    """Let a child hear Ctrl-C, also where a shell that runs this in its background does not, and set its limits."""
     import resource
 
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     for kind, limit in ((resource.RLIMIT_FSIZE, largest_file), (resource.RLIMIT_AS, memory)):
         if limit is not None:
             resource.setrlimit(kind, (limit, limit))
