@@ -86,7 +86,7 @@ confidence: develop
 	    $(foreach one,$(BUILDINGS),$(subst _,-,$(one))=$(DATA)/map-pairs/crop_$(one)_100.npz) \
 	    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
 	$(BIN)/python tools/make_map_pairs.py -o out/confidence/simulated --seeds 900001 --parts 2 --overlap 50 25 --largest 900
-	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/real out/confidence/simulated \
+	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/real --simulated out/confidence/simulated \
 	    --plot docs/confidence.png -o merging/confidence_model.json
 
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.

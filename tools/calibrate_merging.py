@@ -28,6 +28,8 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 PENALTY = 0.001
 WHOLE = 3.0
 """A pair of a whole building counts for so many of a part of one, which ends where no building ends."""
+SIMULATED = 0.3
+"""What a pair of simulated buildings counts for beside a real one, which is what users have."""
 MOST_PARTS = 12
 """The buildings are left out in so many parts, one by one where there are no more."""
 
@@ -53,6 +55,10 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     grammar.add_argument("pairs", nargs="+", type=Path, metavar="FOLDER", help="pairs to fit on")
+    grammar.add_argument(
+        "--simulated", nargs="*", type=Path, default=[], metavar="FOLDER",
+        help=f"more pairs to fit on, each of which counts for {SIMULATED:g}",
+    )  # fmt: skip
     grammar.add_argument("--ask", nargs="*", type=Path, default=[], metavar="FOLDER", help="pairs to ask about only")
     grammar.add_argument("-o", "--out", type=Path, metavar="FILE", help="where the fitted model goes")
     grammar.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
@@ -71,6 +77,7 @@ def _run(args: argparse.Namespace) -> None:
 
     config = MergeConfig()
     by_folder = {folder: choices_of(folder, config) for folder in args.pairs}
+    by_folder |= {folder: choices_of(folder, config, SIMULATED) for folder in args.simulated}
     choices = [choice for folder in by_folder.values() for choice in folder]
     judged = _held_out(choices)
     for folder, its in by_folder.items():
@@ -90,8 +97,8 @@ def _run(args: argparse.Namespace) -> None:
         write_text(args.out, text + "\n")
 
 
-def choices_of(folder: Path, config: "MergeConfig") -> "list[Choice]":
-    """Return the candidates of every pair in a folder.
+def choices_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "list[Choice]":
+    """Return the candidates of every pair in a folder, each of which counts for a weight.
 
     Raises
     ------
@@ -119,7 +126,7 @@ def choices_of(folder: Path, config: "MergeConfig") -> "list[Choice]":
         decoys = find_decoys(target.structure, source.structure, config)
         numbers = features([evidence for _, evidence in candidates], decoys)
         right = np.array([pair.is_right(motion) for motion, _ in candidates], dtype=np.bool_)
-        choices.append(Choice(pair.name, numbers, right, 1.0 if shows_part(pair.name) else WHOLE))
+        choices.append(Choice(pair.name, numbers, right, weight if shows_part(pair.name) else WHOLE * weight))
     if not choices:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
     return choices
