@@ -95,10 +95,15 @@ _TINY_MAP = _VINY_MAP.model_copy(update={"sensor_model": SensorModelConfig(wall_
 _CREDIBILIST_MAP = _VINY_MAP.model_copy(update={"resolution": 0.05, "sensor_model": SensorModelConfig(wall_blur=0.1)})
 
 
+_EVERY_ODOMETRY = MotionConfig(frozen=1e9)
+"""The methods compared with believe odometry that stands still."""
+
+
 def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: MapConfig = _VINY_MAP) -> SlamConfig:
     """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
     return SlamConfig(
         preset=name,
+        motion=_EVERY_ODOMETRY,
         deskew=DeskewConfig(enabled=False),
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
@@ -116,6 +121,7 @@ PRESETS: Mapping[str, SlamConfig] = {
     "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
     "particles": SlamConfig(
         preset="particles",
+        motion=_EVERY_ODOMETRY,
         tracker=ParticleTrackerConfig(),
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
