@@ -165,7 +165,7 @@ def _search_field(
         for pair, upper in zip(spans, (False, True, False, True), strict=True)
     )
     lattice = Lattice(config.resolution, bottom - 1, left - 1)
-    counts = np.zeros((3, top - bottom + 3, right - left + 3), dtype=np.int32)
+    counts = np.zeros((top - bottom + 3, right - left + 3), dtype=np.int64)
     count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins, 0)
     return search_field(counts, config.free_penalty), lattice
 

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel
+from tbmslam.kernels.counting import Counts, hits_in, passages_in
 from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 GainField = npt.NDArray[np.int8]
 Sums = npt.NDArray[np.int32]
-Counts = npt.NDArray[np.int32]
 Pose = tuple[float, float, float]
 
 
@@ -32,16 +32,16 @@ def search_field(counts: Counts, free_penalty: float) -> GainField:
     A cell is a wall where any scan hit it, and free where two scans passed it: counts as in `count_scans`. A point in
     free space loses `free_penalty` times what it gains on a wall; where nothing is known it gains nothing.
     """
-    _, rows, cols = counts.shape
+    rows, cols = counts.shape
     field = np.zeros((rows, cols), dtype=np.int8)
     free = np.int8(-round(free_penalty * WALL))
     for row in range(rows):
         for col in range(cols):
-            if counts[2, row, col] > 1:
+            if passages_in(counts[row, col]) > 1:
                 field[row, col] = free
     for row in range(rows):
         for col in range(cols):
-            if counts[1, row, col] > 0:
+            if hits_in(counts[row, col]) > 0:
                 field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = np.int8(WALL)
     return field
 

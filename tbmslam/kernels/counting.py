@@ -1,7 +1,8 @@
 """How many scans met something in a cell, and how many looked through it.
 
-Where every scan has one word on a cell, the evidence on it depends on two counts alone. Counts (3, rows, cols) are the
-number of the last scan that spoke of a cell, the scans that hit it and the scans that passed it.
+Where every scan has one word on a cell, the evidence on it depends on two counts alone. A cell's counts are one number,
+which takes two thirds of the memory of three: the lowest bits are the scans that passed it, the next ones the scans that
+hit it, and the highest ones the number of the last scan that spoke of it.
 """
 
 import math
@@ -14,10 +15,30 @@ from tbmslam.kernels.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Counts = npt.NDArray[np.int32]
+Counts = npt.NDArray[np.int64]
+
+BITS = 21
+"""Of each of the three parts."""
+MOST_SCANS = (1 << BITS) - 1
+"""As many can be counted."""
+LOW = MOST_SCANS
+ONE_HIT = 1 << BITS
+BOTH = (1 << (2 * BITS)) - 1
 
 COVERED = 0.8
 """Beams that are this share of a cell apart leave no cell between them out."""
+
+
+@kernel
+def hits_in(count: int) -> int:
+    """Return how many scans hit a cell."""
+    return (count >> BITS) & LOW
+
+
+@kernel
+def passages_in(count: int) -> int:
+    """Return how many scans passed a cell."""
+    return count & LOW
 
 
 @kernel
@@ -88,7 +109,7 @@ def count_scans(
     Parameters
     ----------
     counts
-        (3, rows, cols); must contain all beams with a cell to spare.
+        (rows, cols); must contain all beams with a cell to spare.
     lasers
         Where the lasers were, (K, >= 2) [m].
     ends
@@ -98,25 +119,24 @@ def count_scans(
     offsets
         Where each scan begins in `ends`, and where the last one ends (K + 1,).
     before
-        How many scans were counted before; they have numbers from 1 on.
+        How many scans were counted before; they have numbers from 1 to `MOST_SCANS`.
     """
     resolution, first_row, first_col = lattice
-    width = counts.shape[2]
-    spoken, hits, passed = counts[0].reshape(-1), counts[1].reshape(-1), counts[2].reshape(-1)
+    width = counts.shape[1]
+    cells = counts.reshape(-1)
     for k in range(len(lasers)):
-        stamp = np.int32(before + k + 1)
+        stamp = before + k + 1
         for i in range(offsets[k], offsets[k + 1]):
             row = math.floor(ends[i, 1] / resolution) - first_row
             cell = row * width + math.floor(ends[i, 0] / resolution) - first_col
-            if is_hit[i] and spoken[cell] != stamp:
-                spoken[cell] = stamp
-                hits[cell] += np.int32(1)
+            if is_hit[i] and cells[cell] >> (2 * BITS) != stamp:
+                cells[cell] = (cells[cell] & BOTH | stamp << (2 * BITS)) + ONE_HIT
         x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
         for i in range(offsets[k], offsets[k + 1]):
             dx, dy = ends[i, 0] / resolution - first_col - x, ends[i, 1] / resolution - first_row - y
             share = _seen_by_neighbours(lasers[k], ends, offsets[k], offsets[k + 1], i, resolution)
             if share < 1.0:
-                _count_beam(spoken, passed, width, stamp, (x + share * dx, y + share * dy), (x + dx, y + dy))
+                _count_beam(cells, width, stamp, (x + share * dx, y + share * dy), (x + dx, y + dy))
 
 
 @kernel
@@ -145,7 +165,7 @@ def _seen_by_neighbours(
 
 @kernel
 def _count_beam(
-    spoken: Counts, passed: Counts, width: int, stamp: np.int32, start: tuple[float, float], end: tuple[float, float]
+    cells: npt.NDArray[np.int64], width: int, stamp: int, start: tuple[float, float], end: tuple[float, float]
 ) -> None:
     """Count one beam's cells, given in cells of the array; a 4-connected line.
 
@@ -168,10 +188,21 @@ def _count_beam(
     for k in range(steps + 1):
         before, across = across, int(leaves + k * slope) if k < steps else last
         for cell in (along + before * side, along + across * side):
-            is_new = spoken[cell] != stamp
-            spoken[cell] = stamp
-            passed[cell] += np.int32(is_new)
+            count = cells[cell]
+            is_new = count >> (2 * BITS) != stamp
+            cells[cell] = (count & BOTH | stamp << (2 * BITS)) + int(is_new)
         along += step
+
+
+@kernel
+def most_counted(counts: Counts) -> tuple[int, int]:
+    """Return the most hits and the most passages of any cell."""
+    hits, passed = 0, 0
+    for row in range(counts.shape[0]):
+        for col in range(counts.shape[1]):
+            hits = max(hits, hits_in(counts[row, col]))
+            passed = max(passed, passages_in(counts[row, col]))
+    return hits, passed
 
 
 @kernel
@@ -183,18 +214,21 @@ def count_masses(
     Parameters
     ----------
     counts
-        (3, rows, cols).
+        (rows, cols).
     hit_decay, miss_decay
         The n-th power (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and one passage,
         for every number n that occurs; see `tbmslam.evidence_grid`.
     keeps_conflict
         Combine conjunctively (eq. 5) rather than by Dempster's rule.
     """
-    rows, cols = counts.shape[1:]
+    rows, cols = counts.shape
     masses = np.empty((rows, cols, 4), dtype=np.float32)
     for row in range(rows):
         for col in range(cols):
-            hits, passed = counts[1, row, col], counts[2, row, col]
+            hits, passed = hits_in(counts[row, col]), passages_in(counts[row, col])
+            if hits + passed == 0:  # most of a map
+                masses[row, col, :3], masses[row, col, 3] = 0.0, 1.0
+                continue
             not_free = hit_decay[hits, 0] * miss_decay[passed, 0]
             not_occupied = hit_decay[hits, 1] * miss_decay[passed, 1]
             unknown = not_free * not_occupied

@@ -12,7 +12,7 @@ BITS, MASK = np.uint32(TILE_BITS), np.uint32(IN_TILE)
 LEADING_POINTS = 120
 """Points that lead through the wide tolerances, at least."""
 
-STALE = 0.1
+STALE = 0.3
 """Part of a cell that points move by before their surfels are looked up anew."""
 
 TYPICAL_RANGE = 5.0

@@ -3,6 +3,7 @@ import math
 import numpy as np
 
 from tbmslam.kernels.correlation import WALL, correlate, search_field, share_in_free_space, top_places
+from tbmslam.kernels.counting import ONE_HIT
 from tbmslam.kernels.lattice import Lattice
 
 
@@ -34,10 +35,11 @@ def test_a_field_out_of_reach_is_nothing():
 
 
 def test_a_field_gains_on_walls_and_beside_them_and_loses_where_it_is_free():
-    counts = np.zeros((3, 5, 7), dtype=np.int32)
-    counts[1, 0, 0] = counts[1, 3, 3] = 1
-    counts[2, 2:, 3:] = 2
-    counts[2, 0, 5] = 1
+    counts = np.zeros((5, 7), dtype=np.int64)
+    counts[2:, 3:] = 2
+    counts[0, 5] = 1
+    counts[0, 0] += ONE_HIT
+    counts[3, 3] += ONE_HIT
     wall, free = WALL, -WALL // 2
     expected = [
         [wall, wall, 0, 0, 0, 0, 0],

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from tbmslam.kernels.counting import beam_ends, count_masses, count_scans
+from tbmslam.kernels.counting import (
+    ONE_HIT,
+    beam_ends,
+    count_masses,
+    count_scans,
+    hits_in,
+    most_counted,
+    passages_in,
+)
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
 from tests import reference
@@ -21,7 +29,7 @@ def fan(generator, beams, spread=4.0, longest=9.0):
 @pytest.mark.parametrize("seed", range(3))
 def test_counts_are_the_plain_ones(seed, beams):
     generator = np.random.default_rng(seed)
-    counts = np.zeros((3, 240, 240), dtype=np.int32)
+    counts = np.zeros((240, 240), dtype=np.int64)
     scans = [fan(generator, beams) for _ in range(3)]
     is_hit = generator.random(3 * beams) < 0.9
     lasers, ends = np.array([laser for laser, _ in scans]), np.vstack([ends for _, ends in scans])
@@ -32,14 +40,15 @@ def test_counts_are_the_plain_ones(seed, beams):
         for total, cells in ((hits, hit_cells), (passed, passed_cells)):
             for row, col in cells:
                 total[row - LATTICE.first_row, col - LATTICE.first_col] += 1
-    np.testing.assert_array_equal(counts[1], hits)
-    np.testing.assert_array_equal(counts[2], passed)
+    np.testing.assert_array_equal(hits_in(counts), hits)
+    np.testing.assert_array_equal(passages_in(counts), passed)
+    assert most_counted(counts) == (hits.max(), passed.max())
 
 
 def test_a_beam_of_no_length_passes_its_cell():
-    counts = np.zeros((3, 240, 240), dtype=np.int32)
+    counts = np.zeros((240, 240), dtype=np.int64)
     count_scans(counts, LATTICE, np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1, dtype=bool), np.array([0, 1]), 0)
-    assert counts[2].sum() == counts[2, 120, 120] == 1
+    assert passages_in(counts).sum() == passages_in(counts[120, 120]) == 1
 
 
 def test_ends_are_where_the_beams_point():
@@ -58,12 +67,12 @@ def test_ends_are_where_the_beams_point():
 
 @pytest.mark.parametrize("keeps_conflict", [True, False])
 def test_masses_are_those_of_the_combined_observations(keeps_conflict):
-    counts = np.zeros((3, 2, 3), dtype=np.int32)
-    counts[1:] = np.array([[[0, 3, 0], [2, 5, 1]], [[0, 0, 4], [3, 1, 1]]])
+    hits, passed = np.array([[[0, 3, 0], [2, 5, 1]], [[0, 0, 4], [3, 1, 1]]])
+    counts = hits * ONE_HIT + passed
     model = SensorModelConfig()
     factors = beam_factors(model, 0.1, 1.0)
     hit, miss = (one[None] ** -np.arange(6.0)[:, None] for one in (factors.hit, factors.miss))
     masses = count_masses(counts, hit, miss, keeps_conflict)
     for row, col in np.ndindex(2, 3):
-        expected = reference.repeated(model, counts[1, row, col], counts[2, row, col], keeps_conflict)
+        expected = reference.repeated(model, hits[row, col], passed[row, col], keeps_conflict)
         np.testing.assert_allclose(masses[row, col], expected, atol=1e-6)
