@@ -70,7 +70,7 @@ class SurfelMap:
         self._surfels = Surfels(
             tiles=np.zeros((2, 0, 0), dtype=np.int32),
             moments=np.zeros((CELLS, 6), dtype=np.float32),
-            fits=np.zeros((CELLS, 6), dtype=np.float32),
+            fits=np.zeros((CELLS, 8), dtype=np.float32),
             lattice=Lattice(config.resolution, 0, 0),
             limits=limits,
         )
@@ -143,7 +143,7 @@ class SurfelMap:
         """Have room for that many slots."""
         have = len(self._surfels.moments)
         more = 2 * slots if self._spare else slots
-        moments, fits = (np.zeros((more, 6), dtype=np.float32) for _ in range(2))
+        moments, fits = (np.zeros((more, width), dtype=np.float32) for width in (6, 8))
         moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
         self._surfels = self._surfels._replace(moments=moments, fits=fits)
 

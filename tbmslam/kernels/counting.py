@@ -1,8 +1,8 @@
 """How many scans met something in a cell, and how many looked through it.
 
 Where every scan has one word on a cell, the evidence on it depends on two counts alone. A cell's counts are one number,
-which takes two thirds of the memory of three: the lowest bits are the scans that passed it, the next ones the scans that
-hit it, and the highest ones the number of the last scan that spoke of it.
+which takes two thirds of the memory of three: the lowest bits are the scans that passed it, the next ones the scans
+that hit it, and the highest ones the number of the last scan that spoke of it.
 """
 
 import math

@@ -31,19 +31,17 @@ def search(
     """
     resolution = surfels.lattice.resolution
     width = 2 * reach + 1
-    bounds = _bounds(surfels, points, normals, guess, reach, turns)[:, :, :width].astype(np.float32)
+    counts = _bounds(surfels, points, normals, guess, reach, turns)
+    bounds = np.empty((len(turns), width, width), dtype=np.float32)
     for k in range(len(turns)):
-        for r in range(-reach, reach + 1):
-            for c in range(-reach, reach + 1):
-                away = costs[0] * resolution * math.hypot(r, c) + costs[1] * abs(turns[k])
-                bounds[k, r + reach, c + reach] -= np.float32(away * len(points))
-    first = int(np.argmax(bounds))
-    best_score, best = -math.inf, (guess[0], guess[1], guess[2])
+        for r in range(width):
+            for c in range(width):
+                away = costs[0] * resolution * math.hypot(r - reach, c - reach) + costs[1] * abs(turns[k])
+                bounds[k, r, c] = counts[k, r, c] - away * len(points)
     flat = bounds.reshape(-1)
-    for number in range(-1, len(flat)):
-        # The most promising one first: it rules most of the others out.
-        candidate = first if number < 0 else number
-        if number == first or flat[candidate] <= best_score:
+    best_score, best = -math.inf, (guess[0], guess[1], guess[2])
+    for candidate in _most_promising_first(flat):
+        if flat[candidate] <= best_score:
             continue
         k, place = candidate // (width * width), candidate % (width * width)
         pose = (
@@ -52,10 +50,30 @@ def search(
             guess[2] + turns[k],
         )
         away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
-        score = _matched(surfels, points, normals, pose, tolerance) - away * len(points)
+        spare = flat[candidate] - best_score + 0.001  # a bound has seven digits
+        score = _matched(surfels, points, normals, pose, tolerance, spare) - away * len(points)
         if score > best_score:
             best_score, best = score, pose
     return best
+
+
+@kernel
+def _most_promising_first(bounds: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    """Return the places of bounds (N,), those of larger ones first, to the next integer.
+
+    The sooner a good pose is looked at, the more of the others are ruled out.
+    """
+    lowest, highest = math.floor(bounds.min()), math.floor(bounds.max())
+    begins = np.zeros(highest - lowest + 2, dtype=np.int64)
+    for bound in bounds:
+        begins[highest - math.floor(bound) + 1] += 1
+    begins = np.cumsum(begins)
+    order = np.empty(len(bounds), dtype=np.int64)
+    for place in range(len(bounds)):
+        bucket = highest - math.floor(bounds[place])
+        order[begins[bucket]] = place
+        begins[bucket] += 1
+    return order
 
 
 @kernel
@@ -112,8 +130,10 @@ def _bounds(
 
 
 @kernel
-def _matched(surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float) -> float:
-    """Return the sum of what points at a pose count."""
+def _matched(
+    surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
+) -> float:
+    """Return the sum of what points at a pose count; -inf once points on surfaces count by more than `spare` less."""
     tiles, _, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
     rows, cols = tiles.shape[1] * SIDE, tiles.shape[2] * SIDE
@@ -128,9 +148,15 @@ def _matched(surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Po
             continue
         layer = layer_of(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
         slot = slot_of(tiles, layer, row, col)
+        if fits[slot, 5] == 0.0:
+            continue
         if fits[slot, 5] < 0.0:
             fit_surfel(surfels, layer, row, col)
         dx, dy = px - fits[slot, 0], py - fits[slot, 1]
         distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
-        matched += fits[slot, 5] * tolerance * tolerance / (tolerance * tolerance + distance)
+        counts = fits[slot, 5] * tolerance * tolerance / (tolerance * tolerance + distance)
+        matched += counts
+        spare -= 1.0 - counts
+        if spare < 0.0:
+            return -math.inf
     return matched

@@ -39,8 +39,9 @@ class Surfels(NamedTuple):
     moments: SurfelArray
     """(slots, 6): count of a cell's hits, sums of x and y, and of x^2, x y and y^2, from its centre [cells]."""
     fits: SurfelArray
-    """(slots, 6): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from it
-    [1/m^2], and a weight: in [0, 1], zero where there is no surface, negative where hits came after the fit."""
+    """(slots, 8): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from it
+    [1/m^2], and a weight: in [0, 1], zero where there is no surface, negative where hits came after the fit. Two more
+    that mean nothing, since eight numbers are fetched from memory at once."""
     lattice: Lattice
     limits: tuple[float, float, float, float]
     """Noise of a hit [m], size up to which an element counts as a point [m], thickness beyond which it is clutter [m],
