@@ -36,7 +36,7 @@ def surfels_of(points, normals=None):
     surfels = Surfels(
         tiles=np.zeros((2, 30, 30), dtype=np.int32),
         moments=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
-        fits=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
+        fits=np.zeros((CELLS * (2 * 30 * 30 + 1), 8), dtype=np.float32),
         lattice=LATTICE,
         limits=LIMITS,
     )
@@ -50,7 +50,11 @@ def surfels_of(points, normals=None):
 
 
 NOTHING = Surfels(
-    np.zeros((2, 30, 30), dtype=np.int32), *np.zeros((2, CELLS, 6), dtype=np.float32), lattice=LATTICE, limits=LIMITS
+    np.zeros((2, 30, 30), dtype=np.int32),
+    np.zeros((CELLS, 6), dtype=np.float32),
+    np.zeros((CELLS, 8), dtype=np.float32),
+    lattice=LATTICE,
+    limits=LIMITS,
 )
 
 
