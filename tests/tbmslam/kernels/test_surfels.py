@@ -73,7 +73,7 @@ def test_surfels_are_the_plain_fit():
             assert surfels.fits[slot, 5] == 0.0
             continue
         mean, information, weight = expected
-        x, y, xx, xy, yy, fitted_weight = surfels.fits[slot]
+        x, y, xx, xy, yy, fitted_weight = surfels.fits[slot, :6]
         np.testing.assert_allclose((x, y), mean, atol=1e-5)
         fitted = [[xx, xy], [xy, yy]]
         np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
