@@ -1,5 +1,6 @@
 """Which stretches of a drive later keyframes are searched in, and which of them a keyframe may see."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import numpy.typing as npt
 
 from tbmslam.drift_graph import DriftGraph
 from tbmslam.drive_hits import DriveHits
-from tbmslam.kernels.ways import distances_to_stretches
+from tbmslam.kernels.ways import nearest_stretches
 from tbmslam.se2 import FloatArray
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -61,14 +62,10 @@ class ClosingTargets:
         self._decided = 0
         # Of the targets, in the order of the drive: first and last keyframe.
         self._firsts, self._lasts = np.zeros((2, len(self._stretches)), dtype=np.int64)
-        self._count = 0
+        self._ends: list[float] = []  # where on the way they end [m]
         self._graph = DriftGraph()
         self._searched, self._laid = np.zeros((2, len(hits.poses)), dtype=np.bool_)
         self._submaps: dict[int, Submap] = {}
-
-    def anchor(self, target: int) -> int:
-        """Return the keyframe in whose frame a target's submap is."""
-        return int(self._firsts[target] + self._lasts[target]) // 2
 
     def advance(self, keyframe: int) -> None:
         """Let the drive have come to a keyframe: new stretches far enough behind it become targets."""
@@ -80,8 +77,8 @@ class ClosingTargets:
             self._decided += 1
             laid, searched = self._laid[first : last + 1].sum(), self._searched[first : last + 1].sum()
             if laid == 0 or laid < self._familiar * searched:
-                self._firsts[self._count], self._lasts[self._count] = first, last
-                self._count += 1
+                self._firsts[len(self._ends)], self._lasts[len(self._ends)] = first, last
+                self._ends.append(float(travelled[last]))
                 self._graph.add_place(float(travelled[(first + last) // 2]))
 
     def note(self, keyframe: int, targets: Sequence[int]) -> None:
@@ -93,13 +90,9 @@ class ClosingTargets:
     def near(self, keyframe: int, poses: FloatArray, limit: float) -> NearTargets:
         """Return the targets of earlier visits whose ways, by the poses (K, 3), are within a limit [m]."""
         travelled = self._hits.travelled
-        ends = travelled[self._lasts[: self._count]]
-        old = int(np.searchsorted(ends, travelled[keyframe] - self._min_gap))
-        within = limit + self._config.length
-        distances = distances_to_stretches(poses, keyframe, self._firsts[:old], self._lasts[:old], within)
-        near = np.flatnonzero(distances <= limit)
-        near = near[np.argsort(distances[near], kind="stable")]
-        return NearTargets(near, distances[near])
+        old = bisect_left(self._ends, travelled[keyframe] - self._min_gap)
+        firsts, lasts = self._firsts[:old], self._lasts[:old]
+        return NearTargets(*nearest_stretches(poses, keyframe, firsts, lasts, limit, self._config.length))
 
     def ways(self, keyframe: int) -> FloatArray:
         """Return the shortest way (T,), over all that was laid onto targets, from a keyframe to each of them [m]."""

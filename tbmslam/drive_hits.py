@@ -1,5 +1,7 @@
 """What a whole drive's keyframes hit, in one piece that kernels go over."""
 
+from bisect import bisect_left
+
 import numpy as np
 import numpy.typing as npt
 
@@ -34,6 +36,7 @@ class DriveHits:
             raise ValueError(f"keyframes must be as many as poses, got {len(keyframes)} and {len(poses)}")
         self.poses = poses
         self.travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+        self._way = self.travelled.tolist()
         # To a micrometre, in half the memory; made once, as it is most of what closing loops needs.
         self._points, self._normals, self._offsets = hits_of_scans(
             keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps, max_range
@@ -66,7 +69,7 @@ class DriveHits:
 
     def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
         """Return hits of a keyframe and some within a travelled length before and after, in its frame."""
-        here = self.travelled[keyframe]
-        first, stop = np.searchsorted(self.travelled, (here - reach, here + reach + 1e-9))
-        near = np.arange(first, stop)[:: max((stop - first) // 8, 1)]
-        return self.placed(np.append(keyframe, near), keyframe, at_least)
+        here = self._way[keyframe]
+        first, stop = bisect_left(self._way, here - reach), bisect_left(self._way, here + reach + 1e-9)
+        chosen = np.array([keyframe, *range(first, stop, max((stop - first) // 8, 1))])
+        return self.placed(chosen, keyframe, at_least)

@@ -10,6 +10,7 @@ enter a robust pose graph.
 import logging
 import math
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +21,10 @@ from tbmslam.closure_votes import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
-from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
+from tbmslam.laser_scan import Hits
+from tbmslam.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.skeleton import MotionChain, on_nodes
+from tbmslam.skeleton import MotionChain
 from tbmslam.submap import SubmapConfig
 from tbmslam.surfel_map import SurfelConfig
 from tbmslam.watch import Watch
@@ -31,6 +33,7 @@ _log = logging.getLogger(__name__)
 
 _SAME_PLACE = 0.005  # [m]
 _SAME_HEADING = 0.0015  # [rad]
+_ROUGHLY = 0.01  # precision of poses that the next search begins from
 
 
 class LoopClosingConfig(BaseModel):
@@ -127,7 +130,10 @@ class _Drive:
         self._tracked = poses
         self._hits = DriveHits(keyframes, poses, config.submap.max_range)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
+        self._new: list[PlacedBundle] = []  # not yet among the closures
+        self._bundle: tuple[int, Hits] | None = None
         self._chain = MotionChain(chain)
+        self._graph = PoseGraph(config.robust_width)
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
 
     def search_forward(self) -> None:
@@ -137,14 +143,13 @@ class _Drive:
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
             self._targets.note(keyframe, [fit.target for fit in fits if fit.keyframe == keyframe])
-            found = self._add_closures(fits)
-            if any(map(self._is_surprising, found)):
-                self._optimise()
+            self._new += fits
+            if any(map(self._is_surprising, fits)):
+                self._optimise(_ROUGHLY)
         self._optimise()
 
     def tighten(self) -> None:
         """Lay every keyframe near an old submap onto it once more, now that the poses are nearly right."""
-        fits = []
         stops = self._stops(0.5 * self.config.step).tolist()
         for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.poses, 0.5)
@@ -154,16 +159,14 @@ class _Drive:
                     continue
                 fit = self._fit(keyframe, target, 0.0, 0.0)
                 if fit is not None:
-                    fits.append(fit)
-        self._add_closures(fits)
+                    self._new.append(fit)
         self._optimise()
 
     def drop_contradictions(self) -> None:
         """Drop the closures that the rest of the drive contradicts, and do without them."""
-        limit = self.config.max_contradiction
-        agreeing = {key: edge for key, edge in self.closures.items() if edge_error(edge, self.poses) <= limit}
-        if len(agreeing) < len(self.closures):
-            self.closures = agreeing
+        agree = edge_errors(list(self.closures.values()), self.poses) <= self.config.max_contradiction
+        if not agree.all():
+            self.closures = dict(compress(self.closures.items(), agree))
             self._optimise()
 
     def _is_met(self, edge: MotionEdge) -> bool:
@@ -171,9 +174,9 @@ class _Drive:
         error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
         return math.hypot(error.x, error.y) < _SAME_PLACE and abs(error.theta) < _SAME_HEADING
 
-    def _is_surprising(self, edge: MotionEdge) -> bool:
-        """Tell whether a closure moves its keyframe so far that the next search should know."""
-        error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
+    def _is_surprising(self, found: PlacedBundle) -> bool:
+        """Tell whether a keyframe is found so far from where it is thought to be that the next search should know."""
+        error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
         return math.hypot(error.x, error.y) > self.config.surprise
 
     def _stops(self, step: float) -> npt.NDArray[np.int64]:
@@ -181,13 +184,13 @@ class _Drive:
         _, first = np.unique((self._hits.travelled / step).astype(np.int64), return_index=True)
         return np.asarray(first, dtype=np.int64)
 
-    def _optimise(self) -> None:
+    def _optimise(self, precision: float = 1e-4) -> None:
         """Solve for the poses that closures join; those between two of them follow both."""
+        self._add_closures()
         if self.closures:
-            closures = list(self.closures.values())
+            closures = self.closures.values()
             nodes = np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])
-            joined = on_nodes(closures, nodes)
-            solved = optimise(self.poses[nodes], self._chain.between(nodes), joined, self.config.robust_width)
+            solved = self._graph.solve(self.poses, nodes, self._chain.between(nodes), closures, precision)
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
@@ -215,9 +218,8 @@ class _Drive:
 
     def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
         """Return all places in a target at which a keyframe's bundle may lie."""
-        config, submap = self.config, self._targets.submap(target)
-        bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
-        if len(bundle.points) < config.search_points // 2:
+        config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
+        if bundle is None:
             return []
         points, guess = bundle.thinned(config.search_points).points, relative_pose(self.poses, submap.anchor, keyframe)
         votes = []
@@ -231,9 +233,8 @@ class _Drive:
 
     def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
         """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
-        config, submap = self.config, self._targets.submap(target)
-        bundle = self._hits.bundle(keyframe, config.bundle, config.match_points)
-        if len(bundle.points) < config.search_points // 2:
+        config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
+        if bundle is None:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
         if shift > 0.0:
@@ -248,22 +249,29 @@ class _Drive:
             return None
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
 
-    def _add_closures(self, found: Sequence[PlacedBundle]) -> list[MotionEdge]:
-        """Add what bundles say to the closures, and return it.
+    def _bundle_of(self, keyframe: int) -> Hits | None:
+        """Return a keyframe's bundle, unless it has too few hits; it is searched for in several targets on end."""
+        if self._bundle is None or self._bundle[0] != keyframe:
+            self._bundle = keyframe, self._hits.bundle(keyframe, self.config.bundle, self.config.match_points)
+        return self._bundle[1] if len(self._bundle[1].points) >= self.config.search_points // 2 else None
+
+    def _add_closures(self) -> None:
+        """Make closures of what was found since the last time.
 
         A closure's information, in the keyframe's frame, is its curvature and what submaps bend at best.
         """
-        if not found:
-            return []
+        if not self._new:
+            return
         config = self.config
         floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
-        informations = np.linalg.inv(np.linalg.inv([one.hessian + np.eye(3) * 1e-3 for one in found]) + floor)
-        edges = []
-        for one, information in zip(found, informations, strict=True):
-            rotation = SE2(0.0, 0.0, one.pose.theta).matrix()
-            edges.append(MotionEdge(one.anchor, one.keyframe, one.pose, rotation.T @ information @ rotation))
-            self.closures[one.keyframe, one.target] = edges[-1]
-        return edges
+        curvatures = np.array([found.hessian for found in self._new]) + np.eye(3) * 1e-3
+        informations = np.linalg.inv(np.linalg.inv(curvatures) + floor)
+        rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in self._new])
+        informations = np.swapaxes(rotations, 1, 2) @ informations @ rotations
+        for found, information in zip(self._new, informations, strict=True):
+            edge = MotionEdge(found.anchor, found.keyframe, found.pose, information)
+            self.closures[found.keyframe, found.target] = edge
+        self._new = []
 
     def _determined(self, hessian: FloatArray) -> FloatArray:
         """Return the curvature without the direction that a fit leaves open.

@@ -4,15 +4,17 @@ Built on GTSAM (Dellaert and Kaess, "Factor graphs for robot perception", 2017).
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+import numpy.typing as npt
 
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, log, wrap_angle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionEdge:
     """A measured motion between two poses of the graph.
 
@@ -32,49 +34,77 @@ class MotionEdge:
     information: FloatArray
 
 
-def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEdge], robust_width: float) -> FloatArray:
-    """Return the poses (N, 3) that agree best with all edges.
-
-    The first pose stays where it is. Edges of `chain` are believed; `closures` lose their say beyond `robust_width`
-    standard deviations (Cauchy), so that a false one cannot bend the map.
+class PoseGraph:
+    """Finds the poses that agree best with all edges; what it made of closures it keeps for the next time.
 
     Parameters
     ----------
-    poses
-        Initial poses (N, 3): x [m], y [m], theta [rad].
-    chain
-        Motions between consecutive poses, which connect all of them.
-    closures
-        Motions between poses that saw the same place.
     robust_width
-        Width of the Cauchy kernel [standard deviations].
+        Width of the Cauchy kernel [standard deviations]: closures lose their say beyond it, so that a false one cannot
+        bend the map.
     """
+
+    def __init__(self, robust_width: float) -> None:
+        self._robust = gtsam.noiseModel.mEstimator.Cauchy.Create(robust_width)
+        self._factors: dict[MotionEdge, gtsam.BetweenFactorPose2] = {}
+
+    def solve(
+        self,
+        poses: FloatArray,
+        nodes: npt.NDArray[np.int64],
+        chain: Iterable[MotionEdge],
+        closures: Iterable[MotionEdge],
+        precision: float = 1e-4,
+    ) -> FloatArray:
+        """Return the poses (M, 3) of some nodes, the first of which stays where it is.
+
+        Parameters
+        ----------
+        poses
+            Initial poses (N, 3): x [m], y [m], theta [rad].
+        nodes
+            Rising indices (M,) of those to solve for.
+        chain
+            Motions between consecutive nodes, which connect all of them and are believed.
+        closures
+            Motions between nodes that saw the same place.
+        precision
+            Share of the error below which a further step is not worth its time.
+        """
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        keys = nodes.tolist()
+        for key, pose in zip(keys, poses[nodes].tolist(), strict=True):
+            values.insert(key, gtsam.Pose2(*pose))
+        first = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-6))
+        graph.add(gtsam.PriorFactorPose2(keys[0], values.atPose2(keys[0]), first))
+        for edge in chain:
+            graph.add(_factor(edge, gtsam.noiseModel.Gaussian.Information(edge.information)))
+        for edge in closures:
+            graph.add(self._closure(edge))
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setMaxIterations(30)
+        parameters.setRelativeErrorTol(precision)
+        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+        moved: FloatArray = gtsam.utilities.extractPose2(solved)
+        return moved
+
+    def _closure(self, edge: MotionEdge) -> "gtsam.BetweenFactorPose2":
+        factor = self._factors.get(edge)
+        if factor is None:
+            noise = gtsam.noiseModel.Gaussian.Information(edge.information)
+            factor = self._factors[edge] = _factor(edge, gtsam.noiseModel.Robust.Create(self._robust, noise))
+        return factor
+
+
+def optimise(poses: FloatArray, chain: list[MotionEdge], closures: list[MotionEdge], robust_width: float) -> FloatArray:
+    """Return all poses (N, 3) that agree best with all edges; see `PoseGraph`."""
     if len(poses) == 0:
         return poses
-    graph = gtsam.NonlinearFactorGraph()
-    first = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-6))
-    graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*poses[0]), first))
-    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(robust_width)
-    for edges, robust in ((chain, False), (closures, True)):
-        for edge in edges:
-            noise = gtsam.noiseModel.Gaussian.Information(edge.information)
-            graph.add(
-                gtsam.BetweenFactorPose2(
-                    edge.source,
-                    edge.target,
-                    gtsam.Pose2(*edge.T_source_target),
-                    gtsam.noiseModel.Robust.Create(kernel, noise) if robust else noise,
-                )
-            )
-    values = gtsam.Values()
-    for index, pose in enumerate(poses):
-        values.insert(index, gtsam.Pose2(*pose))
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(30)
-    parameters.setRelativeErrorTol(1e-4)
-    solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-    moved: FloatArray = gtsam.utilities.extractPose2(solved)
-    return moved
+    return PoseGraph(robust_width).solve(poses, np.arange(len(poses)), chain, closures)
+
+
+def _factor(edge: MotionEdge, noise: "gtsam.noiseModel.Base") -> "gtsam.BetweenFactorPose2":
+    return gtsam.BetweenFactorPose2(edge.source, edge.target, gtsam.Pose2(*edge.T_source_target), noise)
 
 
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
@@ -86,7 +116,12 @@ def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     return SE2(cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(to_theta - theta))
 
 
-def edge_error(edge: MotionEdge, poses: FloatArray) -> float:
-    """Return how many standard deviations an edge is from the poses (Mahalanobis distance)."""
-    error = np.array((edge.T_source_target.inverse() @ relative_pose(poses, edge.source, edge.target)).log())
-    return float(np.sqrt(error @ edge.information @ error))
+def edge_errors(edges: Sequence[MotionEdge], poses: FloatArray) -> FloatArray:
+    """Return how many standard deviations edges (E,) are from the poses (Mahalanobis distances)."""
+    ends = np.array([(edge.source, edge.target) for edge in edges], dtype=np.int64).reshape(-1, 2)
+    measured = np.array([edge.T_source_target for edge in edges], dtype=np.float64).reshape(-1, 3)
+    information = np.array([edge.information for edge in edges], dtype=np.float64).reshape(-1, 3, 3)
+    motions = compose(inverse(poses[ends[:, 0]]), poses[ends[:, 1]])
+    errors = log(compose(inverse(measured), motions))
+    squares: FloatArray = np.einsum("ei,eij,ej->e", errors, information, errors)
+    return np.sqrt(squares)

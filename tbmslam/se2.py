@@ -128,18 +128,22 @@ def inverse(motions: FloatArray) -> FloatArray:
     return np.stack((-cosine * x - sine * y, sine * x - cosine * y, wrap_angles(-motions[..., 2])), axis=-1)
 
 
+def log(motions: FloatArray) -> FloatArray:
+    """Return the twists (N, 3) whose exponentials are motions (N, 3); Sola et al., eq. 157."""
+    turn = wrap_angles(motions[:, 2])
+    half = 0.5 * turn
+    # the inverse of eq. 158 needs half the turn's cotangent
+    cotangent = np.where(np.abs(half) < 1e-4, 1.0 - half**2 / 3.0, half / np.tan(np.where(half == 0.0, 1.0, half)))
+    vx = cotangent * motions[:, 0] + half * motions[:, 1]
+    vy = cotangent * motions[:, 1] - half * motions[:, 0]
+    return np.column_stack((vx, vy, turn))
+
+
 def interpolate(begins: FloatArray, ends: FloatArray, shares: FloatArray) -> FloatArray:
     """Return the poses at shares (N,) of the constant-twist motions from some poses (N, 3) to others."""
-    motion = compose(inverse(begins), ends)
-    half = 0.5 * motion[:, 2]
-    # log and exp of one motion need half the turn's cotangent; Sola et al., eq. 156 to 158
-    cotangent = np.where(np.abs(half) < 1e-4, 1.0 - half**2 / 3.0, half / np.tan(np.where(half == 0.0, 1.0, half)))
-    vx = cotangent * motion[:, 0] + half * motion[:, 1]
-    vy = cotangent * motion[:, 1] - half * motion[:, 0]
-    turn = shares * motion[:, 2]
+    vx, vy, turn = (log(compose(inverse(begins), ends)) * shares[:, None]).T
     along, across = np.sinc(turn / np.pi), 0.5 * turn * np.sinc(0.5 * turn / np.pi) ** 2
-    step = np.column_stack((shares * (along * vx - across * vy), shares * (across * vx + along * vy), turn))
-    return compose(begins, step)
+    return compose(begins, np.column_stack((along * vx - across * vy, across * vx + along * vy, turn)))
 
 
 def _sine_ratios(omega: float) -> tuple[float, float]:

@@ -27,15 +27,12 @@ class MotionChain:
         self._covariances = np.linalg.inv(np.array([edge.information for edge in chain]).reshape(-1, 3, 3))
 
     def between(self, nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
-        """Return the motions from each of some poses, given by rising indices (M,), to the next; ends count nodes."""
+        """Return the motions from each of some poses, given by rising indices (M,), to the next."""
         steps, covariances = compose_chain(self._motions, self._covariances, nodes)
+        keys = nodes.tolist()
         return [
-            MotionEdge(number, number + 1, SE2(*step), information)
-            for number, (step, information) in enumerate(zip(steps.tolist(), np.linalg.inv(covariances), strict=True))
+            MotionEdge(source, target, SE2(*step), information)
+            for source, target, step, information in zip(
+                keys[:-1], keys[1:], steps.tolist(), np.linalg.inv(covariances), strict=True
+            )
         ]
-
-
-def on_nodes(edges: Sequence[MotionEdge], nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
-    """Return edges between poses of the drive as edges between nodes; all their ends must be nodes."""
-    number = {index: number for number, index in enumerate(nodes.tolist())}
-    return [MotionEdge(number[e.source], number[e.target], e.T_source_target, e.information) for e in edges]

@@ -102,4 +102,4 @@ def _sector(x: float, y: float, directions: int) -> int:
     angle = math.pi - angle if x < 0.0 else angle
     angle = 2.0 * math.pi - angle if y < 0.0 else angle
     sector = np.int32(angle * (directions / (2.0 * math.pi)))
-    return sector if sector < directions else directions - 1
+    return int(sector) if sector < directions else directions - 1

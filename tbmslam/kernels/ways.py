@@ -12,25 +12,34 @@ IntArray = npt.NDArray[np.int64]
 
 
 @kernel
-def distances_to_stretches(
-    poses: FloatArray, place: int, firsts: IntArray, lasts: IntArray, limit: float
-) -> FloatArray:
-    """Return how far one pose of (N, >= 2) is from the nearest one of each stretch (S,), first and last included.
+def nearest_stretches(
+    poses: FloatArray, place: int, firsts: IntArray, lasts: IntArray, limit: float, longest: float
+) -> tuple[IntArray, FloatArray]:
+    """Return which stretches (S,) come within a limit of one pose of (N, >= 2), and how near, the nearest first.
 
-    Infinite for those whose middle is further than a limit.
+    A stretch goes from its first to its last pose, and is not longer than `longest`.
     """
-    distances = np.full(len(firsts), np.inf)
+    near, distances = np.empty(len(firsts), dtype=np.int64), np.empty(len(firsts))
+    count = 0
+    beyond = (limit + longest) * (limit + longest)
     for number in range(len(firsts)):
         middle = (firsts[number] + lasts[number]) // 2
         dx, dy = poses[middle, 0] - poses[place, 0], poses[middle, 1] - poses[place, 1]
-        if dx * dx + dy * dy > limit * limit:
+        if dx * dx + dy * dy > beyond:
             continue
         nearest = math.inf
         for k in range(firsts[number], lasts[number] + 1):
             dx, dy = poses[k, 0] - poses[place, 0], poses[k, 1] - poses[place, 1]
             nearest = min(nearest, dx * dx + dy * dy)
-        distances[number] = math.sqrt(nearest)
-    return distances
+        if nearest > limit * limit:
+            continue
+        slot = count
+        while slot > 0 and distances[slot - 1] > nearest:
+            near[slot], distances[slot] = near[slot - 1], distances[slot - 1]
+            slot -= 1
+        near[slot], distances[slot] = number, nearest
+        count += 1
+    return near[:count], np.sqrt(distances[:count])
 
 
 @kernel

@@ -40,7 +40,7 @@ def test_only_what_was_new_becomes_a_target(targets_of):
     for keyframe in range(120):
         targets.advance(keyframe)
         targets.note(keyframe, targets.near(keyframe, poses, 0.5).targets.tolist())
-    assert max(targets.anchor(target) for target in targets.near(119, poses, 100.0).targets) <= 40
+    assert max(targets.submap(target).anchor for target in targets.near(119, poses, 100.0).targets) <= 40
 
 
 def test_what_was_not_found_in_targets_becomes_one(targets_of):
@@ -48,7 +48,7 @@ def test_what_was_not_found_in_targets_becomes_one(targets_of):
     for keyframe in range(120):
         targets.advance(keyframe)
         targets.note(keyframe, [])
-    assert max(targets.anchor(target) for target in targets.near(119, poses, 100.0).targets) > 90
+    assert max(targets.submap(target).anchor for target in targets.near(119, poses, 100.0).targets) > 90
 
 
 def test_targets_younger_than_a_keyframe_are_not_near_it(targets_of):
@@ -56,7 +56,7 @@ def test_targets_younger_than_a_keyframe_are_not_near_it(targets_of):
     for keyframe in range(120):
         targets.advance(keyframe)
         targets.note(keyframe, [])
-    assert max(targets.anchor(target) for target in targets.near(60, poses, 100.0).targets) < 48
+    assert max(targets.submap(target).anchor for target in targets.near(60, poses, 100.0).targets) < 48
 
 
 def test_ways_lead_over_what_was_met(targets_of):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.pose_graph import MotionEdge, edge_error, optimise, relative_pose
+from tbmslam.pose_graph import MotionEdge, PoseGraph, edge_errors, optimise, relative_pose
 from tbmslam.se2 import SE2
 
 SURE = np.diag([1e4, 1e4, 1e5])
@@ -39,13 +39,34 @@ def test_a_false_closure_does_not_bend_the_map():
     false = MotionEdge(0, 20, SE2.identity(), SURE)
     solved = optimise(true, chain, [*good, false], 2.0)
     assert np.hypot(*(solved - true)[:, :2].T).max() < 0.05
-    assert edge_error(false, solved) > 100.0
+    assert edge_errors([false], solved)[0] > 100.0
 
 
 def test_error_counts_standard_deviations():
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     edge = MotionEdge(0, 1, SE2(0.7, 0.0, 0.0), np.diag([100.0, 1.0, 1.0]))
-    assert edge_error(edge, poses) == pytest.approx(3.0)
+    assert edge_errors([edge], poses) == pytest.approx(3.0)
+
+
+def test_errors_are_those_of_the_logarithm(generator):
+    poses = generator.normal(0.0, 2.0, (20, 3))
+    edges = []
+    for k in range(19):
+        root = generator.normal(0.0, 1.0, (3, 3))
+        edges.append(MotionEdge(k, k + 1, SE2(*generator.normal(0.0, 1.0, 3)), root @ root.T))
+    for edge, error in zip(edges, edge_errors(edges, poses), strict=True):
+        twist = np.array((edge.T_source_target.inverse() @ relative_pose(poses, edge.source, edge.target)).log())
+        assert error == pytest.approx(np.sqrt(twist @ edge.information @ twist))
+    assert edge_errors([], poses).shape == (0,)
+
+
+def test_solving_again_with_more_closures_is_solving_them_all():
+    _, drifted = square(drift=0.003)
+    chain = chain_of(drifted, SURE)
+    closures = [MotionEdge(0, 40, SE2.identity(), SURE), MotionEdge(5, 38, SE2(1.0, 3.0, 0.2), SURE)]
+    graph, nodes = PoseGraph(2.0), np.arange(41)
+    graph.solve(drifted, nodes, chain, closures[:1])
+    np.testing.assert_array_equal(graph.solve(drifted, nodes, chain, closures), optimise(drifted, chain, closures, 2.0))
 
 
 def test_no_poses_are_no_trouble():

@@ -2,7 +2,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from tbmslam.kernels.ways import distances_to_stretches, shortest_ways, shown_before
+from tbmslam.kernels.ways import nearest_stretches, shortest_ways, shown_before
 
 
 def test_distances_are_to_the_nearest_of_each_stretch(generator):
@@ -12,13 +12,17 @@ def test_distances_are_to_the_nearest_of_each_stretch(generator):
         np.hypot(*(poses[first : last + 1, :2] - poses[7, :2]).T).min()
         for first, last in zip(firsts, lasts, strict=True)
     ]
-    np.testing.assert_allclose(distances_to_stretches(poses, 7, firsts, lasts, 100.0), expected)
+    near, distances = nearest_stretches(poses, 7, firsts, lasts, 100.0, 100.0)
+    np.testing.assert_array_equal(near, np.argsort(expected))
+    np.testing.assert_allclose(distances, np.sort(expected))
 
 
 def test_far_stretches_are_passed_over():
     poses = np.column_stack((np.arange(20.0), np.zeros(20)))
     firsts, lasts = np.array([1, 11]), np.array([5, 15])
-    assert distances_to_stretches(poses, 0, firsts, lasts, 5.0).tolist() == [1.0, np.inf]
+    near, distances = nearest_stretches(poses, 0, firsts, lasts, 5.0, 4.0)
+    assert near.tolist() == [0]
+    assert distances.tolist() == [1.0]
 
 
 def test_ways_are_the_shortest_in_the_graph(generator):
