@@ -4,34 +4,18 @@ import logging
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
-
-from rosbags import rosbag1, rosbag2
-from rosbags.interfaces import Connection
 
 from datasets.bag_files import is_ros1, storage_files
 from datasets.errors import DatasetError
-from datasets.salvaged_bag import BagConnection, Loss, SalvagedBag
+from datasets.open_bag import OpenBag, RawMessage
+from datasets.salvaged_bag import Loss, SalvagedBag
 
 logger = logging.getLogger(__name__)
 
-_KEPT_CHUNKS = 6
-
-
-class RawMessage(NamedTuple):
-    """One message as it lies in the bag."""
-
-    connection: BagConnection
-    time: int
-    data: bytes
-
 
 class BagSource:
-    """A bag file or ROS 2 directory.
+    """A bag file or ROS 2 directory, which stays open from one pass to the next until it is closed.
 
     Parameters
     ----------
@@ -49,13 +33,14 @@ class BagSource:
         self.damage: str | None = None
         self._salvaged: SalvagedBag | None = None
         self._parts: list[BagSource] = []
+        self._idle: OpenBag | None = None
         try:
             self.is_ros1 = is_ros1(path)
         except OSError as error:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
         try:
-            with self._opened() as reader:
-                self.connections = [_plain(connection) for connection in reader.connections]
+            self._idle = OpenBag(path, self.is_ros1)
+            self.connections = self._idle.connections
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
             self._salvage(error)
 
@@ -93,17 +78,24 @@ class BagSource:
         own = [f"{self.path}: {self.damage}"] if self.damage is not None else []
         return own + [line for part in self._parts for line in part.damages()]
 
+    def close(self) -> None:
+        """Close the files; another pass opens them again."""
+        bag, self._idle = self._idle, None
+        if bag is not None:
+            bag.close()
+        for part in self._parts:
+            part.close()
+
     def _sound(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
         """Yield messages through rosbags."""
-        with self._opened() as reader:
-            connections = [connection for connection in reader.connections if connection.topic in topics]
-            if not connections:
-                return
-            plain = {connection.id: _plain(connection) for connection in connections}
-            if isinstance(reader, rosbag1.Reader):
-                connections = _in_order_of_writing(reader, connections, steered_by)
-            for connection, time, data in reader.messages(connections):
-                yield RawMessage(plain[connection.id], time, data)
+        bag, self._idle = self._idle or OpenBag(self.path, self.is_ros1), None
+        try:
+            yield from bag.messages(topics, steered_by)
+        finally:
+            if self._idle is None:
+                self._idle = bag
+            else:  # there were two passes at a time
+                bag.close()
 
     def _rescued(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
         """Yield what was salvaged."""
@@ -116,16 +108,9 @@ class BagSource:
             for connection, time, data in self._salvaged.messages(connections, by_time=by_time):
                 yield RawMessage(connection, time, data)
 
-    @contextmanager
-    def _opened(self) -> Iterator[rosbag1.Reader | rosbag2.Reader]:
-        """Open through rosbags, and close whatever happens."""
-        with rosbag1.Reader(self.path) if self.is_ros1 else rosbag2.Reader(self.path) as reader:
-            if isinstance(reader, rosbag1.Reader):
-                _keep_chunks(reader)
-            yield reader
-
     def _salvage(self, error: Exception) -> None:
         """Find what can be read without the index."""
+        self.close()
         self.damage = _explained(self.path, error)
         if not _may_be_salvaged(self.path, error):
             raise DatasetError(f"{self.path}: {self.damage}") from error
@@ -168,40 +153,6 @@ def _salvaged_parts(folder: Path, damage: str) -> list[BagSource]:
         except DatasetError as error:
             logger.warning("%s", error)
     return parts
-
-
-def _plain(connection: Connection) -> BagConnection:
-    """Return what is needed of a connection after its reader is closed."""
-    return BagConnection(connection.id, connection.topic, connection.msgtype, connection.digest, connection.msgcount)
-
-
-def _keep_chunks(reader: rosbag1.Reader) -> None:
-    """Let a reader remember the last chunks it decompressed.
-
-    Where topics lie in chunks of their own, reading by time jumps between these, and rosbags keeps only one.
-    """
-    remembered = {chunk.decompressor: lru_cache(_KEPT_CHUNKS)(chunk.decompressor) for chunk in reader.chunks.values()}
-    reader.chunks = {
-        place: chunk._replace(decompressor=remembered[chunk.decompressor]) for place, chunk in reader.chunks.items()
-    }
-
-
-def _in_order_of_writing(reader: rosbag1.Reader, connections: list[Connection], steered_by: str) -> list[Connection]:
-    """Let a reader yield messages in the order of writing where the times of the steering topic step back.
-
-    rosbags yields by time. Its index knows where each message lies in the file: given as one list, that order is kept.
-    """
-    steps_back = 0
-    for connection in connections:
-        if connection.topic == steered_by:
-            places = [entry[1:] for entry in reader.indexes[connection.id]]
-            steps_back += sum(later < earlier for earlier, later in pairwise(places))
-    if not steps_back:
-        return connections
-    logger.info("%s: times of %s step back, read in the order of writing", reader.path, steered_by)
-    entries = [entry for connection in connections for entry in reader.indexes[connection.id]]
-    reader.indexes[connections[0].id] = sorted(entries, key=lambda entry: (entry[1], entry[2]))
-    return connections[:1]
 
 
 def _may_be_salvaged(path: Path, error: Exception) -> bool:

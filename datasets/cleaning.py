@@ -1,5 +1,6 @@
 """From the codes of a sensor to what a scan says: hit, nothing in range, or nothing at all."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -36,10 +37,10 @@ class RangeRules:
 
     def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
         """Return the limits in force for a scan that states these; a senseless maximum counts as not stated."""
-        low = self.range_min if self.range_min is not None else max(0.0, range_min if np.isfinite(range_min) else 0.0)
+        low = self.range_min if self.range_min is not None else max(0.0, range_min if math.isfinite(range_min) else 0.0)
         high = self.range_max
         if high is None:
-            high = range_max if range_max > low else np.inf
+            high = range_max if range_max > low else math.inf
         return float(low), float(high)
 
 
@@ -65,22 +66,31 @@ def clean_ranges(
         A copy (N,), float64: finite hits, +inf for nothing in range, nan for no information.
     """
     cleaned = np.array(ranges, dtype=np.float64)
-    is_nan = np.isnan(cleaned)
-    is_zero = cleaned == 0.0
-    no_return = cleaned >= range_max
-    for code in rules.no_return_codes:
-        no_return |= np.abs(cleaned - code) < CODE_TOLERANCE
-    no_return |= cleaned == np.inf
-    too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
-    too_close |= cleaned < 0.0
-    counts.add_beams("nan", int(is_nan.sum()))
-    counts.add_beams("zero", int(is_zero.sum()))
-    counts.add_beams("no_return", int(no_return.sum()))
-    counts.add_beams("too_close", int(too_close.sum()))
-    cleaned[is_zero | too_close] = np.nan
+    no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)
+    counts.add_beams("nan", int(np.count_nonzero(np.isnan(cleaned))))
+    counts.add_beams("no_return", int(np.count_nonzero(no_return)))
+    if (cleaned <= max(range_min, 0.0)).any():  # of most scans no beam is
+        is_zero = cleaned == 0.0
+        too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
+        too_close |= cleaned < 0.0
+        counts.add_beams("zero", int(np.count_nonzero(is_zero)))
+        counts.add_beams("too_close", int(np.count_nonzero(too_close)))
+        cleaned[is_zero | too_close] = np.nan
     cleaned[no_return] = np.inf if rules.no_return == "free" else np.nan
-    counts.add_beams("hit", int(np.isfinite(cleaned).sum()))
+    counts.add_beams("hit", int(np.count_nonzero(np.isfinite(cleaned))))
     return cleaned
+
+
+def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[float]) -> npt.NDArray[np.bool_]:
+    """Return which ranges (N,) [m] say that nothing came back."""
+    no_return = np.asarray(ranges >= range_max)  # +inf, too
+    below = [code for code in codes if code - CODE_TOLERANCE < range_max]
+    if below:
+        # Hardly a beam is as long as a code, so only those that are get compared with each.
+        (long,) = ((ranges > min(below) - 2.0 * CODE_TOLERANCE) & ~no_return).nonzero()
+        if len(long):
+            no_return[long] = (np.abs(ranges[long, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
+    return no_return
 
 
 def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:

@@ -1,6 +1,8 @@
 """Where odometry comes from within one pass: tf, a topic, or nowhere."""
 
 import math
+from functools import reduce
+from operator import matmul
 
 from datasets.errors import DatasetError
 from datasets.frames import Frames, Step, plain
@@ -89,10 +91,8 @@ class TfMotion:
     def odometry(self, poses: list[SE3]) -> SE2:
         """Return T_odom_robot from one pose of each moving edge."""
         moving = iter(poses)
-        pose = SE3.identity()
-        for step in self._steps:
-            pose = pose @ _along(step, step.edge.first if step.edge.is_fixed else next(moving))
-        return pose.planar()
+        steps = [_along(step, step.edge.first if step.edge.is_fixed else next(moving)) for step in self._steps]
+        return reduce(matmul, steps).planar()
 
     def mounting(self, stamp: float) -> tuple[SE2, bool]:
         """Return T_robot_sensor and whether the laser hangs upside down."""

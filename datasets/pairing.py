@@ -94,8 +94,10 @@ class Pairing:
         """Return whether the odometry has come past a scan."""
         if not self._histories:
             return True
+        if self._received() <= waiting.poses_then:
+            return False
         end = waiting.stamp + waiting.scan.sweep()
-        return self._received() > waiting.poses_then and all(history.reaches(end) for history in self._histories)
+        return all(history.reaches(end) for history in self._histories)
 
     def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
         """Yield the reading of a scan, without odometry where that is missing for long, or count why there is none."""

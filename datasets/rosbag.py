@@ -67,9 +67,12 @@ class _Pass:
     def readings(self) -> Iterator[Reading]:
         """Yield the readings in the order of the recording."""
         plan = self._plan
-        for message in plan.files.messages(plan.topics_to_read(), plan.topics.scan):
-            self._take(message)
-            yield from self._pairing.ready(message.bag_time)
+        try:
+            for message in plan.files.messages(plan.topics_to_read(), plan.topics.scan):
+                self._take(message)
+                yield from self._pairing.ready(message.bag_time)
+        finally:
+            plan.files.close()
         yield from self._pairing.rest()
         self._note_damage()
         if self._counts.clock_disagreements:
@@ -125,7 +128,9 @@ class _Pass:
             self._counts.drop("other_frame")
             return
         raw = scan_of(message.content, message.bag_time)
-        raw = raw._replace(stamp=self._clock.corrected(raw.stamp, message.bag_time))
+        stamp = self._clock.corrected(raw.stamp, message.bag_time)
+        if stamp != raw.stamp:
+            raw = raw._replace(stamp=stamp)
         scan = self._intake.take(raw)
         if scan is not None:
             self._pairing.add(scan, message.bag_time)

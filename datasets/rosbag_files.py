@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Collection, Iterator
+from functools import cache
 from heapq import merge
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -88,6 +89,11 @@ class BagFiles:
         streams = [_stream(source, topics, steered_by) for source in self._sources]
         yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]
 
+    def close(self) -> None:
+        """Close the files, which stay open from one pass to the next; another pass opens them again."""
+        for source in self._sources:
+            source.close()
+
     def damages(self) -> list[str]:
         """Return one line for each file found damaged so far."""
         return [line for source in self._sources for line in source.damages()]
@@ -118,8 +124,12 @@ def _stream(source: BagSource, topics: Collection[str], steered_by: str) -> Iter
         yield Message(connection.topic, connection.msgtype, 1e-9 * time, content)
 
 
+@cache
 def _standard_types(is_ros1: bool) -> Typestore:
-    """Return the standard message definitions, with both names of the tf message."""
+    """Return the standard message definitions, with both names of the tf message.
+
+    They are the same ones each time, as rosbags makes the code that decodes a type when it is first used.
+    """
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     for name in TF_TYPES:
         if name not in store.fielddefs:

@@ -79,7 +79,7 @@ class ScanIntake:
             return None
         low, high = self._rules.limits(raw.range_min, raw.range_max)
         ranges = clean_ranges(raw.ranges, low, high, self._rules, self._counts)
-        if np.isnan(ranges).all():  # true of no beams at all, too
+        if np.count_nonzero(np.isnan(ranges)) == len(ranges):  # true of no beams at all, too
             self._counts.drop("empty")
             return None
         return LaserScan(raw.stamp, raw.angle_min, step, low, high, ranges, self._time_increment(raw))

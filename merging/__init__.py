@@ -1,8 +1,29 @@
-"""Many maps whose relative poses nobody knows become one."""
+"""Many maps whose relative poses nobody knows become one.
 
-from merging.aligner import align
-from merging.alignment import Alignment
-from merging.config import MergeConfig
-from merging.merger import Merge, merge
+The names below are what a notebook needs; each is loaded when it is first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from merging.aligner import align
+    from merging.alignment import Alignment
+    from merging.config import MergeConfig
+    from merging.merger import Merge, merge
 
 __all__ = ["Alignment", "Merge", "MergeConfig", "align", "merge"]
+
+_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "aligner", "merge": "merger"}
+
+
+def __getattr__(name: str) -> object:
+    """Load a name when it is used: who maps robots has parameters of merging, and does not wait for its methods."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"merging.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the names for completion."""
+    return sorted({*globals(), *__all__})

@@ -7,6 +7,7 @@ import sqlite3
 
 import numpy as np
 import pytest
+from rosbags import rosbag1
 
 from datasets import DatasetError, open_recording
 from datasets.bag_source import BagSource
@@ -201,6 +202,7 @@ def test_nothing_readable_is_an_error(bag, kind):
 def test_a_file_that_vanishes(bag):
     path = bag("none")
     source = BagSource(path)
+    source.close()
     path.unlink()
     with pytest.raises(DatasetError, match=r"run\.bag: cannot be read: No such file"):
         list(source.messages(["/scan"], "/scan"))
@@ -217,3 +219,30 @@ def test_salvage_gives_the_messages_of_the_sound_bag(bag, kind):
     source = BagSource(path)
     assert source.damage is not None
     assert [(m.connection.topic, m.time, m.data) for m in source.messages(topics, "/scan")] == sound
+
+
+@pytest.mark.parametrize("kind", [*COMPRESSIONS, "sqlite3", "mcap"])
+def test_passes_at_a_time_do_not_disturb_each_other(bag, kind):
+    source = BagSource(bag(kind))
+    alone = [(m.connection.topic, m.time, m.data) for m in source.messages(["/scan", "/tf"], "/scan")]
+    both = zip(source.messages(["/scan", "/tf"], "/scan"), source.messages(["/scan", "/tf"], "/scan"), strict=True)
+    assert [(m.connection.topic, m.time, m.data) for pair in both for m in pair] == [m for m in alone for _ in range(2)]
+    source.close()
+    assert [(m.connection.topic, m.time, m.data) for m in source.messages(["/scan", "/tf"], "/scan")] == alone
+
+
+def test_a_pass_that_is_broken_off_leaves_no_trace(bag):
+    source = BagSource(bag("lz4"))
+    first = next(iter(source.messages(["/scan"], "/scan")))
+    assert next(iter(source.messages(["/scan"], "/scan"))) == first
+
+
+def test_a_bag_is_opened_once_from_its_plan_to_the_end_of_its_pass(bag, monkeypatch):
+    opened = []
+    plainly = rosbag1.Reader.open
+    monkeypatch.setattr(rosbag1.Reader, "open", lambda reader: opened.append(reader) or plainly(reader))
+    recording = open_recording([bag("none")])
+    readings = sum(1 for _ in recording)
+    assert (readings, len(opened)) == (SCANS, 1)
+    assert opened[0].bio is None
+    assert sum(1 for _ in recording) == readings

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from datasets.cleaning import KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
+from datasets.cleaning import CODE_TOLERANCE, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
 from datasets.counts import ReadingCounts
 
 
@@ -22,6 +22,38 @@ def test_every_beam_has_one_fate_and_hits_lie_within_limits(ranges, no_return):
     assert counts.beams.get("hit", 0) == len(hits)
     assert not np.isneginf(cleaned).any()
     np.testing.assert_array_equal(ranges, before)
+
+
+@given(
+    arrays(
+        np.float32,
+        st.integers(0, 50),
+        elements=st.one_of(
+            st.floats(width=32, allow_nan=True, allow_infinity=True),
+            st.sampled_from([np.float32(code) for code in (*KNOWN_CODES, 8.0, 8.0004, 8.0006, 30.0, 0.1)]),
+        ),
+    ),
+    st.sampled_from([0.0, 0.1]),
+    st.sampled_from([5.0, 30.0, 81.87, 100.0, np.inf]),
+)
+def test_every_beam_has_the_fate_that_the_rules_say(ranges, range_min, range_max):
+    codes = (*KNOWN_CODES, 8.0)
+    counts, expected = ReadingCounts(), ReadingCounts()
+    cleaned = clean_ranges(ranges, range_min, range_max, RangeRules(None, None, codes, "free"), counts)
+    for beam, value in zip(ranges.tolist(), cleaned.tolist(), strict=True):
+        if np.isnan(beam):
+            fate, clean = "nan", np.nan
+        elif beam >= range_max or beam == np.inf or any(abs(beam - code) < CODE_TOLERANCE for code in codes):
+            fate, clean = "no_return", np.inf
+        elif beam == 0.0:
+            fate, clean = "zero", np.nan
+        elif beam < range_min or beam < 0.0:
+            fate, clean = "too_close", np.nan
+        else:
+            fate, clean = "hit", beam
+        expected.add_beams(fate, 1)
+        np.testing.assert_equal(value, clean)
+    assert counts == expected
 
 
 def test_codes_count_wherever_they_lie():
