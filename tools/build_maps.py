@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from tools.configuration_options import add_configuration_options
 from tools.extra_files import add_extra_files
+from tools.loading import loading
 from tools.recording_options import add_recording_options, given_options
 from tools.viewer_option import add_viewer_option
 
@@ -107,10 +108,11 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
     if args.workers < 1 or (args.scheduler and args.workers > 1):
         grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
-    from tbmslam.errors import TbmSlamError
-    from tools.configuration import whole_text
-    from tools.mapping_run import build_maps
-    from tools.typed_command import typed_command
+    with loading():
+        from tbmslam.errors import TbmSlamError
+        from tools.configuration import whole_text
+        from tools.mapping_run import build_maps
+        from tools.typed_command import typed_command
 
     try:
         _check_recording_options(grammar, args)

@@ -13,6 +13,7 @@ import numpy as np
 
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
 from datasets.cached import cached
+from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
 from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
@@ -111,23 +112,26 @@ class Shelf:
         self._kept: tuple[tuple[Path, ...], RecordingOptions] | None = None
         self._recording: Recording | None = None
 
-    def open(self, paths: tuple[Path, ...], options: RecordingOptions) -> Recording:
-        """Return a recording, the one kept if it is that."""
-        if self._recording is None or self._kept != (paths, options):
-            self._recording = cached(open_recording(paths, options))
-            self._kept = (paths, options)
+    def open(self, paths: tuple[Path, ...], options: RecordingOptions, once: bool = False) -> Recording:
+        """Return a recording, the one kept if it is that; one that is read once does not take the memory to keep it."""
+        if self._recording is not None and self._kept == (paths, options):
+            return self._recording
+        recording = open_recording(paths, options)
+        if once:
+            return recording
+        self._recording, self._kept = cached(recording), (paths, options)
         return self._recording
 
 
 def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
-    recording = shelf.open(task.paths, task.config.recording)
+    recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     slam = Slam(task.config.slam, task.name, watch)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans = 0
-    for reading in watch.each(_readings(task, recording), "mapping", length, "scans", task.name):
+    for reading in watch.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
         watch.saw(task.name, reading, slam.process(reading))
         scans += 1
     if task.counts is not None:

@@ -50,7 +50,7 @@ class Palette:
         picture.putpalette(bytes(channel for colour in self.colours for channel in colour))
         content = io.BytesIO()
         more = {"transparency": bytes(self.alphas)} if self.alphas else {}
-        picture.save(content, "png", compress_level=9, **more)
+        picture.save(content, "png", compress_level=6, **more)  # 9 saves a fifteenth of the size in 8 times the time
         return content.getvalue()
 
 
