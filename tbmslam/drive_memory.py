@@ -93,7 +93,7 @@ class DriveMemory:
                     @ relative_pose(closed, before, number)
                     @ keyframe.match.T_map_sensor.inverse()
                 )
-                match = replace(keyframe.match, information=None)
+                match = keyframe.match._replace(information=None)
                 keyframe = replace(keyframe, match=match, variances=_GAP_VARIANCES)
             kept.append(keyframe.moved(T_new_old))
         _log.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))

@@ -69,7 +69,7 @@ class SurfelTracker:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
         hits = self._hits_of(scan)
-        if not len(hits.points) or not deviations.max() > 0.0:
+        if not len(hits.points) or deviations[0] == 0.0:  # nothing to see, or the first scan, which lies where it lies
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
         if result.matched < config.doubtful:

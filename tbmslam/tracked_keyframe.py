@@ -55,10 +55,10 @@ class TrackedKeyframe:
 
     def moved(self, T_new_map: SE2) -> "TrackedKeyframe":
         """Return it as seen from another frame."""
-        match = replace(self.match, T_map_sensor=T_new_map @ self.match.T_map_sensor)
+        match = self.match._replace(T_map_sensor=T_new_map @ self.match.T_map_sensor)
         if match.information is not None:
             rotation = SE2(0.0, 0.0, T_new_map.theta).matrix()
-            match = replace(match, information=rotation @ match.information @ rotation.T)
+            match = match._replace(information=rotation @ match.information @ rotation.T)
         return replace(self, match=match)
 
 

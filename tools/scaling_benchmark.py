@@ -18,8 +18,9 @@ from tbmslam.timed_slam import TimedSlam
 from tbmslam.trajectory_errors import absolute_errors
 from tools.machine import describe_machine
 from tools.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
-from tools.slam_run import WARM_UP_SCANS, CpuClock
+from tools.slam_run import CpuClock
 from tools.text_table import number, text_table
+from tools.warm_up import warm_up
 
 HEAD = (
     *(
@@ -118,10 +119,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
     angle_min, angle_increment = SimulatedLaser.field_of(beams)
     laser = SimulatedLaser(beams=beams, angle_min=angle_min, angle_increment=angle_increment, rate=rate)
     drive = EndlessDrive(route, length, laser, OdometryNoise.preset("good"))
-    warm_up = TimedSlam(config)
-    for reading in itertools.islice(drive.readings(), WARM_UP_SCANS):
-        warm_up.process(reading)
-    warm_up.finish()
+    warm_up(config, drive.readings())
     forget_peak_memory()  # of planning the drive, and of compiling
     slam, clock, stops = TimedSlam(config), CpuClock(), [(0, 0.0)]
     readings = drive.readings()

@@ -15,8 +15,9 @@ from tbmslam.atomic_file import write_text
 from tools.machine import describe_machine
 from tools.measured_process import in_fresh_process
 from tools.recording_spec import RecordingSpec
-from tools.slam_run import WARM_UP_SCANS, SlamRun, run_slam
+from tools.slam_run import SlamRun, run_slam
 from tools.text_table import number, text_table
+from tools.warm_up import WARM_UP_SCANS
 
 HEAD = (
     *("recording", "preset", "scans", "beams", "read/s", "match/s", "insert/s", "finish/s", "scans/s", "real time"),
@@ -27,8 +28,8 @@ NOTES = f"""\
 scans/s: scans per CPU second of the process in everything but reading. read/s, match/s, insert/s, finish/s: scans per
 CPU second of that part alone (finish: closing loops and rendering). real time: duration of the recording over the time
 that passed, reading included. trans m, rot deg: mean errors of relations. Warm-up: a run that is not counted fills
-numba's cache; then each process maps the first {WARM_UP_SCANS} scans once before its clocks start, which loads the
-compiled code."""
+numba's cache; then each process maps the first {WARM_UP_SCANS} scans, and a short simulated drive, before its clocks
+start, which loads the compiled code."""
 
 TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
 """Scans per CPU second at TARGET_BEAMS beams that the presets are held to: five times the original program's."""

@@ -18,8 +18,7 @@ from tbmslam.trajectory_errors import absolute_errors
 from tbmslam.tum import read_tum
 from tools.measured_process import peak_memory_mb
 from tools.recording_spec import RecordingSpec, beside
-
-WARM_UP_SCANS = 20
+from tools.warm_up import warm_up
 
 _BLOCK = 50  # readings between two looks at the CPU clock: a look costs a microsecond
 
@@ -35,7 +34,7 @@ class SlamRun:
     duration_s, length_m
         How long and how far the drive was.
     start_s
-        CPU time to import, to load compiled code and to map the first scans once as a warm-up; in no other figure.
+        CPU time to import and to load compiled code, see `tools.warm_up`; in no other figure.
     reading_s
         CPU time to read the recording.
     mapping_s
@@ -108,10 +107,7 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
     """
     config = preset(preset_name)
     recording = open_recording([spec.path], spec.options)
-    warm_up = TimedSlam(config)
-    for reading in itertools.islice(recording, WARM_UP_SCANS):
-        warm_up.process(reading)
-    warm_up.finish()
+    warm_up(config, recording)
     start_s, start_memory_mb, began = time.process_time(), peak_memory_mb(), time.perf_counter()
     slam, clock, beams = TimedSlam(config), CpuClock(), 0
     for block in _blocks(recording, clock):

@@ -1,15 +1,13 @@
 """What every scan matcher answers, and the one interface they share."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class ScanMatch:
+class ScanMatch(NamedTuple):
     """Where a scan was taken, as far as the map can tell.
 
     Parameters

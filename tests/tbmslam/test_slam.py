@@ -38,7 +38,7 @@ def test_the_default_preset_follows_poor_odometry(drive_in):
 
 def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(drive_in):
     slam = Slam()
-    for reading in drive_in("apartment", 60.0).readings:
+    for reading in drive_in("apartment", 90.0).readings:
         slam.process(reading)
     drive = slam.finish().drives[0]
     assert len(drive.closures) >= 2
