@@ -83,6 +83,10 @@ class BlockedBeams:
         same = np.abs(scan.ranges - self._state[0]) <= self._config.spread
         return scan.with_ranges(np.where(self._hidden & same, np.nan, scan.ranges))
 
+    def were_any(self) -> bool:
+        """Tell whether any beam was blocked at any time."""
+        return bool(self._spans) or bool(self.blocked.any())
+
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked, as is known afterwards."""
         hidden = np.zeros(len(scan.ranges), dtype=np.bool_)

@@ -95,6 +95,10 @@ class DriveMonitor:
         if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
             self.incidents.add(reading.scan.stamp, "odometry and scans disagree about the motion")
 
+    def knows_blocked_beams(self) -> bool:
+        """Tell whether any beam was blocked at any time."""
+        return self._beams is not None and self._beams.were_any()
+
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that turned out to be blocked."""
         return scan if self._beams is None else self._beams.cleared(scan)

@@ -177,7 +177,9 @@ class Slam:
 
     def _packed(self, part: DriveMemory, poses: FloatArray) -> Keyframes:
         """Return the keyframes of a part with poses (N, 3) of the robot, without what is known to be wrong by now."""
-        kept = [self._cleared(keyframe) for keyframe in part.keyframes]
+        kept = part.keyframes
+        if self._monitor.knows_blocked_beams():
+            kept = [self._cleared(keyframe) for keyframe in kept]
         return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
 
     def _cleared(self, keyframe: TrackedKeyframe) -> TrackedKeyframe:

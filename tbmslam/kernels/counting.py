@@ -125,18 +125,18 @@ def count_scans(
     width = counts.shape[1]
     cells = counts.reshape(-1)
     for k in range(len(lasers)):
-        stamp = before + k + 1
+        spoken = (before + k + 1) << (2 * BITS)
         for i in range(offsets[k], offsets[k + 1]):
             row = math.floor(ends[i, 1] / resolution) - first_row
             cell = row * width + math.floor(ends[i, 0] / resolution) - first_col
-            if is_hit[i] and cells[cell] >> (2 * BITS) != stamp:
-                cells[cell] = (cells[cell] & BOTH | stamp << (2 * BITS)) + ONE_HIT
+            if is_hit[i] and cells[cell] < spoken:
+                cells[cell] = (cells[cell] & BOTH | spoken) + ONE_HIT
         x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
         for i in range(offsets[k], offsets[k + 1]):
             dx, dy = ends[i, 0] / resolution - first_col - x, ends[i, 1] / resolution - first_row - y
             share = _seen_by_neighbours(lasers[k], ends, offsets[k], offsets[k + 1], i, resolution)
             if share < 1.0:
-                _count_beam(cells, width, stamp, (x + share * dx, y + share * dy), (x + dx, y + dy))
+                _count_beam(cells, width, spoken, (x + share * dx, y + share * dy), (x + dx, y + dy))
 
 
 @kernel
@@ -165,7 +165,7 @@ def _seen_by_neighbours(
 
 @kernel
 def _count_beam(
-    cells: npt.NDArray[np.int64], width: int, stamp: int, start: tuple[float, float], end: tuple[float, float]
+    cells: npt.NDArray[np.int64], width: int, spoken: int, start: tuple[float, float], end: tuple[float, float]
 ) -> None:
     """Count one beam's cells, given in cells of the array; a 4-connected line.
 
@@ -185,13 +185,25 @@ def _count_beam(
         slope = dx / abs(dy)
         leaves = start[0] + (row + 1 - start[1] if dy > 0.0 else start[1] - row) * slope
         along, across, last = row * width, col, end_col
-    for k in range(steps + 1):
-        before, across = across, int(leaves + k * slope) if k < steps else last
-        for cell in (along + before * side, along + across * side):
-            count = cells[cell]
-            is_new = count >> (2 * BITS) != stamp
-            cells[cell] = (count & BOTH | stamp << (2 * BITS)) + int(is_new)
+    before = across
+    for k in range(steps):
+        across = int(leaves + k * slope)
+        _count_pair(cells, along + before * side, along + across * side, spoken)
+        before = across
         along += step
+    _count_pair(cells, along + before * side, along + last * side, spoken)
+
+
+@kernel
+def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int) -> None:
+    """Count a passage of two cells, which may be the same.
+
+    Later scans have larger numbers, so what this one spoke of is not below it. Both are read before one is written,
+    without a branch: the processor need not wait.
+    """
+    first, second = cells[np.uint64(one)], cells[np.uint64(other)]
+    cells[np.uint64(one)] = first if first >= spoken else (first & BOTH | spoken) + 1
+    cells[np.uint64(other)] = second if second >= spoken else (second & BOTH | spoken) + 1
 
 
 @kernel
