@@ -2,7 +2,7 @@
 
 import itertools
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 from merging.aligner import View, align_views, comparison_resolution, view_of
@@ -25,8 +25,9 @@ def align_all(
     workers: int = 1,
     watch: Watch | None = None,
     scheduler: str | None = None,
+    pairs: Sequence[Pair] | None = None,
 ) -> dict[Pair, Alignment]:
-    """Align every pair of maps; the one named first is the target.
+    """Align every pair of maps, or some pairs; the one named first is the target.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ def align_all(
         Who is told how far it is.
     scheduler
         Address of a Dask scheduler whose workers share the work instead.
+    pairs
+        The pairs wanted; every one where None.
 
     Raises
     ------
@@ -55,7 +58,7 @@ def align_all(
     watch = watch or Watch()
     grids = {name: one.grid for name, one in maps.items()}
     resolution = comparison_resolution(list(grids.values()), config)
-    pairs = list(itertools.combinations(maps, 2))
+    pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
     workers = min(workers, len(pairs))
     if scheduler is not None:
         found = align_on_cluster(pairs, grids, resolution, config, scheduler, watch)

@@ -312,6 +312,28 @@ class JointConfig(_Config):
     robust_width: Annotated[float, Field(gt=0.0)] = 2.0
 
 
+class StretchConfig(_Config):
+    """How a map that was left out is tried once more, its drives in stretches; see `merging.bent_maps`.
+
+    Parameters
+    ----------
+    enabled
+        Whether it is tried where maps carry keyframes.
+    length_m
+        Travelled length of a stretch, about [m]: short enough to be straight, long enough to be told from others.
+    most
+        Stretches of a map at the most; those of longer drives are longer.
+    drift, turn_drift
+        How far two stretches may say that the map bent between them, by the way from one to the other [m/m, rad/m].
+    """
+
+    enabled: bool = True
+    length_m: Metres = 25.0
+    most: Annotated[int, Field(ge=2)] = 12
+    drift: Annotated[float, Field(ge=0.0)] = 0.03
+    turn_drift: Annotated[float, Field(ge=0.0)] = 0.006
+
+
 class MergeConfig(_Config):
     """How maps are merged.
 
@@ -352,4 +374,5 @@ class MergeConfig(_Config):
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()
     joint: JointConfig = JointConfig()
+    stretches: StretchConfig = StretchConfig()
     baselines: BaselinesConfig = BaselinesConfig()

@@ -7,25 +7,22 @@ between the robots, and one pose graph of all drives takes the bends out.
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ValidationError
 
 from merging.config import JointConfig
 from merging.consensus import fit_rigid
-from tbmslam.config import MapConfig
-from tbmslam.drive_correction import spread_corrections
+from merging.redrawing import redraw
+from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
 from tbmslam.pose_graph import MotionEdge, optimise, relative_pose
-from tbmslam.rendering import render
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
 from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
@@ -93,7 +90,7 @@ def refine_jointly(
             return None
         moved = optimise(moved, chain, closures, config.robust_width)
     corrected = {name: _corrected(name, maps[name], tracks, starts, moved, poses[name]) for name in poses}
-    straight = {name: _rigid(maps[name], corrected[name]) for name in poses}
+    straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("%d closures between robots moved keyframes by %.3f m", len(closures), moved_m)
     return JointRefinement(corrected, straight, len(closures), _links(closures, starts), moved_m)
@@ -106,7 +103,7 @@ def _links(closures: list[MotionEdge], starts: npt.NDArray[np.int64]) -> npt.NDA
     return np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4)
 
 
-def _rigid(before: TbmMap, after: TbmMap) -> SE2:
+def nearest_rigid(before: TbmMap, after: TbmMap) -> SE2:
     """Return the rigid motion nearest to what happened to the keyframes."""
     old, new = (np.vstack([drive.keyframes.poses[:, :2] for drive in one.drives]) for one in (before, after))
     return fit_rigid(new, old)[0]
@@ -232,31 +229,8 @@ def _corrected(
     drives = []
     for track, start in zip(tracks, starts, strict=False):
         if track.map_name == name:
-            own = poses[int(start) : int(start) + len(track.sensors)]
-            drives.append(_driven(track, own, track.drive.trajectory.transformed(T_merged_map)))
-    how = _map_config(one).model_copy(update={"resolution": one.grid.geometry.resolution})
-    grid = render([drive.keyframes for drive in drives], how)
+            sensors = poses[int(start) : int(start) + len(track.sensors)]
+            robots = compose(sensors, inverse(track.keyframes.sensor_poses))
+            drives.append(with_keyframes_at(track.drive.transformed(T_merged_map), robots))
+    grid = redraw([drive.keyframes for drive in drives], one)
     return TbmMap(grid, tuple(drives), one.provenance)
-
-
-def _map_config(one: TbmMap) -> MapConfig:
-    """Return how a map says that it was rendered; the default where it does not say."""
-    settings = one.provenance.get("config")
-    try:
-        return MapConfig.model_validate(settings["map"] if isinstance(settings, Mapping) else {})
-    except (KeyError, ValidationError):
-        return MapConfig()
-
-
-def _driven(track: _Track, sensors: FloatArray, trajectory: Trajectory) -> Drive:
-    k = track.keyframes
-    robots = np.array(
-        [SE2.from_array(s) @ SE2.from_array(m).inverse() for s, m in zip(sensors, k.sensor_poses, strict=True)]
-    )
-    anchors = np.searchsorted(trajectory.stamps, k.stamps).clip(0, max(len(trajectory) - 1, 0))
-    unique, first = np.unique(anchors, return_index=True)
-    way = trajectory.poses
-    if len(way):
-        way = spread_corrections(way, unique.astype(np.int64), robots[first])
-    moved = replace(k, poses=robots)
-    return replace(track.drive, trajectory=Trajectory(trajectory.stamps, way), keyframes=moved)

@@ -54,8 +54,22 @@ class Group:
 
 
 @dataclass(frozen=True)
-class _Offer:
-    """A place that a pair of maps offers: log odds that it is right, metres of wall, and whether it was accepted."""
+class Offer:
+    """A place that a pair of maps offers.
+
+    Parameters
+    ----------
+    pair
+        The target and the source.
+    motion
+        T_target_source.
+    odds
+        Log odds that it is right.
+    wall_m
+        Agreeing wall [m].
+    accepted
+        Whether the alignment was.
+    """
 
     pair: Pair
     motion: SE2
@@ -84,7 +98,7 @@ def groups_of(
     connects is a group of its own.
     """
     config = config or GraphConfig()
-    offers = [offer for pair, found in alignments.items() for offer in _offers(pair, found, config)]
+    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
     trusted = _without_outvoted(offers, config)
     groups = [{name: SE2.identity()} for name in names]
     while True:
@@ -103,14 +117,15 @@ def groups_of(
     return sorted(finished, key=lambda group: (-len(group), list(names).index(group.first)))
 
 
-def _offers(pair: Pair, found: Alignment, config: GraphConfig) -> list[_Offer]:
+def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
+    """Return the places that an alignment of a pair offers, its alternatives among them."""
     if found.T_target_source is None:
         return []
     confidence = max(found.confidence, 0.9) if found.accepted else found.confidence
     places = [(found.T_target_source, confidence, found.agreed_wall_m, found.accepted)]
     places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in found.alternatives]
     return [
-        _Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
+        Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
         for motion, confidence, wall_m, accepted in places
         if accepted or confidence >= config.min_confidence
     ]
@@ -121,7 +136,7 @@ def _log_odds(confidence: float) -> float:
     return math.log(p / (1.0 - p))
 
 
-def _without_outvoted(offers: list[_Offer], config: GraphConfig) -> list[_Offer]:
+def _without_outvoted(offers: list[Offer], config: GraphConfig) -> list[Offer]:
     """Drop accepted alignments that stand against most cycles they are in, the worst first.
 
     Of three that contradict one another any may be the wrong one; then all stay, and weigh against each other.
@@ -133,7 +148,7 @@ def _without_outvoted(offers: list[_Offer], config: GraphConfig) -> list[_Offer]
         for cycle in itertools.combinations(accepted, 3):
             round_trip = _round_trip(cycle)
             if round_trip is not None:
-                vote = 1 if _is_same(round_trip, SE2.identity(), config) else -1
+                vote = 1 if is_same_place(round_trip, SE2.identity(), config) else -1
                 for offer in cycle:
                     balances[offer.pair] += vote
         worst = min(balances.values(), default=0)
@@ -143,7 +158,7 @@ def _without_outvoted(offers: list[_Offer], config: GraphConfig) -> list[_Offer]
         kept = [offer for offer in kept if not (offer.accepted and offer.pair == pairs[0])]
 
 
-def _round_trip(cycle: tuple[_Offer, ...]) -> SE2 | None:
+def _round_trip(cycle: tuple[Offer, ...]) -> SE2 | None:
     """Return the motion once around three alignments; None where they do not close a triangle."""
     if len({name for offer in cycle for name in offer.pair}) != 3 or len({offer.pair for offer in cycle}) != 3:
         return None
@@ -162,7 +177,7 @@ _Joint = tuple[float, float, int, int, SE2]
 
 
 def _best_joint(
-    groups: list[dict[str, SE2]], first: int, second: int, offers: list[_Offer], config: GraphConfig
+    groups: list[dict[str, SE2]], first: int, second: int, offers: list[Offer], config: GraphConfig
 ) -> _Joint | None:
     """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
     direct = [
@@ -175,20 +190,20 @@ def _best_joint(
     return max(good, key=lambda joint: joint[:2]) if good else None
 
 
-def _support(place: SE2, direct: list[tuple[_Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig) -> float:
+def _support(place: SE2, direct: list[tuple[Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig) -> float:
     """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere.
 
     One doubtful alignment stays doubtful, but chance seldom leads to one place twice: each further one adds at least
     the worth of a confirmation.
     """
-    leading = sorted((offer.odds for offer, there in direct if _is_same(place, there, config)), reverse=True)
-    leading[1:] += [odds for odds, there in ways if _is_same(place, there, config)]
-    against = [offer.odds for offer, there in direct if offer.accepted and not _is_same(place, there, config)]
-    against += [odds for odds, there in ways if odds > 0.0 and not _is_same(place, there, config)]
+    leading = sorted((offer.odds for offer, there in direct if is_same_place(place, there, config)), reverse=True)
+    leading[1:] += [odds for odds, there in ways if is_same_place(place, there, config)]
+    against = [offer.odds for offer, there in direct if offer.accepted and not is_same_place(place, there, config)]
+    against += [odds for odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
     return leading[0] + sum(max(odds, config.confirmation) for odds in leading[1:]) - sum(against)
 
 
-def _between(first: dict[str, SE2], second: dict[str, SE2], offer: _Offer) -> SE2 | None:
+def _between(first: dict[str, SE2], second: dict[str, SE2], offer: Offer) -> SE2 | None:
     """Return where an offer puts the second group in the first's frame; None where it joins others."""
     target, source = offer.pair
     if target in first and source in second:
@@ -199,7 +214,7 @@ def _between(first: dict[str, SE2], second: dict[str, SE2], offer: _Offer) -> SE
 
 
 def _ways_over(
-    first: dict[str, SE2], middle: dict[str, SE2], second: dict[str, SE2], offers: list[_Offer]
+    first: dict[str, SE2], middle: dict[str, SE2], second: dict[str, SE2], offers: list[Offer]
 ) -> list[tuple[float, SE2]]:
     """Return the log odds of every way over a third group, and where it leads."""
     there = [(offer, motion) for offer in offers if (motion := _between(first, middle, offer)) is not None]
@@ -208,19 +223,20 @@ def _ways_over(
     return [(min(a.odds, b.odds) - math.log(2.0), p @ q) for (a, p), (b, q) in itertools.product(there, onward)]
 
 
-def _is_same(motion: SE2, other: SE2, config: GraphConfig) -> bool:
+def is_same_place(motion: SE2, other: SE2, config: GraphConfig) -> bool:
+    """Tell whether two motions name one place."""
     apart = motion.inverse() @ other
     return math.hypot(apart.x, apart.y) <= config.same_m and abs(wrap_angle(apart.theta)) <= config.same_rad
 
 
-def _finished(poses: dict[str, SE2], offers: list[_Offer], config: GraphConfig) -> Group:
+def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -> Group:
     """Let all alignments that agree with the poses make them exact, in the first map's frame."""
     names = list(poses)
     inside = [offer for offer in offers if offer.pair[0] in poses and offer.pair[1] in poses]
     agreeing = [
         offer
         for offer in inside
-        if _is_same(poses[offer.pair[0]].inverse() @ poses[offer.pair[1]], offer.motion, config)
+        if is_same_place(poses[offer.pair[0]].inverse() @ poses[offer.pair[1]], offer.motion, config)
     ]
     used = dict.fromkeys(offer.pair for offer in agreeing)
     outvoted = tuple(dict.fromkeys(o.pair for o in inside if o.accepted and o.pair not in used))
@@ -237,7 +253,7 @@ def _finished(poses: dict[str, SE2], offers: list[_Offer], config: GraphConfig) 
     return Group(exact, tuple(used), outvoted)
 
 
-def _information(offer: _Offer, config: GraphConfig) -> FloatArray:
+def _information(offer: Offer, config: GraphConfig) -> FloatArray:
     """Return how exact an alignment is: the more wall, the more."""
     more = max(offer.wall_m, 1.0) / 10.0
     return more * np.diag([config.deviation_m**-2, config.deviation_m**-2, config.deviation_rad**-2])

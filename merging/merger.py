@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
+from merging.bent_maps import place_bent_map
 from merging.config import MergeConfig
-from merging.fusion import Fusion, fuse
-from merging.joint_refinement import JointRefinement, refine_jointly
+from merging.fusion import Fusion
+from merging.joint_refinement import JointRefinement
 from merging.map_graph import Group, Pair, groups_of
-from merging.warping import warp
-from tbmslam.grid import GridGeometry, TbmGrid
+from merging.merged_group import merge_group
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -61,7 +61,7 @@ def merge(
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
-    order of the maps.
+    order of the maps. Maps that fit nowhere as a whole are tried once more in stretches of their drives.
 
     Parameters
     ----------
@@ -85,56 +85,30 @@ def merge(
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     alignments = align_all(maps, config, workers, watch, scheduler)
-    with watch.during("grouping"):
-        group = groups_of(list(maps), alignments, config.graph)[0]
-    left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
-    if len(group) < 2:
+    while True:
+        with watch.during("grouping"):
+            groups = groups_of(list(maps), alignments, config.graph)
+        joined = merge_group(maps, groups[0], config, watch) if len(groups[0]) > 1 else None
+        bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler)
+        if bent is None:
+            break
+        (base, name), found = bent
+        maps = {**maps, name: found.straightened}
+        alignments |= _in_order(list(maps), base, name, found.alignment)
+    if joined is None:
         return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
-    with watch.during("straightening"):
-        joint = refine_jointly(maps, group.poses, config.joint, watch) if config.joint.enabled else None
-    poses = group.poses if joint is None else joint.poses
-    laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
-    placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
-    with watch.during("fusing"):
-        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
-    merged = _merged(maps, poses, joint, fusion, config)
-    return Merge(merged, poses, alignments, left_out, fusion, joint, group.used, group.outvoted)
-
-
-def _fused(
-    grids: Mapping[str, TbmGrid], poses: Mapping[str, SE2], lattice: GridGeometry, config: MergeConfig
-) -> Fusion:
-    if config.merged_resolution is not None:
-        lattice = lattice._replace(resolution=config.merged_resolution)
-    layers = [warp(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
-    trusts = [config.reliability.get(name, 1.0) for name in poses]
-    return fuse(layers, config.rule, config.coverage, trusts)
-
-
-def _merged(
-    maps: Mapping[str, TbmMap],
-    poses: Mapping[str, SE2],
-    joint: JointRefinement | None,
-    fusion: Fusion,
-    config: MergeConfig,
-) -> TbmMap:
-    """Return the fused grid with everybody's drives and where they came from."""
-    moved = {
-        name: maps[name].moved(pose, fusion.grid) if joint is None else joint.maps[name] for name, pose in poses.items()
-    }
-    names = [drive.name for one in moved.values() for drive in one.drives]
-    drives = tuple(
-        replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
-        for name, one in moved.items()
-        for drive in one.drives
+    group = groups[0]
+    left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
+    return Merge(
+        joined.merged, joined.poses, alignments, left_out, joined.fusion, joined.joint, group.used, group.outvoted
     )
-    provenance = {
-        "merged_from": {
-            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in poses.items()
-        },
-        "config": config.model_dump(mode="json"),
-    }
-    return TbmMap(fusion.grid, drives, provenance)
+
+
+def _in_order(names: list[str], target: str, source: str, found: Alignment) -> dict[Pair, Alignment]:
+    """Return an alignment by its pair, of which the map named first is the target."""
+    if names.index(target) < names.index(source) or found.T_target_source is None:
+        return {(target, source): found}
+    return {(source, target): replace(found, T_target_source=found.T_target_source.inverse())}
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:

@@ -1,9 +1,13 @@
 """A whole drive moved along with its keyframes."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.se2 import FloatArray, compose, interpolate, inverse
+from tbmslam.tbm_map import Drive
+from tbmslam.trajectory import Trajectory
 
 
 def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:
@@ -27,3 +31,15 @@ def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor
     shares = np.where(spans > 0, (np.arange(len(poses)) - anchors[before]) / np.maximum(spans, 1), 0.0)
     between = interpolate(corrections[before], corrections[after], shares)
     return compose(between, poses)
+
+
+def with_keyframes_at(drive: Drive, poses: FloatArray) -> Drive:
+    """Return a drive whose keyframes' robot is at other poses (K, 3), and whose trajectory follows them."""
+    trajectory, stamps = drive.trajectory, drive.keyframes.stamps
+    moved = replace(drive, keyframes=replace(drive.keyframes, poses=poses))
+    if len(trajectory) == 0:
+        return moved
+    anchors = np.searchsorted(trajectory.stamps, stamps).clip(0, len(trajectory) - 1)
+    unique, first = np.unique(anchors, return_index=True)
+    way = spread_corrections(trajectory.poses, unique.astype(np.int64), poses[first])
+    return replace(moved, trajectory=Trajectory(trajectory.stamps, way))

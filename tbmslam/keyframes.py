@@ -87,6 +87,19 @@ class Keyframes:
             beam_step=SE2.from_array(self.beam_steps[index]),
         )
 
+    def part(self, first: int, last: int) -> "Keyframes":
+        """Return the keyframes from one up to, not including, another."""
+        some, begin, end = slice(first, last), int(self.offsets[first]), int(self.offsets[last])
+        return Keyframes(
+            stamps=self.stamps[some],
+            poses=self.poses[some],
+            sensor_poses=self.sensor_poses[some],
+            beams=self.beams[some],
+            offsets=self.offsets[first : last + 1] - begin,
+            ranges=self.ranges[begin:end],
+            beam_steps=self.beam_steps[some],
+        )
+
     def pose(self, index: int) -> SE2:
         """Return the robot's pose in the map at one keyframe."""
         return SE2.from_array(self.poses[index])

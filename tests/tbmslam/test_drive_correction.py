@@ -1,8 +1,12 @@
 import numpy as np
 import pytest
 
-from tbmslam.drive_correction import spread_corrections
+from tbmslam.drive_correction import spread_corrections, with_keyframes_at
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive
+from tbmslam.trajectory import Trajectory
 
 
 @pytest.fixture
@@ -32,3 +36,23 @@ def test_without_anchors_nothing_moves(poses):
     moved = spread_corrections(poses, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     np.testing.assert_array_equal(moved, poses)
     assert moved is not poses
+
+
+def test_a_trajectory_follows_its_keyframes(poses):
+    scans = [LaserScan(stamp, 0.0, 0.1, 0.1, 9.0, np.ones(2)) for stamp in (2.0, 6.0)]
+    keyframes = Keyframes.from_scans(scans, [SE2.from_array(poses[k]) for k in (2, 6)], [SE2.identity()] * 2)
+    drive = Drive("robot", Trajectory(np.arange(11.0), poses), keyframes)
+    targets = keyframes.poses + np.array([[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
+    moved = with_keyframes_at(drive, targets)
+    np.testing.assert_allclose(moved.keyframes.poses, targets)
+    np.testing.assert_allclose(moved.trajectory.poses[[2, 6]], targets)
+    np.testing.assert_allclose(moved.trajectory.poses[4], poses[4] + [0.0, 2.0, 0.0])
+    np.testing.assert_array_equal(moved.trajectory.stamps, drive.trajectory.stamps)
+
+
+def test_a_drive_without_a_trajectory_has_keyframes_all_the_same(poses):
+    keyframes = Keyframes.from_scans(
+        [LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(2))], [SE2.identity()], [SE2.identity()]
+    )
+    drive = Drive("robot", Trajectory(np.zeros(0), np.zeros((0, 3))), keyframes)
+    assert with_keyframes_at(drive, poses[3:4]).keyframes.poses.tolist() == poses[3:4].tolist()

@@ -1,0 +1,138 @@
+"""Maps that fit nowhere as a whole, since they bent while they were made: laid in stretches, straightened, tried again.
+
+What was left out is cut into stretches of its drives, and each is aligned with the merged map of the others. Where
+several agree on a place, all drives are straightened together there. The place counts if the two maps, straight now,
+are aligned with each other there without being told.
+"""
+
+import itertools
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from merging.aligner import align
+from merging.alignment import Alignment
+from merging.all_pairs import align_all
+from merging.config import MergeConfig
+from merging.joint_refinement import nearest_rigid, refine_jointly
+from merging.map_graph import Group, Pair, is_same_place
+from merging.merged_group import MergedGroup
+from merging.redrawing import redraw
+from merging.stretches import elect, laid_in_stretches, stretches_of
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+_TARGET = "target"
+
+
+@dataclass(frozen=True)
+class BentMap:
+    """A map that was placed in stretches.
+
+    Parameters
+    ----------
+    alignment
+        Where it lies in the target's frame as nearly as a rigid motion can tell, accepted; its evidence is that of the
+        straightened maps.
+    straightened
+        The map, in its own frame, bent so that its stretches lie where they were found.
+    """
+
+    alignment: Alignment
+    straightened: TbmMap
+
+
+def place_bent_map(
+    maps: Mapping[str, TbmMap],
+    groups: Sequence[Group],
+    joined: MergedGroup | None,
+    config: MergeConfig,
+    workers: int,
+    watch: Watch,
+    scheduler: str | None = None,
+) -> tuple[Pair, BentMap] | None:
+    """Place one of the maps left out so far, and say on which map; None where none can be placed.
+
+    Parameters
+    ----------
+    maps
+        All maps, by name.
+    groups
+        What was joined so far, the largest first.
+    joined
+        The first group as one map; None where no two maps were joined, and each is tried on each.
+    config
+        How stretches are cut and believed.
+    workers, watch, scheduler
+        See `merging.all_pairs.align_all`.
+
+    Returns
+    -------
+    The names of the map tried on, or of the first in its group, and of the one placed.
+    """
+    if not (config.stretches.enabled and config.joint.enabled and config.method == "correlation"):
+        return None
+    if joined is not None:
+        tries = [(groups[0].first, joined.merged, name) for name in maps if name not in joined.poses]
+    else:
+        tries = [(target, maps[target], source) for target, source in itertools.combinations(maps, 2)]
+    for base, target, name in tries:
+        found = place_bent(target, maps[name], config, workers, watch, scheduler)
+        if found is not None:
+            logger.info("%s in %s: %s", name, base, found.alignment.reason)
+            return (base, name), found
+    return None
+
+
+def place_bent(
+    target: TbmMap,
+    source: TbmMap,
+    config: MergeConfig,
+    workers: int = 1,
+    watch: Watch | None = None,
+    scheduler: str | None = None,
+) -> BentMap | None:
+    """Find where a source map lies in a target map's frame by stretches of its drives; None where nobody can tell."""
+    if not (_is_driven(target) and _is_driven(source)):
+        return None
+    watch = watch or Watch()
+    stretches = stretches_of(source, config.stretches)
+    if len(stretches) < 2:
+        return None
+    pieces = {f"stretch {index}": stretch.map for index, stretch in enumerate(stretches, 1)}
+    pairs = [(_TARGET, name) for name in pieces]
+    found = align_all({_TARGET: target, **pieces}, config, workers, watch, scheduler, pairs)
+    place = elect(stretches, list(found.values()), config.graph, config.stretches)
+    if place is None:
+        return None
+    laid = laid_in_stretches(source, stretches, place)
+    told = f"laid in stretches of the drive, {len(place.motions)} of {len(stretches)} of which agree"
+    again = _straightened(target, laid, config, watch)
+    if not again.accepted:
+        logger.info("%s, but %s", told, again.reason)
+        return None
+    motion = nearest_rigid(source, laid)
+    back = motion.inverse()
+    straightened = laid.moved(back, redraw([drive.transformed(back).keyframes for drive in laid.drives], source))
+    reason = f"{told}; straightened: {again.reason}"
+    return BentMap(replace(again, reason=reason, T_target_source=motion, alternatives=()), straightened)
+
+
+def _is_driven(one: TbmMap) -> bool:
+    return bool(one.drives) and all(len(drive.keyframes) > 1 for drive in one.drives)
+
+
+def _straightened(target: TbmMap, laid: TbmMap, config: MergeConfig, watch: Watch) -> Alignment:
+    """Straighten two maps together where one is thought to lie, and align them then; elsewhere is a refusal."""
+    both, poses = {_TARGET: target, "source": laid}, {_TARGET: SE2.identity(), "source": SE2.identity()}
+    joint = refine_jointly(both, poses, config.joint, watch)
+    if joint is None:
+        return Alignment("correlation", accepted=False, reason="the drives cannot be straightened together there")
+    found = align(joint.maps[_TARGET], joint.maps["source"], config)
+    where = found.T_target_source
+    if found.accepted and (where is None or not is_same_place(SE2.identity(), where, config.graph)):
+        return replace(found, accepted=False, reason="straightened there, the maps are aligned elsewhere")
+    return found

@@ -1,0 +1,84 @@
+"""Maps whose relative poses are known become one: their drives straightened together, their cells fused."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from merging.config import MergeConfig
+from merging.fusion import Fusion, fuse
+from merging.joint_refinement import JointRefinement, refine_jointly
+from merging.map_graph import Group
+from merging.warping import warp
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+
+
+@dataclass(frozen=True)
+class MergedGroup:
+    """One map of several.
+
+    Parameters
+    ----------
+    merged
+        The map, in the frame of the first that went into it.
+    poses
+        T_merged_map of every map that went into it.
+    fusion
+        The merged cells with their conflict.
+    joint
+        What straightening the drives together did; None where the maps stayed as they were.
+    """
+
+    merged: TbmMap
+    poses: Mapping[str, SE2]
+    fusion: Fusion
+    joint: JointRefinement | None
+
+
+def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, watch: Watch) -> MergedGroup:
+    """Make one map of a group's maps."""
+    with watch.during("straightening"):
+        joint = refine_jointly(maps, group.poses, config.joint, watch) if config.joint.enabled else None
+    poses = group.poses if joint is None else joint.poses
+    laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
+    placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
+    with watch.during("fusing"):
+        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
+    return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
+
+
+def _fused(
+    grids: Mapping[str, TbmGrid], poses: Mapping[str, SE2], lattice: GridGeometry, config: MergeConfig
+) -> Fusion:
+    if config.merged_resolution is not None:
+        lattice = lattice._replace(resolution=config.merged_resolution)
+    layers = [warp(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
+    trusts = [config.reliability.get(name, 1.0) for name in poses]
+    return fuse(layers, config.rule, config.coverage, trusts)
+
+
+def _merged(
+    maps: Mapping[str, TbmMap],
+    poses: Mapping[str, SE2],
+    joint: JointRefinement | None,
+    fusion: Fusion,
+    config: MergeConfig,
+) -> TbmMap:
+    """Return the fused grid with everybody's drives and where they came from."""
+    moved = {
+        name: maps[name].moved(pose, fusion.grid) if joint is None else joint.maps[name] for name, pose in poses.items()
+    }
+    names = [drive.name for one in moved.values() for drive in one.drives]
+    drives = tuple(
+        replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
+        for name, one in moved.items()
+        for drive in one.drives
+    )
+    provenance = {
+        "merged_from": {
+            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in poses.items()
+        },
+        "config": config.model_dump(mode="json"),
+    }
+    return TbmMap(fusion.grid, drives, provenance)

@@ -1,0 +1,26 @@
+"""Grids rendered again from keyframes, the way the map they belong to says that it was rendered."""
+
+from collections.abc import Mapping, Sequence
+
+from pydantic import ValidationError
+
+from tbmslam.config import MapConfig
+from tbmslam.grid import TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.rendering import render
+from tbmslam.tbm_map import TbmMap
+
+
+def redraw(drives: Sequence[Keyframes], one: TbmMap) -> TbmGrid:
+    """Return the grid of some keyframes, rendered as a map says that it was, with cells of its size."""
+    how = _map_config(one).model_copy(update={"resolution": one.grid.geometry.resolution})
+    return render(drives, how)
+
+
+def _map_config(one: TbmMap) -> MapConfig:
+    """Return how a map says that it was rendered; the default where it does not say."""
+    settings = one.provenance.get("config")
+    try:
+        return MapConfig.model_validate(settings["map"] if isinstance(settings, Mapping) else {})
+    except (KeyError, ValidationError):
+        return MapConfig()

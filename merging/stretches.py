@@ -1,0 +1,162 @@
+"""The drives of a map in stretches, and where most of these say that the map lies.
+
+A map that bent while it was made fits another nowhere as a whole, and yet each stretch of it does. A stretch alone may
+look like many places; but what is right is said by several of them, while chance says another thing each time.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from merging.alignment import Alignment
+from merging.config import GraphConfig, StretchConfig
+from merging.consensus import fit_rigid
+from merging.map_graph import Offer, offers_of
+from merging.redrawing import redraw
+from tbmslam.drive_correction import spread_corrections, with_keyframes_at
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.tbm_map import TbmMap
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a map that one stretch of a drive saw.
+
+    Parameters
+    ----------
+    map
+        It, in the frame of the whole map.
+    points
+        Where its keyframes were taken (K, 2) [m].
+    drive, keyframe
+        Which drive it is of, and its middle keyframe.
+    way_m
+        Travelled length up to its middle, all drives one after the other [m].
+    """
+
+    map: TbmMap
+    points: FloatArray
+    drive: int
+    keyframe: int
+    way_m: float
+
+
+@dataclass(frozen=True)
+class Election:
+    """The place that stretches agree on.
+
+    Parameters
+    ----------
+    motion
+        T_target_source that fits all of them best.
+    motions
+        What each of the agreeing stretches says, by its number.
+    """
+
+    motion: SE2
+    motions: Mapping[int, SE2]
+
+
+def stretches_of(one: TbmMap, config: StretchConfig) -> list[Stretch]:
+    """Cut the drives of a map into stretches of about the same length; a shorter drive is one."""
+    ways = [np.hypot(*np.diff(drive.keyframes.poses[:, :2], axis=0).T) for drive in one.drives]
+    length = max(config.length_m, sum(float(way.sum()) for way in ways) / config.most)
+    stretches, before = list[Stretch](), 0.0
+    for number, (drive, way) in enumerate(zip(one.drives, ways, strict=True)):
+        travelled = np.concatenate(([0.0], np.cumsum(way)))
+        count = max(round(travelled[-1] / length), 1)
+        cuts = np.searchsorted(travelled, travelled[-1] * np.arange(1, count) / count)
+        for first, last in zip((0, *cuts.tolist()), (*cuts.tolist(), len(travelled)), strict=True):
+            seen = drive.keyframes.part(first, last)
+            middle = before + float(travelled[first] + travelled[last - 1]) / 2.0
+            where = number, (first + last - 1) // 2
+            stretches.append(Stretch(TbmMap(redraw([seen], one)), seen.poses[:, :2], *where, middle))
+        before += float(travelled[-1])
+    return stretches
+
+
+def elect(
+    stretches: Sequence[Stretch], found: Sequence[Alignment], graph: GraphConfig, config: StretchConfig
+) -> Election | None:
+    """Return the place that most speaks for: two stretches at least, one of them accepted, and none that is elsewhere.
+
+    Parameters
+    ----------
+    stretches
+        Of the source.
+    found
+        The alignment of each with the target.
+    graph
+        What a confirmation is worth and how much must speak for a place, as between maps.
+    config
+        How far stretches may differ.
+
+    Returns
+    -------
+    None where there is no such place.
+    """
+    offers = [offers_of(("target", str(index)), one, graph) for index, one in enumerate(found)]
+    best: tuple[float, dict[int, Offer]] | None = None
+    for index, own in enumerate(offers):
+        for offer in (one for one in own if one.accepted):
+            agreeing = {index: offer}
+            for other, theirs in enumerate(offers):
+                near = [
+                    one
+                    for one in theirs
+                    if _agree(stretches, (index, other), (offer.motion, one.motion), config, graph)
+                ]
+                if near and other != index:
+                    agreeing[other] = max(near, key=lambda one: one.odds)
+            support = _support(offer, agreeing, offers, graph)
+            if len(agreeing) > 1 and support >= graph.min_support and (best is None or support > best[0]):
+                best = support, agreeing
+    if best is None:
+        return None
+    before = np.vstack([stretches[index].points for index in best[1]])
+    after = np.vstack([one.motion.apply(stretches[index].points) for index, one in best[1].items()])
+    return Election(fit_rigid(after, before)[0], {index: one.motion for index, one in sorted(best[1].items())})
+
+
+def laid_in_stretches(one: TbmMap, stretches: Sequence[Stretch], place: Election) -> TbmMap:
+    """Return a map bent as its stretches were laid, in the target's frame and rendered anew."""
+    drives = []
+    for number, drive in enumerate(one.drives):
+        poses = drive.transformed(place.motion).keyframes.poses
+        told = {
+            stretches[index].keyframe: motion
+            for index, motion in place.motions.items()
+            if stretches[index].drive == number
+        }
+        anchors = np.array(sorted(told), dtype=np.int64)
+        laid = np.array([told[anchor] @ drive.keyframes.pose(anchor) for anchor in anchors.tolist()]).reshape(-1, 3)
+        drives.append(with_keyframes_at(drive.transformed(place.motion), spread_corrections(poses, anchors, laid)))
+    return TbmMap(redraw([drive.keyframes for drive in drives], one), tuple(drives), one.provenance)
+
+
+def _support(offer: Offer, agreeing: dict[int, Offer], offers: Sequence[Sequence[Offer]], graph: GraphConfig) -> float:
+    """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere."""
+    confirming = sum(max(one.odds, graph.confirmation) for one in agreeing.values() if one is not offer)
+    elsewhere = (one for index, own in enumerate(offers) if index not in agreeing for one in own if one.accepted)
+    return offer.odds + confirming - sum(one.odds for one in elsewhere)
+
+
+def _agree(
+    stretches: Sequence[Stretch],
+    pair: tuple[int, int],
+    motions: tuple[SE2, SE2],
+    config: StretchConfig,
+    graph: GraphConfig,
+) -> bool:
+    """Tell whether two stretches put the map to one place, but for what it may have bent between them."""
+    first, second = (stretches[index] for index in pair)
+    way = abs(second.way_m - first.way_m)
+    middle = (first.points.mean(axis=0) + second.points.mean(axis=0)) / 2.0
+    here, there = (motion.apply(middle) for motion in motions)
+    turned = abs(wrap_angle(motions[1].theta - motions[0].theta))
+    return (
+        math.dist(here, there) <= graph.same_m + config.drift * way
+        and turned <= graph.same_rad + config.turn_drift * way
+    )

@@ -1,0 +1,89 @@
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.drives import plan_drives
+from datasets.synthetic.laser import SimulatedLaser
+from merging import MergeConfig, align, merge
+from merging.bent_maps import place_bent
+from merging.redrawing import redraw
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+LENGTH = 75.0
+BEND = 0.004  # [rad/m]
+T_WORLD_B = SE2(3.0, -2.0, 0.7)
+
+
+def map_of(world, drive, bend, T_world_map=None):
+    """What a robot maps whose heading drifts as it drives."""
+    T_map_world = (T_world_map or SE2.identity()).inverse()
+    laser = SimulatedLaser(beams=361, angle_min=-math.pi / 2, angle_increment=math.pi / 360, noise=0.005)
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(drive.poses[:, :2], axis=0).T))))
+    _, first = np.unique((travelled / 0.4).astype(int), return_index=True)
+    way, stamps = drive.poses[first], drive.stamps[first]
+    scans = laser.scans(world, stamps, way, np.random.default_rng(1))
+    remembered = [SE2.from_array(way[0])]
+    for before, after in itertools.pairwise(map(SE2.from_array, way)):
+        step = before.inverse() @ after
+        remembered.append(remembered[-1] @ step @ SE2(0.0, 0.0, bend * math.hypot(step.x, step.y)))
+    poses = [T_map_world @ pose for pose in remembered]
+    keyframes = Keyframes.from_scans(scans, poses, [laser.T_robot_sensor] * len(way))
+    made = Drive("robot", Trajectory(stamps, np.array(poses)), keyframes)
+    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4)), (made,))
+    return replace(empty, grid=redraw([keyframes], empty))
+
+
+@pytest.fixture(scope="module")
+def straight_and_bent():
+    world = make_world("office", 3)
+    straight, bent = plan_drives(world, 2, length=LENGTH, overlap=0.9, seed=1)
+    return map_of(world, straight, 0.0), map_of(world, bent, BEND, T_WORLD_B)
+
+
+def test_a_map_too_bent_to_fit_as_a_whole_is_placed_in_stretches(straight_and_bent):
+    straight, bent = straight_and_bent
+    whole = align(straight, bent)
+    assert not whole.accepted, whole.reason
+    found = place_bent(straight, bent, MergeConfig())
+    assert found is not None
+    assert found.alignment.accepted
+    assert "stretches of the drive" in found.alignment.reason
+    assert found.alignment.confidence >= 0.7
+
+    result = merge({"b": bent, "a": straight})  # the one whose frame counts is the bent one
+    assert list(result.poses) == ["b", "a"]
+    assert result.alignments["b", "a"].accepted
+    assert result.joint is not None
+    assert result.alignments["b", "a"].agreement > whole.agreement + 0.1
+    straightened = align(result.joint.maps["a"], result.joint.maps["b"])
+    assert straightened.agreement > 0.8
+    assert straightened.T_target_source == pytest.approx(SE2.identity(), abs=0.05)
+
+
+def test_a_map_of_another_building_is_not(straight_and_bent):
+    straight, _ = straight_and_bent
+    world = make_world("office", 8)
+    other = map_of(world, plan_drives(world, 1, length=LENGTH, seed=2)[0], BEND)
+    assert place_bent(straight, other, MergeConfig()) is None
+
+
+def test_maps_without_keyframes_or_with_one_stretch_are_not_tried(straight_and_bent):
+    straight, bent = straight_and_bent
+    assert place_bent(TbmMap(straight.grid), bent, MergeConfig()) is None
+    assert place_bent(straight, TbmMap(bent.grid), MergeConfig()) is None
+    short = MergeConfig.model_validate({"stretches": {"length_m": 2.0 * LENGTH}})
+    assert place_bent(straight, bent, short) is None
+
+
+def test_it_can_be_switched_off(straight_and_bent):
+    straight, bent = straight_and_bent
+    result = merge({"a": straight, "b": bent}, MergeConfig.model_validate({"stretches": {"enabled": False}}))
+    assert result.merged is None
