@@ -20,6 +20,37 @@ def storage_files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
 
 
+class CutDatabaseError(ValueError):
+    """A database ends too soon."""
+
+
+def check_databases(path: Path) -> None:
+    """Refuse a database that is shorter than it says: sqlite would read zeros where its last page is cut off.
+
+    Parameters
+    ----------
+    path
+        A bag's file or directory.
+
+    Raises
+    ------
+    CutDatabaseError
+        It is, or one of those in the directory.
+    """
+    for file in storage_files(path) if path.is_dir() else [path]:
+        if not file.is_file():
+            continue
+        with file.open("rb") as stream:
+            head = stream.read(100)
+        if not head.startswith(b"SQLite format 3\0") or head[24:28] != head[92:96]:  # an older sqlite states no size
+            continue
+        page = int.from_bytes(head[16:18], "big")
+        stated = int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page)
+        size = file.stat().st_size
+        if size < stated:
+            raise CutDatabaseError(f"the database is cut off, {size} of {stated} bytes are there")
+
+
 def _parts(name: str) -> list[str]:
     """Return a name's numbers and what lies between them, beginning with the latter."""
     return re.split(r"(\d+)", name)

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from datasets.bag_files import is_ros1, storage_files
+from datasets.bag_announcement import BagAnnouncement, announced_by
+from datasets.bag_files import CutDatabaseError, check_databases, is_ros1, storage_files
 from datasets.errors import DatasetError
 from datasets.open_bag import OpenBag, RawMessage
 from datasets.salvaged_bag import Loss, SalvagedBag
@@ -34,11 +35,13 @@ class BagSource:
         self._salvaged: SalvagedBag | None = None
         self._parts: list[BagSource] = []
         self._idle: OpenBag | None = None
+        self._announced = BagAnnouncement()
         try:
             self.is_ros1 = is_ros1(path)
         except OSError as error:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
         try:
+            check_databases(path)  # sqlite reads zeros where a file is cut off
             self._idle = OpenBag(path, self.is_ros1)
             self.connections = self._idle.connections
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
@@ -71,12 +74,16 @@ class BagSource:
         """Return what is known to be missing of a topic."""
         if self._salvaged is not None:
             return self._salvaged.losses(topic)
-        return [loss for part in self._parts for loss in part.losses(topic)]
+        losses = [loss for part in self._parts for loss in part.losses(topic)]
+        found = sum(connection.msgcount for connection in self.connections if connection.topic == topic)
+        more = self._announced.loss(topic, found + sum(loss.messages for loss in losses))
+        return losses if more is None else [*losses, more]
 
     def damages(self) -> list[str]:
         """Return one line for each damaged file."""
-        own = [f"{self.path}: {self.damage}"] if self.damage is not None else []
-        return own + [line for part in self._parts for line in part.damages()]
+        of_parts = [line for part in self._parts for line in part.damages()]
+        told = self.damage is None or any(line.endswith(f": {self.damage}") for line in of_parts)
+        return of_parts if told else [f"{self.path}: {self.damage}", *of_parts]
 
     def close(self) -> None:
         """Close the files; another pass opens them again."""
@@ -116,6 +123,7 @@ class BagSource:
             raise DatasetError(f"{self.path}: {self.damage}") from error
         if self.path.is_dir():
             self._parts = _salvaged_parts(self.path, self.damage)
+            self._announced = announced_by(self.path)
             self.connections = [connection for part in self._parts for connection in part.connections]
         else:
             self._salvaged = _salvaged_file(self.path, self.damage)
@@ -173,13 +181,13 @@ def _explained(path: Path, error: Exception) -> str:
     text = " ".join(str(error).split())
     if path.is_dir() and not (path / "metadata.yaml").exists():
         return "no metadata.yaml in this directory"
-    if isinstance(error, FileNotFoundError):
-        return "cannot be read: No such file or directory"
-    if isinstance(error, PermissionError):
-        return f"cannot be read: {error.strerror}"
+    if path.is_dir() and (missing := announced_by(path).missing_files(path)):
+        return f"its storage {', '.join(missing[:5])} is missing"
+    if isinstance(error, FileNotFoundError | PermissionError):
+        return f"cannot be read: {error.strerror or 'No such file or directory'}"
     if is_ros1(path):
         return _explained_ros1(path, error, text)
-    return f"the bag is damaged ({type(error).__name__}: {text[:200]})"
+    return text if isinstance(error, CutDatabaseError) else f"the bag is damaged ({type(error).__name__}: {text[:200]})"
 
 
 def _explained_ros1(path: Path, error: Exception, text: str) -> str:

@@ -37,7 +37,7 @@ def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
         scan = _Scan()
         scan.read(buffer, buffer.find(b"\n") + 1, _FILE)
         entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
-        if len(buffer) < scan.index_place < _MOST_MISSING * len(buffer):
+        if len(buffer) < scan.index_place < _MOST_MISSING * len(buffer) and scan.has_whole:
             scan.holes = [hole for hole in scan.holes if hole.after < len(entries)]
             scan.holes.append(Hole(len(entries), scan.missing(entries[:, 4])))
     known = entries[np.isin(entries[:, 1], list(scan.connections))]
@@ -72,6 +72,11 @@ class _Scan:
                 position = found
             else:
                 position = self._take(buffer, record, position, block)
+
+    @property
+    def has_whole(self) -> bool:
+        """Whether any message or chunk was read to its end, by which to judge what is missing."""
+        return self._read_whole[0] > 0
 
     def missing(self, sizes: npt.NDArray[np.int64]) -> int:
         """Return how many bytes of messages a cut file lacks, by what its readable part holds of them."""

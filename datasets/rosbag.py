@@ -84,11 +84,12 @@ class _Pass:
 
     def _note_damage(self) -> None:
         """Note and tell what damaged files no longer hold."""
-        files, topic = self._plan.files, self._plan.topics.scan
+        files, topic, vague = self._plan.files, self._plan.topics.scan, False
         for loss in files.losses(topic):
             self._counts.lost_seconds += loss.seconds
             self._counts.lost_scans += loss.messages
             self._counts.incidents.add(loss.since, "scans are lost in the damaged file", loss.seconds)
+            vague = vague or not loss.messages
         missing = files.topics[topic].messages - self._counts.scans_read
         if missing > 0 and not files.damages():
             logger.warning(
@@ -100,7 +101,7 @@ class _Pass:
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
         said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "as far as can be told, no scan is lost"
         for line in files.damages():
-            known = "some are lost" if UNTOLD in line and not lost else said
+            known = "some are lost" if (vague or UNTOLD in line) and not lost else said
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
     def _take(self, message: Message) -> None:
@@ -178,6 +179,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "no_return_codes_m": list(rules.no_return_codes),
         "clock_offset_s": plan.clock.offset,
         "clock_warning": plan.clock.warning,
+        "frame_warnings": list(plan.doubts),
         "extrapolation_limit_s": EXTRAPOLATION_LIMIT_S,
         "max_odometry_gap_s": plan.options.max_odometry_gap_s,
     }

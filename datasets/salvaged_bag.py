@@ -89,11 +89,14 @@ class SalvagedBag:
         return np.asarray(self.entries[self._is_of(topic), 0])
 
     def losses(self, topic: str) -> list[Loss]:
-        """Estimate what is missing of a topic from the pauses at the holes, and from the bytes of a hole at an end."""
+        """Estimate what is missing of a topic from the pauses at the holes, and from the bytes of a hole at an end.
+
+        A single message tells nothing about its topic: then what is missing counts as nothing, and is still a loss.
+        """
         places = np.flatnonzero(self._is_of(topic))
         times = self.entries[places, 0] * 1e-9
         if len(times) < 2:
-            return []
+            return [Loss(float(times[0]), 0.0, 0)] if len(times) and self.holes else []
         period = float(np.median(np.diff(times))) or 1e-3
         seconds_per_byte = period * len(times) / max(int(self.entries[:, 4].sum()), 1)
         missing: dict[int, float] = {}

@@ -7,9 +7,11 @@ import sqlite3
 
 import numpy as np
 import pytest
+import yaml
 from rosbags import rosbag1
 
 from datasets import DatasetError, open_recording
+from datasets.bag_announcement import BagAnnouncement, announced_by
 from datasets.bag_source import BagSource
 
 SCANS = 300
@@ -156,7 +158,7 @@ def test_parts_of_a_directory_are_read_in_their_order(bag, script, tmp_path):
 def test_a_directory_without_storage(bag):
     folder = bag("mcap").parent
     next(folder.glob("*.mcap")).rename(folder / "run.mcap.zstd")
-    with pytest.raises(DatasetError, match=r"run: the bag is damaged .*missing.*, and no storage file .*decompress"):
+    with pytest.raises(DatasetError, match=r"run: its storage \S+ is missing, and no storage file .*decompress"):
         open_recording([folder])
     (folder / "metadata.yaml").unlink()
     with pytest.raises(DatasetError, match=r"run: no metadata\.yaml in this directory, and no storage file"):
@@ -246,3 +248,57 @@ def test_a_bag_is_opened_once_from_its_plan_to_the_end_of_its_pass(bag, monkeypa
     assert (readings, len(opened)) == (SCANS, 1)
     assert opened[0].bio is None
     assert sum(1 for _ in recording) == readings
+
+
+def test_a_database_cut_near_its_end(bag, caplog):
+    """Sqlite itself reads zeros there, so that a scan of zeros came out and nothing was said."""
+    path = bag("sqlite3")
+    os.truncate(path, path.stat().st_size - 50_000)
+    for each in (path, path.parent):
+        caplog.clear()
+        number, counts = used(each)
+        assert SCANS - 8 <= number < SCANS
+        assert counts.lost_scans == pytest.approx(SCANS - number, abs=1)
+        assert counts.beams["hit"] == 4000 * number
+        assert caplog.text.count("the database is cut off, ") == 1
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("gone", ["removed", "empty"])
+def test_a_missing_part_of_a_directory_is_counted(bag, script, tmp_path, caplog, kind, gone):
+    folder = bag(kind).parent
+    storage = next(file for file in folder.iterdir() if file.suffix != ".yaml")
+    other = folder / f"run_1{storage.suffix}"
+    other.write_bytes(b"")
+    metadata = folder / "metadata.yaml"
+    said = yaml.safe_load(metadata.read_text())
+    bag_info = said["rosbag2_bagfile_information"]
+    bag_info["relative_file_paths"].append(other.name)
+    for topic in bag_info["topics_with_message_count"]:
+        topic["message_count"] *= 2
+    metadata.write_text(yaml.safe_dump(said))
+    if gone == "removed":
+        other.unlink()
+    number, counts = used(folder)
+    assert (number, counts.lost_scans) == (SCANS, SCANS)
+    assert counts.lost_seconds == pytest.approx(15.5, abs=1.0)  # half of what the description says it lasts
+    assert f"{SCANS} scans were read, about {SCANS} scans" in caplog.text
+    assert ("its storage run_1" in caplog.text) is (gone == "removed")
+
+
+def test_a_description_that_makes_no_sense_announces_nothing(tmp_path):
+    for text in ("", "[1]", "a: &a [*a]", "rosbag2_bagfile_information: {relative_file_paths: 3}"):
+        (tmp_path / "metadata.yaml").write_text(text)
+        assert announced_by(tmp_path) == BagAnnouncement()
+
+
+def test_a_bag_whose_only_compressed_chunk_is_cut(script, tmp_path, caplog):
+    script.tf(100.0, "base_link", "laser", topic="/tf_static").drive(100.0, 112.0)
+    for k in range(100):
+        script.scan(100.5 + 0.1 * k, NOISE[k, :180], step=0.01)
+    path = script.in_time_order().write(tmp_path / "run.bag", "lz4")
+    cut(path, 0.8)
+    number, counts = used(path)
+    assert 0 < number < 100
+    assert number + counts.lost_scans == pytest.approx(100, abs=10)
+    assert "no scan is lost" not in caplog.text

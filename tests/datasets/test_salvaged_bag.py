@@ -35,3 +35,9 @@ def test_a_hole_at_an_end_is_as_long_as_its_bytes():
     assert bag_of(times, (Hole(0, 100),)).losses("/scan")[0].messages == 10
     assert bag_of([], (Hole(0, 100),)).losses("/scan") == []
     assert bag_of(times, (Hole(100, 500),)).losses("/empty") == []
+
+
+def test_a_single_message_tells_nothing_about_what_is_lost():
+    (loss,) = bag_of([3.0], (Hole(1, 500),)).losses("/scan")
+    assert (loss.since, loss.seconds, loss.messages) == (3.0, 0.0, 0)
+    assert bag_of([3.0]).losses("/scan") == []
