@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 
 _SAMPLE_EVERY = 10
 _MOST_SAMPLES = 2000
+_LARGEST_PARAMETER = 1000.0  # of places on a robot and limits of a laser [m]
 _OFFSET_PARAM = "robot_frontlaser_offset"
 _RANGE_PARAMS = ("robot_front_laser_max", "laser_front_laser_max")
 
@@ -90,9 +91,11 @@ def _note_parameter(survey: _LogSurvey, line: str) -> None:
     """Keep a parameter that is a number."""
     words = line.split()
     try:
-        survey.parameters[words[1]] = float(words[2])
+        value = float(words[2].replace(",", "."))
     except (ValueError, IndexError):
         return
+    if abs(value) <= _LARGEST_PARAMETER:
+        survey.parameters[words[1]] = value
 
 
 def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> str:
@@ -130,9 +133,14 @@ def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
 def _read(line: str, settings: LogSettings) -> LoggedScan | None:
     """Read a scan; None where its line is damaged."""
     try:
-        return scan_from(line, settings)
-    except (ValueError, IndexError):
+        return scan_from(_with_points(line), settings)
+    except (ValueError, IndexError, OverflowError):
         return None
+
+
+def _with_points(line: str) -> str:
+    """Return a line with decimal points: some computers were set up to write commas."""
+    return line.replace(",", ".") if "," in line else line
 
 
 def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings: LogSettings) -> RangeRules:
@@ -196,7 +204,7 @@ def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> 
 def _add_pose(motion: TopicMotion, line: str, settings: LogSettings) -> None:
     """Take in a line of odometry, unless it is damaged."""
     try:
-        pose = pose_from(line, settings)
+        pose = pose_from(_with_points(line), settings)
     except (ValueError, IndexError):
         return
     motion.add(pose.stamp, SE3.from_planar(pose.T_odom_robot))

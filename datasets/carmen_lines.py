@@ -23,12 +23,14 @@ from typing import NamedTuple
 import numpy as np
 
 from datasets.scan_intake import RawScan
+from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2
 
 SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "L")
 POSE_KINDS = ("ODOM", "O")
 # Nothing in these lines states a limit; a SICK LMS measures up to 80 m, what lies above is a code.
 SICK_RANGE_MAX = 80.0
+_LATEST = 1e11  # some thousand years [s]
 
 
 class LoggedScan(NamedTuple):
@@ -63,10 +65,10 @@ def scan_from(line: str, settings: LogSettings) -> LoggedScan:
 def pose_from(line: str, settings: LogSettings) -> LoggedPose:
     """Read a line of one of `POSE_KINDS`; ValueError or IndexError where it is cut off."""
     words = line.split()
-    x, y, theta = map(float, words[1:4])
+    pose = _pose(*words[1:4])
     if words[0] == "O":
-        return LoggedPose(float(words[4]), SE2(0.01 * x, 0.01 * y, theta))
-    return LoggedPose(_time(words, settings), SE2(x, y, theta))
+        return LoggedPose(_seconds(words[4]), _in_metres(pose))
+    return LoggedPose(_time(words, settings), pose)
 
 
 def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
@@ -75,10 +77,9 @@ def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
     rest = words[2 + number :]
     angle_min, step = _fan(number)
     raw = RawScan(_time(words, settings), angle_min, step, 0.0, settings.range_max, _ranges(words[2 : 2 + number]))
-    x, y, theta = map(float, rest[3:6])
     if len(rest) < 9:
         raise ValueError(f"FLASER must end in two poses and times, got {len(rest)} words")
-    return LoggedScan(raw, SE2(x, y, theta), SE2(settings.laser_offset, 0.0, 0.0))
+    return LoggedScan(raw, _pose(*rest[3:6]), SE2(settings.laser_offset, 0.0, 0.0))
 
 
 def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
@@ -90,8 +91,7 @@ def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
 def _robot_laser(words: list[str], settings: LogSettings) -> LoggedScan:
     """Read a laser that states its own geometry and both poses."""
     raw, rest = _stated(words, settings)
-    laser = SE2(*map(float, rest[0:3]))
-    robot = SE2(*map(float, rest[3:6]))
+    laser, robot = _pose(*rest[0:3]), _pose(*rest[3:6])
     return LoggedScan(raw, robot, robot.inverse() @ laser)
 
 
@@ -107,12 +107,11 @@ def _stated(words: list[str], settings: LogSettings) -> tuple[RawScan, list[str]
 
 def _cmu_laser(words: list[str], settings: LogSettings) -> LoggedScan:
     """Read a scan of CMU's course."""
-    x, y, theta, laser_x, laser_y, laser_theta = map(float, words[1:7])
+    robot, laser = _in_metres(_pose(*words[1:4])), _in_metres(_pose(*words[4:7]))
     ranges = 0.01 * _ranges(words[7:-1])
     angle_min, step = _fan(len(ranges))
-    raw = RawScan(float(words[-1]), angle_min, step, 0.0, settings.range_max, ranges)
-    robot = SE2(0.01 * x, 0.01 * y, theta)
-    return LoggedScan(raw, robot, robot.inverse() @ SE2(0.01 * laser_x, 0.01 * laser_y, laser_theta))
+    raw = RawScan(_seconds(words[-1]), angle_min, step, 0.0, settings.range_max, ranges)
+    return LoggedScan(raw, robot, robot.inverse() @ laser)
 
 
 _SCAN_READERS: dict[str, Callable[[list[str], LogSettings], LoggedScan]] = {
@@ -121,6 +120,27 @@ _SCAN_READERS: dict[str, Callable[[list[str], LogSettings], LoggedScan]] = {
     "ROBOTLASER1": _robot_laser,
     "L": _cmu_laser,
 }
+
+
+def _pose(x: str, y: str, theta: str) -> SE2:
+    """Read a pose; ValueError where it cannot be one, whose place compiled code would look for in memory."""
+    pose = SE2(float(x), float(y), float(theta))
+    if not abs(pose.x) + abs(pose.y) + abs(pose.theta) <= FARTHEST_PLACE:
+        raise ValueError(f"pose must be finite and on earth, got {pose}")
+    return pose
+
+
+def _in_metres(pose: SE2) -> SE2:
+    """Return a pose that was stated in centimetres."""
+    return SE2(0.01 * pose.x, 0.01 * pose.y, pose.theta)
+
+
+def _seconds(word: str) -> float:
+    """Read a time; ValueError where it cannot be one."""
+    seconds = float(word)
+    if not abs(seconds) <= _LATEST:
+        raise ValueError(f"time must be finite and of this age, got {word}")
+    return seconds
 
 
 def _fan(number: int) -> tuple[float, float]:
@@ -141,4 +161,4 @@ def _ranges(words: list[str]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 def _time(words: list[str], settings: LogSettings) -> float:
     """Return the time of a line of CARMEN: when its message was made, or when it was logged."""
-    return float(words[-1]) if settings.logger_time else float(words[-3])
+    return _seconds(words[-1] if settings.logger_time else words[-3])

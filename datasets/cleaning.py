@@ -14,6 +14,8 @@ from tbmslam.se2 import FloatArray
 # Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
 KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
 CODE_TOLERANCE = 5e-4
+FARTHEST = 1000.0
+"""No laser of a robot sees as far [m]: one that states more states no limit, and what it gives beyond is a code."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,13 @@ class RangeRules:
     no_return: Literal["free", "drop"]
 
     def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
-        """Return the limits in force for a scan that states these; a senseless maximum counts as not stated."""
-        low = self.range_min if self.range_min is not None else max(0.0, range_min if math.isfinite(range_min) else 0.0)
-        high = self.range_max
+        """Return the limits in force for a scan that states these; those at odds with each other do not count."""
+        contradictory = 0.0 < range_max <= range_min
+        low, high = self.range_min, self.range_max
+        if low is None:
+            low = range_min if 0.0 <= range_min < math.inf and not contradictory else 0.0
         if high is None:
-            high = range_max if range_max > low else math.inf
+            high = range_max if low < range_max < FARTHEST and not contradictory else FARTHEST
         return float(low), float(high)
 
 

@@ -123,6 +123,19 @@ class FrameGraph:
                 return chain
             chain.append(above[0])
 
+    def doubts(self, steps: list[Step]) -> list[str]:
+        """Return a sentence for each frame on a way that tf places twice, so that one place had to be taken."""
+        said = []
+        for edge in (step.edge for step in steps):
+            name = f"{edge.child} in {edge.parent}"
+            if edge.static and edge.moves:
+                said.append(f"tf_static states several places of {name}; taken the first: pass --sensor-pose")
+            rivals = [e.parent for e in self.edges.values() if e.child == edge.child and e.moves and not e.static]
+            rivals = [parent for parent in rivals if parent != edge.parent and not is_localised(parent)]
+            if edge.moves and rivals:
+                said.append(f"tf places {name} and in {', '.join(sorted(rivals))}; taken the former: pass --odom-frame")
+        return said
+
 
 @dataclass(frozen=True)
 class Frames:

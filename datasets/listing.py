@@ -10,6 +10,18 @@ _PACKED = (".gz", ".bz2", ".xz")
 _ROS_2 = (".db3", ".mcap", ".zstd")
 
 
+def check_is_file(path: Path) -> None:
+    """Refuse what is neither a file nor a directory: reading a pipe or a device might never end.
+
+    Raises
+    ------
+    DatasetError
+        It is such a thing. What does not exist passes.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise DatasetError(f"{path}: is no file but a device or a pipe: give a recording's file or folder")
+
+
 def list_recordings(paths: Iterable[Path]) -> list[Path]:
     """Return recordings with those in directories, by name, in the place of the directories.
 
@@ -19,12 +31,13 @@ def list_recordings(paths: Iterable[Path]) -> list[Path]:
     Raises
     ------
     DatasetError
-        A directory holds no recording, or cannot be read.
+        A directory holds no recording, or cannot be read; a path leads to a device or a pipe.
     """
     return [found for path in paths for found in _recordings_at(path)]
 
 
 def _recordings_at(path: Path) -> list[Path]:
+    check_is_file(path)
     if not path.is_dir() or _is_ros2_bag(path):
         return [path]
     found = [entry for entry in _entries(path) if (_is_ros2_bag(entry) if entry.is_dir() else _is_recording(entry))]
@@ -42,6 +55,8 @@ def _is_ros2_bag(directory: Path) -> bool:
 
 
 def _is_recording(file: Path) -> bool:
+    if file.exists() and not file.is_file():
+        return False
     name = file.name.lower()
     for ending in _PACKED:
         name = name.removesuffix(ending)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from datasets.errors import DatasetError
+from datasets.listing import check_is_file
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
 from datasets.text_files import first_bytes
@@ -54,6 +55,7 @@ def _kind(path: Path) -> str:
     """Return "rosbag" or "carmen" by the content of a file, never by its name."""
     if path.is_dir():
         return _kind_of_directory(path)
+    check_is_file(path)
     try:
         with path.open("rb") as stream:
             head = stream.read(4096)

@@ -9,6 +9,7 @@ from tbmslam.se2 import SE2
 Profile = Literal["auto", "stata"]
 OdometrySource = Literal["auto", "tf", "topic", "none"]
 NoReturn = Literal["free", "drop"]
+_FARTHEST_SENSOR = 1000.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,12 @@ class RecordingOptions:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.range_min is not None and not self.range_min >= 0.0:
             raise ValueError(f"range_min must not be negative, got {self.range_min}")
+        if self.range_min is not None and self.range_max is not None and not self.range_min < self.range_max:
+            raise ValueError(f"range_min must be below range_max, got {self.range_min} and {self.range_max}")
+        if self.sensor_pose is not None and not sum(map(abs, self.sensor_pose)) <= _FARTHEST_SENSOR:
+            raise ValueError(
+                f"sensor_pose must be finite and within {_FARTHEST_SENSOR:.0f} m, got {tuple(self.sensor_pose)}"
+            )
         if self.angle_step_deg is not None and (self.angle_step_deg == 0.0 or not math.isfinite(self.angle_step_deg)):
             raise ValueError(f"angle_step_deg must be finite and not 0, got {self.angle_step_deg}")
         if self.clock_offset is not None and not math.isfinite(self.clock_offset):

@@ -7,6 +7,14 @@ from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
 from tbmslam.laser_scan import Reading
 
+_REMEDIES = {
+    "before_odometry": "check --odometry, --odom-frame and --clock-offset",
+    "empty": "no beam of them says anything; check --range-min and --range-max, or choose another --scan-topic",
+    "unreadable": "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic",
+    "impossible_angles": "pass --angle-step-deg",
+}
+"""What to do where scans are dropped, by the reason."""
+
 ReadingStream: TypeAlias = Callable[[ReadingCounts], Iterator[Reading]]
 
 
@@ -54,7 +62,6 @@ def _why_nothing(counts: ReadingCounts) -> str:
     if counts.scans_read == 0:
         return "no scan in the recording: choose another with --scan-topic"
     reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))
-    return (
-        f"none of {counts.scans_read} scans can be used ({reasons}): "
-        "check --odometry, --odom-frame, --clock-offset and --range-max"
-    )
+    main = max(counts.dropped, key=lambda reason: counts.dropped[reason], default="")
+    remedy = _REMEDIES.get(main, "choose another --scan-topic")
+    return f"none of {counts.scans_read} scans can be used ({reasons}): {remedy}"

@@ -45,6 +45,8 @@ def recording_warnings(recording: Recording) -> list[str]:
         said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
     if recording.description.get("sensor_pose_known") is False:
         said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
+    frames = recording.description.get("frame_warnings")
+    said += [str(one) for one in frames] if isinstance(frames, list) else []
     said += _beam_warnings(counts)
     first_scan = recording.description.get("first_scan")
     angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) else None

@@ -1,12 +1,14 @@
 """What is decided about a bag before its first pass: topics, odometry, frames, clocks."""
 
 import logging
+import math
 from dataclasses import dataclass, replace
 
 from datasets.beam_angles import angle_warning
 from datasets.clock import ClockFinding, compare_clocks
 from datasets.errors import DatasetError
 from datasets.frames import Frames, Step, find_robot_frame
+from datasets.motion import Mounting
 from datasets.options import RecordingOptions
 from datasets.profiles import STATA_SENSOR_POSE, with_profile
 from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
@@ -18,6 +20,7 @@ from tbmslam.se2 import SE2
 logger = logging.getLogger(__name__)
 
 _MOST_STATIC = 2000
+_FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class Plan:
         T_robot_sensor to be used instead of it.
     clock
         How the clocks of scans and odometry compare.
+    doubts
+        What had to be chosen although tf says two things, in sentences.
     """
 
     files: BagFiles
@@ -52,6 +57,7 @@ class Plan:
     to_sensor: list[Step] | None
     sensor_pose: SE2 | None
     clock: ClockFinding
+    doubts: tuple[str, ...] = ()
 
     def topics_to_read(self) -> tuple[str, ...]:
         """Return the topics a pass needs."""
@@ -83,7 +89,7 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
         logger.warning(
-            "%s: tf does not tell where the laser (frame %s) sits; taken %s: pass --sensor-pose",
+            "%s: tf does not tell where the laser (frame %r) sits; taken %s: pass --sensor-pose",
             files.paths[0],
             survey.sensor_frame,
             "where the PR2 carries it" if sensor_pose else "at the robot's centre",
@@ -91,10 +97,13 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     clock = _compared(survey, options, frames, topics, source)
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
+    doubts = _doubts(survey, frames, to_sensor if sensor_pose is None else None)
+    for doubt in doubts:
+        logger.warning("%s: %s", files.paths[0], doubt)
     stretched = angle_warning(len(survey.first_scan.ranges), survey.first_scan.angle_increment)
     if stretched and options.angle_step_deg is None:
         logger.warning("%s: %s", files.paths[0], stretched)
-    return Plan(files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock)
+    return Plan(files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock, doubts)
 
 
 def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:
@@ -156,6 +165,19 @@ def _robot(
     facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
     robot = find_robot_frame(survey.graph, sensor, options, facts.robot if facts else None)
     return robot, survey.graph.path(robot, sensor) if robot is not None else None
+
+
+def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
+    """Return what is doubtful about the ways that are read from tf."""
+    said = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
+    far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
+    if far > _TOO_FAR:
+        raise DatasetError(f"tf says that the laser sits {far:.3g} m from the robot's centre: pass --sensor-pose")
+    if far > _FAR_LASER:
+        said.append(
+            f"tf says that the laser sits {far:.0f} m from the robot's centre: pass --sensor-pose if it does not"
+        )
+    return tuple(said)
 
 
 def _compared(

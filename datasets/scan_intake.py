@@ -15,6 +15,8 @@ from tbmslam.laser_scan import LaserScan
 _REMEMBERED_STAMPS = 64
 _LARGEST_ANGLE = 4.0 * math.pi
 """Of a first beam, or between the first and the last: beyond it a message is damaged [rad]."""
+_SMALLEST_FAN = 1e-3
+"""Between the first beam and the last: no laser sees less, but a step in a wrong unit says so [rad]."""
 
 
 class RawScan(NamedTuple):
@@ -74,7 +76,8 @@ class ScanIntake:
         if not (math.isfinite(raw.angle_min) and math.isfinite(step) and step != 0.0):
             self._counts.drop("unreadable")
             return None
-        if abs(raw.angle_min) > _LARGEST_ANGLE or abs(step) * (len(raw.ranges) - 1) > _LARGEST_ANGLE:
+        fan = abs(step) * (len(raw.ranges) - 1)
+        if abs(raw.angle_min) > _LARGEST_ANGLE or fan > _LARGEST_ANGLE or (len(raw.ranges) > 1 and fan < _SMALLEST_FAN):
             self._counts.drop("impossible_angles")
             return None
         low, high = self._rules.limits(raw.range_min, raw.range_max)

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2
 
 
@@ -29,7 +30,7 @@ class SE3(NamedTuple):
     def from_values(cls, x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> "SE3 | None":
         """Read recorded numbers, normalising the quaternion; None where they are no motion (not finite, or all 0)."""
         norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-        if not norm > 1e-6 or not math.isfinite(norm + x + y + z):
+        if not 1e-6 < norm < math.inf or not abs(x) + abs(y) + abs(z) <= FARTHEST_PLACE:
             return None
         return cls(x, y, z, qx / norm, qy / norm, qz / norm, qw / norm)
 

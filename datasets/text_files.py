@@ -9,6 +9,7 @@ from pathlib import Path
 from datasets.errors import DatasetError
 
 _OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.open))
+_LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills the memory
 
 
 def first_bytes(path: Path, number: int = 4096) -> bytes:
@@ -27,7 +28,7 @@ def first_bytes(path: Path, number: int = 4096) -> bytes:
 
 
 def lines_of(path: Path) -> Iterator[str]:
-    """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz.
+    """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz; lines of many megabytes in pieces.
 
     Raises
     ------
@@ -36,7 +37,8 @@ def lines_of(path: Path) -> Iterator[str]:
     """
     try:
         with _opener(path)(path, "rt", encoding="latin-1") as stream:
-            yield from stream
+            while line := stream.readline(_LONGEST_LINE):
+                yield line
     except (OSError, EOFError, lzma.LZMAError) as error:
         raise _damaged(path, error) from error
 

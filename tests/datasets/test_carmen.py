@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
+from datasets.text_files import lines_of
 from tbmslam.se2 import SE2
 
 TIMES = "{ipc:.6f} host {logger:.6f}"
@@ -153,3 +154,40 @@ def test_several_logs_follow_each_other(tmp_path):
         (tmp_path / name).write_text("".join(flaser(k) for k in range(start, start + 10)))
     readings = list(open_recording([tmp_path / "a", tmp_path / "b"]))
     assert [r.scan.stamp for r in readings] == pytest.approx([1000.0 + 0.2 * k for k in range(20)])
+
+
+def test_commas_for_points(tmp_path):
+    text = "".join(flaser(k) for k in range(20))
+    readings, _ = read(
+        tmp_path / "run.log", "PARAM robot_frontlaser_offset 0,1 0,0 host 0,0\n" + text.replace(".", ",")
+    )
+    plain, _ = read(tmp_path / "plain.log", "PARAM robot_frontlaser_offset 0.1 0.0 host 0.0\n" + text)
+    assert [r.T_odom_robot for r in readings] == [r.T_odom_robot for r in plain]
+    assert readings[5].scan.ranges.tolist() == plain[5].scan.ranges.tolist()
+    assert readings[5].T_robot_sensor == plain[5].T_robot_sensor
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
+@pytest.mark.parametrize("place", [-6, -4, -3])
+def test_poses_and_times_that_cannot_be_are_left_out(tmp_path, number, place):
+    lines = [flaser(k).split() for k in range(20)]
+    lines[7][place] = number
+    readings, recording = read(tmp_path / "run.log", "".join(" ".join(words) + "\n" for words in lines))
+    assert len(readings) == 19
+    assert recording.counts.dropped == {"unreadable": 1}
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300"])
+def test_parameters_that_cannot_be_do_not_count(tmp_path, value):
+    head = f"PARAM robot_frontlaser_offset {value} 0 h 0\nPARAM robot_front_laser_max {value} 0 h 0\n"
+    readings, _ = read(tmp_path / "run.log", head + "".join(flaser(k) for k in range(5)))
+    assert readings[0].T_robot_sensor == SE2.identity()
+    assert len(readings[0].scan.hit_points()) == 180
+
+
+def test_a_line_without_end_does_not_fill_the_memory(tmp_path):
+    path = tmp_path / "run.log.gz"
+    path.write_bytes(gzip.compress(b"FLASER 180 " + b"1 " * (1 << 23) + b"\n" + flaser(1).encode(), compresslevel=1))
+    lengths = [len(line) for line in lines_of(path)]
+    assert max(lengths) == 1 << 22
+    assert sum(lengths) == 11 + (1 << 24) + 1 + len(flaser(1))

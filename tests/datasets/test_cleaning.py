@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from datasets.cleaning import CODE_TOLERANCE, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
+from datasets.cleaning import CODE_TOLERANCE, FARTHEST, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
 from datasets.counts import ReadingCounts
 
 
@@ -74,8 +74,13 @@ def test_exactly_the_maximum_is_no_hit():
     [
         ((0.1, 30.0), (None, None), (0.1, 30.0)),
         ((0.1, 30.0), (0.5, 10.0), (0.5, 10.0)),
-        ((np.nan, np.nan), (None, None), (0.0, np.inf)),
-        ((-1.0, 0.0), (None, None), (0.0, np.inf)),
+        ((np.nan, np.nan), (None, None), (0.0, FARTHEST)),
+        ((-1.0, 0.0), (None, None), (0.0, FARTHEST)),
+        ((0.1, np.inf), (None, None), (0.1, FARTHEST)),
+        ((0.1, 3e38), (None, None), (0.1, FARTHEST)),
+        ((0.1, 3e38), (None, 5000.0), (0.1, 5000.0)),
+        ((30.0, 0.1), (None, None), (0.0, FARTHEST)),
+        ((0.1, 0.0), (None, None), (0.1, FARTHEST)),
     ],
 )
 def test_limits(stated, given_limits, expected):

@@ -101,3 +101,16 @@ def test_localised_frames():
     assert is_localised("/map")
     assert is_localised("robot1/map")
     assert not is_localised("odom")
+
+
+def test_what_tf_says_twice_is_said():
+    moving = graph_of(("odom_combined", "base"), ("odom", "base"), ("map", "base"), ("base", "laser", FIXED))
+    frames = choose_frames(moving, "laser", AUTO)
+    (doubt,) = moving.doubts([*frames.to_robot, *frames.to_sensor])
+    assert doubt == "tf places base in odom_combined and in odom; taken the former: pass --odom-frame"
+    fixed = graph_of(("base", "laser", FIXED))
+    steps = fixed.path("base", "laser")
+    assert fixed.doubts(steps) == []
+    fixed.add("base", "laser", SE3.from_planar(SE2(2.0, 0.0, 1.0)), True, 0.0)
+    (doubt,) = fixed.doubts(steps)
+    assert doubt == "tf_static states several places of laser in base; taken the first: pass --sensor-pose"

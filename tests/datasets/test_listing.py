@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from datasets.errors import DatasetError
@@ -24,4 +26,12 @@ def test_a_ros_2_bag_stays_one(tmp_path):
 
 def test_a_directory_without_any(tmp_path):
     with pytest.raises(DatasetError, match=r"a directory without recordings \(.*\): give the one that they lie in"):
+        list_recordings([tmp_path])
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"run\.bag: is no file but a device or a pipe: give a recording's file"):
+        list_recordings([tmp_path / "run.bag"])
+    with pytest.raises(DatasetError, match="a directory without recordings"):
         list_recordings([tmp_path])

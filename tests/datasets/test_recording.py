@@ -3,6 +3,7 @@ import json
 import pytest
 
 from datasets import DatasetError, ReadingCounts, Recording, RecordingOptions
+from tbmslam.se2 import SE2
 
 
 def recording_of(**values):
@@ -17,8 +18,21 @@ def recording_of(**values):
 def test_nothing_to_read_is_an_error():
     with pytest.raises(DatasetError, match="run: no scan in the recording: choose another with --scan-topic"):
         list(recording_of())
-    with pytest.raises(DatasetError, match=r"run: none of 3 scans can be used \(3 empty\): check --odometry"):
-        list(recording_of(scans_read=3, dropped={"empty": 3}))
+
+
+@pytest.mark.parametrize(
+    ("reason", "remedy"),
+    [
+        ("empty", "no beam of them says anything; check --range-min and --range-max"),
+        ("before_odometry", "check --odometry, --odom-frame and --clock-offset"),
+        ("impossible_angles", "pass --angle-step-deg"),
+        ("unreadable", "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic"),
+        ("other_frame", "choose another --scan-topic"),
+    ],
+)
+def test_scans_of_no_use_say_what_to_do(reason, remedy):
+    with pytest.raises(DatasetError, match=rf"run: none of 4 scans can be used \(.*3 {reason}.*\): {remedy}"):
+        list(recording_of(scans_read=4, dropped={"duplicate": 1, reason: 3}))
 
 
 def test_counts_as_text_and_as_json():
@@ -56,6 +70,9 @@ def test_counts_as_text_and_as_json():
         ({"max_odometry_gap_s": float("nan")}, "max_odometry_gap_s must be positive, got nan"),
         ({"range_min": -1.0}, r"range_min must not be negative, got -1\.0"),
         ({"angle_step_deg": 0.0}, r"angle_step_deg must be finite and not 0, got 0\.0"),
+        ({"range_min": 5.0, "range_max": 2.0}, r"range_min must be below range_max, got 5\.0 and 2\.0"),
+        ({"sensor_pose": SE2(float("nan"), 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
+        ({"sensor_pose": SE2(1e300, 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
         ({"clock_offset": float("inf")}, "clock_offset must be finite, got inf"),
     ],
 )

@@ -367,3 +367,18 @@ def test_topics_in_blocks_of_their_own(script, tmp_path):
     bag = ordinary(script)
     bag.messages.sort(key=lambda message: message[1])
     assert len(read(bag.write(tmp_path / "run.bag", "bz2"))[0]) == 60
+
+
+@pytest.mark.parametrize(("away", "refused"), [(30.0, False), (1e6, True), (1e300, False)])
+def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
+    script.tf(99.0, "base_link", "laser", SE2(away, 0.0, 0.0), topic="/tf_static").drive(100.0, 103.0).scan(101.0)
+    path = script.write(tmp_path / "run.bag")
+    if refused:
+        with pytest.raises(DatasetError, match=r"tf says that the laser sits 1e\+06 m from .*pass --sensor-pose"):
+            open_recording([path])
+    else:
+        _, recording = read(path)
+        # A place that is not on earth is no transform at all.
+        far = "the laser sits 30 m from the robot's centre" in caplog.text
+        assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
+        assert recording.description["sensor_pose_known"] is far

@@ -37,6 +37,13 @@ def test_a_senseless_step_makes_a_scan_useless(step):
     assert take(raw(1.0, step=step), angle_step=0.2)[0][0].angle_increment == 0.2
 
 
+@pytest.mark.parametrize("step", [1e-30, -1e-9, 1e30])
+def test_a_fan_that_no_laser_has_is_left_out(step):
+    scans, counts = take(raw(1.0, step=step))
+    assert scans == [None]
+    assert counts.dropped == {"impossible_angles": 1}
+
+
 @pytest.mark.parametrize(("stated", "believed"), [(0.05, True), (0.2, False), (0, True), (-1, True), (np.nan, True)])
 def test_the_time_between_beams_must_be_possible(stated, believed):
     counts = ReadingCounts()
