@@ -52,8 +52,11 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`."""
-    write_bytes(path, text.encode("utf-8"))
+    """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`.
+
+    Names of files that are no text appear with their bytes written out.
+    """
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 
 def _remove_leftovers(target: Path) -> None:

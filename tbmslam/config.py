@@ -30,7 +30,7 @@ class MapConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    resolution: float = Field(0.05, gt=0, description="side of a cell [m]")
+    resolution: float = Field(0.05, ge=0.001, le=10.0, description="side of a cell [m]")
     max_cells: int = Field(
         60_000_000,
         gt=0,

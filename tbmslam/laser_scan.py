@@ -11,6 +11,9 @@ import numpy.typing as npt
 from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan, move_hits
 from tbmslam.se2 import SE2, FloatArray
 
+FARTHEST_PLACE = 1e8
+"""No robot is farther from anything on earth [m]."""
+
 
 class Hits(NamedTuple):
     """Points that a laser hit, and how the surfaces there face.
@@ -139,6 +142,25 @@ class Reading:
     T_odom_robot: SE2 | None
     T_robot_sensor: SE2 = field(default_factory=SE2.identity)
     T_odom_swept: SE2 | None = None
+
+    def check(self) -> None:
+        """Refuse numbers that cannot be meant: compiled code would take them for places in memory.
+
+        Raises
+        ------
+        ValueError
+            A pose is not finite or beyond `FARTHEST_PLACE`, or a stamp or angle of the scan is not finite.
+        """
+        for name in ("T_odom_robot", "T_robot_sensor", "T_odom_swept"):
+            pose = getattr(self, name)
+            if pose is not None and not (abs(pose[0]) + abs(pose[1]) + abs(pose[2]) <= FARTHEST_PLACE):
+                raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
+        scan = self.scan
+        if not math.isfinite(scan.stamp + scan.angle_min + scan.angle_increment):
+            raise ValueError(
+                "stamp, angle_min and angle_increment must be finite, got "
+                f"{scan.stamp}, {scan.angle_min}, {scan.angle_increment}"
+            )
 
     def with_scan(self, scan: LaserScan) -> "Reading":
         """Return the same reading with another scan."""

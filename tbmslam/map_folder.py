@@ -33,10 +33,12 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     Raises
     ------
     ValueError
-        If the map's provenance holds what JSON cannot.
+        If the map has no cells, or its provenance holds what JSON cannot.
     FileNotWrittenError
         If the folder or a file cannot be written.
     """
+    if not tbm_map.grid.masses.size:
+        raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
     folder = Path(folder)
     trajectories = _trajectory_files(tbm_map.drives)
     write_map_file(folder / "map.npz", tbm_map)

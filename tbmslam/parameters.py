@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar, cast, get_args
@@ -42,7 +43,7 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
     except ValidationError as error:
         first = error.errors()[0]
         place = _place(config, first["loc"])
-        given = "" if place == "" else f" (got {first['input']!r})"
+        given = "" if place == "" else f" (got {reprlib.repr(first['input'])})"
         raise ConfigError(f"{source}: {place or 'as a whole'}: {first['msg']}{given}") from None
 
 
@@ -60,7 +61,7 @@ def parse_setting(text: str) -> dict[str, object]:
         raise ConfigError(f"setting {text!r} must look like map.resolution=0.1")
     try:
         value: object = tomllib.loads(f"value = {value_text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # no TOML, a number of thousands of digits, lists in lists without end
         value = value_text
     change: dict[str, object] = {keys[-1]: value}
     for key in reversed(keys[:-1]):
@@ -90,9 +91,11 @@ def fields_of(table: object) -> dict[str, object]:
 
 def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequence[str], source: str) -> object:
     """Return a table's values under a change of some of them."""
-    if not is_table(old):
-        return change
     here = ".".join(place)
+    if not is_table(old):
+        if isinstance(old, int | float) and isinstance(change, bool | str) and type(old) is not type(change):
+            raise ConfigError(f"{source}: {here} must be {_kind_of(old)}, got {change!r}")
+        return change
     known = fields_of(old)
     if not isinstance(change, Mapping):
         raise ConfigError(f"{source}: {here} is a table: name one of its parameters, as {here}.{next(iter(known))}")
@@ -103,6 +106,10 @@ def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequen
         below = _of_kind(old, key, new)
         values[key] = _overlaid(below, new, (*place, key), names, source)
     return values
+
+
+def _kind_of(value: float) -> str:
+    return "true or false" if isinstance(value, bool) else "a number"
 
 
 def _of_kind(table: object, key: str, change: object) -> object:

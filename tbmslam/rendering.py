@@ -111,7 +111,7 @@ def _corners(block: _Block) -> FloatArray:
 def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
     """Return the cells that hold all points (N, 2); a multiple of the resolution where there would be too many."""
     low, high = points.min(axis=0), points.max(axis=0)
-    times = 1
+    times = max(1, math.floor(math.sqrt(float(np.prod(high - low)) / config.max_cells) / config.resolution))
     while _cells(low, high, times * config.resolution) > config.max_cells:
         times += 1
     resolution = times * config.resolution

@@ -85,7 +85,14 @@ class Slam:
         return self._stamps[0] if self._stamps else 0.0
 
     def process(self, reading: Reading) -> SE2:
-        """Place one reading, learn from it, and return the robot's pose T_map_robot."""
+        """Place one reading, learn from it, and return the robot's pose T_map_robot.
+
+        Raises
+        ------
+        ValueError
+            It holds numbers that cannot be meant, see `Reading.check`.
+        """
+        reading.check()
         reading = self._monitor.cleaned(reading)
         T_robot_sensor = reading.T_robot_sensor
         prediction = self._motion.predict(reading)

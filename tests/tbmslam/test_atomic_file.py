@@ -63,3 +63,8 @@ def test_what_a_killed_writer_left_goes_with_the_next_file(tmp_path):
     write_bytes(target, b"new")
     assert target.read_bytes() == b"new"
     assert sorted(tmp_path.iterdir()) == sorted([target, *others])
+
+
+def test_names_that_are_no_text_are_written_out(tmp_path):
+    write_text(tmp_path / "a.txt", "drive \udcff \u00fc")
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "drive \\udcff \u00fc"

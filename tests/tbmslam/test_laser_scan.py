@@ -1,9 +1,11 @@
 import math
 
 import numpy as np
+import pytest
 
 from tbmslam.laser_scan import Hits, LaserScan, Reading
 from tbmslam.se2 import SE2
+from tbmslam.slam import Slam
 
 
 def scan(ranges, angle_min=-math.pi / 2, increment=math.pi / 2):
@@ -65,3 +67,19 @@ def test_hits_are_limited_placed_joined_and_thinned():
     assert len(both.thinned(20).points) == 21
     assert len(both.thinned(1000).points) == 102
     assert len(scan_of([np.nan, np.inf]).hits().points) == 0
+
+
+@pytest.mark.parametrize("pose", [SE2(math.nan, 0.0, 0.0), SE2(0.0, math.inf, 0.0), SE2(0.0, 0.0, -1e300)])
+@pytest.mark.parametrize("name", ["T_odom_robot", "T_robot_sensor", "T_odom_swept"])
+def test_poses_that_compiled_code_cannot_take_are_refused(name, pose):
+    poses = {"T_odom_robot": SE2(5e6, 4e5, 1.0), name: pose}
+    with pytest.raises(ValueError, match=rf"{name} must be finite and within 1e\+08 m, got SE2"):
+        Slam().process(Reading(scan([1.0, 2.0]), **poses))
+
+
+@pytest.mark.parametrize("numbers", [(math.nan, 0.0, 0.1), (0.0, math.inf, 0.1), (0.0, 0.0, math.nan)])
+def test_stamps_and_angles_that_are_no_numbers_are_refused(numbers):
+    stamp, angle_min, step = numbers
+    bad = LaserScan(stamp, angle_min, step, 0.1, 30.0, np.ones(3))
+    with pytest.raises(ValueError, match="stamp, angle_min and angle_increment must be finite, got"):
+        Slam().process(Reading(bad, None))

@@ -184,3 +184,9 @@ def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "map.npz")
     with pytest.raises(MapFileError, match="is no file but a device or a pipe"):
         load_map(tmp_path / "map.npz")
+
+
+def test_a_map_without_cells_is_a_wrong_argument(tmp_path):
+    with pytest.raises(ValueError, match="tbm_map must have cells, got GridGeometry"):
+        save_map(tmp_path / "out", TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 0, 0))))
+    assert not (tmp_path / "out").exists()

@@ -46,7 +46,10 @@ def test_values_are_checked_again_together():
             {"tracker": {"iterations": 0}},
             r"^configuration: tracker\.iterations: .*greater than or equal to 1 \(got 0\)$",
         ),
-        ({"seed": "many"}, r"^configuration: seed: .*valid integer.* \(got 'many'\)$"),
+        ({"seed": 1.5}, r"^configuration: seed: .*valid integer.* \(got 1\.5\)$"),
+        ({"seed": "many"}, r"^configuration: seed must be a number, got 'many'$"),
+        ({"map": {"resolution": True}}, r"^configuration: map\.resolution must be a number, got True$"),
+        ({"map": {"keep_conflict": "no"}}, r"^configuration: map\.keep_conflict must be true or false, got 'no'$"),
     ],
 )
 def test_what_is_wrong_is_named_with_the_nearest(changes, message):
