@@ -5,6 +5,7 @@ a frame that no other robot knows.
 """
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +30,7 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong (one line says what; what was finished is kept), 2 wrong usage, 130 interrupted
 """
 
+MOST_ROBOTS = 10_000
 OUT_OF_MEMORY = "memory has run out: use a coarser map.resolution, a smaller map.max_cells or fewer --workers"
 
 
@@ -38,9 +40,9 @@ def parser() -> argparse.ArgumentParser:
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(
-        "recordings", nargs="*", type=Path, metavar="RECORDING", help="bags, logs, or directories of them"
+        "recordings", nargs="*", type=_path, metavar="RECORDING", help="bags, logs, or directories of them"
     )
-    grammar.add_argument("-o", "--out", type=Path, default=Path("maps"), help="where the robots' folders go (maps)")
+    grammar.add_argument("-o", "--out", type=_path, default=Path("maps"), help="where the robots' folders go (maps)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     robots = grammar.add_argument_group("robots")
     robots.add_argument("--separate", action="store_true", help="each recording is a robot; else they are one drive")
@@ -97,44 +99,61 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = parser()
     args = grammar.parse_args(argv)
-    if not args.recordings and not args.print_config:
-        grammar.error("the following arguments are required: RECORDING: name a bag, a log or a directory of them")
-    listed = args.separate and any(path.is_dir() for path in args.recordings)  # nobody knows yet how many lie there
-    if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
-        grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
-    if args.separate and (args.robots != 1 or args.interval):
-        grammar.error("--separate makes each recording one robot: drop --robots and --interval")
-    if args.robots < 1 or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
-        grammar.error("--robots must be at least 1, --overlap within [0, 1), --seed not negative")
-    if args.workers < 1 or (args.scheduler and args.workers > 1):
-        grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
+    _check_usage(grammar, args)
     with loading():
         from tbmslam.errors import TbmSlamError
         from tools.configuration import whole_text
+        from tools.console import print_anything
         from tools.mapping_run import build_maps
         from tools.typed_command import typed_command
 
     try:
+        print_anything()
         _check_recording_options(grammar, args)
         config = _configuration(args)
         if args.print_config:
             print(whole_text(config), end="")
         else:
             build_maps(args, config, typed_command("build_maps", argv))
-    except TbmSlamError as error:
+    except (TbmSlamError, OSError, MemoryError) as error:
         if args.debug:
             raise
-        sys.stderr.write(f"build_maps: {' '.join(str(error).splitlines())}\n")  # names of files may hold line ends
-        return 1
-    except MemoryError:
-        if args.debug:
-            raise
-        sys.stderr.write(f"build_maps: {OUT_OF_MEMORY}\n")
+        sys.stderr.write(f"build_maps: {_in_one_line(error)}\n")
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("build_maps: interrupted: run the same again to go on, finished robots are kept\n")
         return 130
     return 0
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("an empty text names no file: is a variable of the shell unset?")
+    return Path(text)
+
+
+def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    if not args.recordings and not args.print_config:
+        grammar.error("the following arguments are required: RECORDING: name a bag, a log or a directory of them")
+    # Nobody knows yet how many lie in a directory. (Unlike a Path, this does not fail where a name is too long.)
+    listed = args.separate and any(os.path.isdir(path) for path in args.recordings)  # noqa: PTH112
+    if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
+        grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
+    if args.separate and (args.robots != 1 or args.interval):
+        grammar.error("--separate makes each recording one robot: drop --robots and --interval")
+    if not 1 <= args.robots <= MOST_ROBOTS or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
+        grammar.error("--robots must be at least 1 and at most 10000, --overlap within [0, 1), --seed not negative")
+    if args.workers < 1 or (args.scheduler and args.workers > 1):
+        grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
+
+
+def _in_one_line(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return OUT_OF_MEMORY
+    if isinstance(error, OSError):
+        name = "" if error.filename is None else f"{error.filename}: "
+        return f"{name}{error.strerror or error}: check that name, or choose another"
+    return " ".join(str(error).splitlines())  # names of files may hold line ends
 
 
 def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

@@ -30,6 +30,8 @@ def write_checksums(folder: Path) -> None:
 def changed_files(folder: Path) -> list[str] | None:
     """Return the names of files that are gone or not as they were written; None where nobody noted how they were."""
     try:
+        if not (folder / NAME).is_file():  # reading a pipe might never end
+            return None
         lines = (folder / NAME).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return None
@@ -39,6 +41,8 @@ def changed_files(folder: Path) -> list[str] | None:
 
 def _digest(file: Path) -> str | None:
     try:
+        if not file.is_file():
+            return None
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:

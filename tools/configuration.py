@@ -86,5 +86,6 @@ def _read(path: Path) -> Mapping[str, object]:
         raise ConfigError(f"{path}: cannot be read as TOML: it is no file")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read as TOML: {error}") from None
+    except (OSError, ValueError, RecursionError) as error:  # among the second are numbers of thousands of digits
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise ConfigError(f"{path}: cannot be read as TOML: {reason}") from None

@@ -11,6 +11,7 @@ from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.rerun_viewer import RerunViewer
 from tbmslam.tbm_map import TbmMap
+from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
 from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration
@@ -38,6 +39,8 @@ def build_maps(args: argparse.Namespace, config: Configuration, command: str) ->
 
 
 def _build(args: argparse.Namespace, config: Configuration, command: str, watch: Watch) -> None:
+    for reference in args.reference or []:  # rather now than after hours of mapping
+        read_tum(reference)
     shelf = Shelf()
     tasks = plan_mapping(args, config, shelf, watch)
     _refuse_stale_robots(args.out, [task.name for task in tasks])
@@ -48,10 +51,10 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, watch:
             watch.finished(task.name, tbm_map)
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
-    _write_truth(args, made, shelf, watch)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
     write_text(args.out / "report.html", maps_page(robots, Making(command, watch.seconds)).to_html())
     print(f"report -> {args.out / 'report.html'}")
+    _write_truth(args, made, shelf, watch)
 
 
 def _map(args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, watch: Watch) -> dict[str, Mapped]:

@@ -17,6 +17,7 @@ from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
 from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
+from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import Reading
 from tbmslam.map_folder import save_map
 from tbmslam.report.making import versions
@@ -28,6 +29,10 @@ from tbmslam.watch import Watch
 from tools.checksums import NAME as CHECKSUMS
 from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration, mapping_text
+
+
+class EmptyMapError(TbmSlamError):
+    """Nothing that a robot saw can be drawn."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,7 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
         recording.counts.replace_by(task.counts)
     run = _run_record(task, recording)
     tbm_map = slam.finish(run | _noted(recording, slam))
+    _check_seen(recording, tbm_map, scans)
     run |= _noted(recording, slam)  # once more: only now it is known what is left out of the map
     watch.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
@@ -160,6 +166,18 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     return Mapped(run, recording.counts.summary(), time.perf_counter() - began, tbm_map)
 
 
+def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
+    if tbm_map.grid.is_known().any():
+        return
+    beams = recording.counts.beams
+    total = sum(beams.values())
+    fates = ", ".join(f"{number / total:.0%} {fate}" for fate, number in sorted(beams.items()))
+    raise EmptyMapError(
+        f"{recording.name}: nothing is seen in {scans} scans (beams: {fates}): check --range-max and --range-min, or "
+        "choose another --scan-topic"
+    )
+
+
 def finished(task: MappingTask) -> Mapped | None:
     """Return what an earlier run made of a task.
 
@@ -168,7 +186,7 @@ def finished(task: MappingTask) -> Mapped | None:
     try:
         run = json.loads((task.folder / "run.json").read_text(encoding="utf-8"))
         is_same = run["fingerprint"] == task.fingerprint()
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return Mapped(run) if is_same and changed_files(task.folder) == [] else None
 

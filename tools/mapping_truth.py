@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,10 +12,12 @@ from tbmslam.config import preset
 from tbmslam.slam import Slam
 from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_alignment import align_trajectories
+from tbmslam.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
 from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
 from tools.mapping_task import MappingTask, Shelf
+
+logger = logging.getLogger(__name__)
 
 
 def write_truth(
@@ -25,6 +28,8 @@ def write_truth(
     watch: Watch,
 ) -> None:
     """Write the pose of each robot's map in its recording's true frame, unless that is written already.
+
+    Without a true trajectory, a robot that saw too little to be placed by that is left out with a warning.
 
     Parameters
     ----------
@@ -48,7 +53,13 @@ def write_truth(
         if task.paths not in known:
             known[task.paths] = _reference(task, references.get(task.paths), shelf, watch)
         source, reference = known[task.paths]
-        alignment = align_trajectories(reference, tbm_map.drives[0].trajectory)
+        try:
+            alignment = align_trajectories(reference, tbm_map.drives[0].trajectory)
+        except TrajectoryAlignmentError as error:
+            if task.paths in references:
+                raise
+            logger.warning("%s: it is not known where its map lies: %s", task.name, error)
+            continue
         robots[task.name] = {
             "recording": task.files[0]["name"],
             "reference": source,
@@ -66,7 +77,7 @@ def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, .
 def _written(path: Path) -> str | None:
     try:
         return str(json.loads(path.read_text(encoding="utf-8"))["fingerprint"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 

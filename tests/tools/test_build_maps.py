@@ -1,5 +1,7 @@
 import itertools
 import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -200,6 +202,12 @@ def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
         (("a", "--separate", "--robots", "2"), "--separate makes each recording one robot: drop --robots"),
         (("a", "--separate", "--interval", "0", "1"), "--separate makes each recording one robot"),
         (("a", "--robots", "0"), "--robots must be at least 1"),
+        (("a", "--robots", "10001"), "--robots must be at least 1 and at most 10000"),
+        (("a", "--robots", "2.5"), "invalid int value: '2.5'"),
+        (("", "-o", "x"), "an empty text names no file: is a variable of the shell unset?"),
+        (("a", "-o", ""), "an empty text names no file: is a variable of the shell unset?"),
+        (("a", "--sensor-pose", "nan", "0", "0"), "sensor_pose must be finite and within 1000 m"),
+        (("a", "--range-min", "5", "--range-max", "2"), "range_min must be below range_max"),
         (("a", "--overlap", "1"), "--overlap within [0, 1)"),
         (("a", "--overlap", "nan"), "--overlap within [0, 1)"),
         (("a", "--seed", "-1"), "--seed not negative"),
@@ -222,6 +230,10 @@ def errors(bag, tmp_path):
     wrong.write_text("[map]\nresolutoin = 0.1\n")
     latin = tmp_path / "latin.toml"
     latin.write_bytes("name = 'K\u00f6ln'".encode("latin-1"))
+    deep, digits, pipe = tmp_path / "deep.toml", tmp_path / "digits.toml", tmp_path / "pipe.bag"
+    deep.write_text("seed = " + "[" * 5000)
+    digits.write_text("seed = " + "9" * 5000)
+    os.mkfifo(pipe)
     (robots / "robot_5").mkdir(parents=True)
     (tmp_path / "bad.tum").write_text("1 2 3\n")
     nowhere = tmp_path / "nowhere.bag"
@@ -238,6 +250,11 @@ def errors(bag, tmp_path):
         "an empty interval": ((bag, "--interval", 50, 60), SegmentationError, "no reading lies between 50 s and 60 s"),
         "too many robots": ((bag, "--robots", 60), SegmentationError, "80 readings are too few for 60 robots"),
         "no such topic": ((bag, "--scan-topic", "/scan"), DatasetError, "/base_scan"),
+        "lists in lists": ((bag, "--config", deep), ConfigError, r"deep\.toml: cannot be read as TOML: .*recursion"),
+        "a number without end": ((bag, "--config", digits), ConfigError, r"digits\.toml: cannot be .*4300 digits"),
+        "a text for a number": ((bag, "--set", "seed='1'"), ConfigError, "--set: seed must be a number, got '1'"),
+        "cells of no size": ((bag, "--set", "map.resolution=1e-12"), ConfigError, r"map\.resolution: .*got 1e-12"),
+        "a pipe": ((pipe,), DatasetError, r"pipe\.bag: is no file but a device or a pipe"),
         "no truth": ((bag, "--reference", tmp_path / "bad.tum"), TumError, r"bad\.tum"),
     }
 
@@ -245,7 +262,8 @@ def errors(bag, tmp_path):
 CASES = [
     *("no such bag", "no such preset", "no such file of parameters", "not TOML", "not UTF-8", "no such parameter"),
     *("no such setting", "a setting that does not fit", "another run's robots", "an empty interval"),
-    *("too many robots", "no such topic", "no truth"),
+    *("too many robots", "no such topic", "lists in lists", "a number without end", "a text for a number"),
+    *("cells of no size", "a pipe", "no truth"),
 ]
 
 
@@ -267,6 +285,52 @@ def test_a_place_that_cannot_be_written_is_one_line(bag, tmp_path, capsys):
     (tmp_path / "file").touch()
     assert run(bag, "-o", tmp_path / "file") == 1
     assert capsys.readouterr().err.startswith(f"build_maps: {tmp_path / 'file'}")
+
+
+@pytest.mark.parametrize("arguments", [("x" * 300,), ("x" * 300, "--separate"), ("-o", "x" * 300)])
+def test_a_name_too_long_is_one_line(bag, tmp_path, capsys, arguments):
+    long = [tmp_path / word if word.startswith("x") else word for word in arguments]
+    assert run(*long, *([bag] if "-o" in arguments else ["-o", tmp_path / "out"])) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("build_maps: ")
+    assert said.endswith("File name too long: check that name, or choose another\n")
+
+
+def test_a_file_where_a_robot_goes_is_kept(bag, tmp_path, capsys):
+    (tmp_path / "robot_0").write_text("precious")
+    assert run(bag, "-o", tmp_path) == 1
+    assert re.fullmatch(r"build_maps: \S+robot_0\S*: .*Not a directory.*\n", capsys.readouterr().err)
+    assert (tmp_path / "robot_0").read_text() == "precious"
+
+
+def test_scans_that_show_nothing_are_one_line(bag, tmp_path, capsys):
+    assert run(bag, "-o", tmp_path / "out", "--range-max", "1e-6") == 1
+    assert capsys.readouterr().err == (
+        "build_maps: robot_0: nothing is seen in 80 scans (beams: 100% no_return): check --range-max and --range-min, "
+        "or choose another --scan-topic\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_that_is_no_text_is_mapped(bag, tmp_path):
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/drive \xff\n.bag"))
+    odd.write_bytes(bag.read_bytes())
+    assert run(odd, "-o", tmp_path / "out") == 0
+    assert r"drive \udcff" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("text", ["[1]", "[" * 100_000, "\xff"])
+def test_a_spoilt_record_is_made_again(bag, tmp_path, text):
+    assert run(bag, "-o", tmp_path, *QUICK) == 0
+    (tmp_path / "robot_0" / "run.json").write_text(text)
+    assert run(bag, "-o", tmp_path, *QUICK) == 0
+    assert run_record(tmp_path / "robot_0")["robot"] == "robot_0"
+
+
+def test_a_robot_of_one_scan_has_no_truth_and_costs_no_other(bag, tmp_path, caplog):
+    assert run(bag, "-o", tmp_path, "--interval", 0, 10, "--interval", 10.01, 10.25) == 0
+    assert list(json.loads((tmp_path / "truth.json").read_text())["robots"]) == ["robot_0"]
+    assert "robot_1: it is not known where its map lies: only " in caplog.text
 
 
 def test_a_second_run_replaces_the_robots_of_the_first(bag, tmp_path):

@@ -1,3 +1,4 @@
+import os
 import shutil
 import subprocess
 
@@ -55,3 +56,10 @@ def test_nothing_is_known_without_checksums(folder, noted):
 def test_no_file_elsewhere_is_looked_at(folder):
     (folder / NAME).write_text(f"{'0' * 64}  ../../etc/passwd\nno checksum\n")
     assert changed_files(folder) == ["../../etc/passwd", ""]
+
+
+@pytest.mark.parametrize("name", ["map.npz", NAME])
+def test_a_pipe_is_not_waited_for(folder, name):
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    assert changed_files(folder) == (None if name == NAME else ["map.npz"])
