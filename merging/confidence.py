@@ -23,17 +23,18 @@ from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 
 SIGNS = {
-    "log of smaller_wall_m": -1,
     "log of larger_wall_m": -1,
-    "agreement": 1,
+    "agreement of steady walls": 1,
     "log of agreeing corners": 1,
-    "margin of walls": 1,
+    "margin of steady walls": 1,
     "margin of pieces": 1,
     "margin of corners": 1,
 }
-"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate. The larger the maps, the
-more places there are for chance; logarithms are of one plus the number. How near the agreeing walls lie is left out: it
-tells how maps were bent, not where they belong."""
+"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate.
+
+The larger the maps, the more places there are for chance; logarithms are of one plus the number. Steady walls are what
+people do not move: at the true place furniture contradicts and walls do not, at a false one walls do. How near the
+agreeing walls lie is left out: it tells how maps were bent, not where they belong."""
 FEATURES = tuple(SIGNS)
 _CHANCE = 2
 """So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
@@ -45,8 +46,8 @@ Measure = Callable[[Evidence], float]
 
 
 def _walls(evidence: Evidence) -> float:
-    """Return the agreeing wall [m], less what speaks against it."""
-    return evidence.agreed_wall_m - 1.5 * evidence.conflicting_wall_m - 0.5 * evidence.unseen_wall_m
+    """Return the steady wall that agrees [m], less what that costs which does not."""
+    return 2.5 * evidence.steady_agreed_m - 1.5 * (evidence.steady_compared_m + evidence.steady_unseen_m)
 
 
 def _pieces(evidence: Evidence) -> float:
@@ -80,11 +81,10 @@ def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> Floa
 
 
 def _features(evidence: Evidence) -> list[float]:
-    looked_at = evidence.compared_wall_m + evidence.unseen_wall_m + 0.5
+    looked_at = evidence.steady_compared_m + evidence.steady_unseen_m + 0.5
     return [
-        math.log1p(evidence.smaller_wall_m),
         math.log1p(evidence.larger_wall_m),
-        evidence.agreed_wall_m / looked_at,
+        evidence.steady_agreed_m / looked_at,
         math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS)),
     ]
 

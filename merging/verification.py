@@ -48,6 +48,8 @@ class Evidence:
         The same with the unseen walls among the compared, in the direction where it is worse.
     smaller_wall_m, larger_wall_m
         All walls of the map that has fewer of them, and of the other [m].
+    steady_compared_m, steady_agreed_m, steady_unseen_m
+        The walls compared, agreeing and unseen, without things that people move (`Structure.steadiness`) [m].
     pieces
         The same by separate pieces of wall.
     """
@@ -66,6 +68,9 @@ class Evidence:
     worst_conflict: float
     smaller_wall_m: float
     larger_wall_m: float
+    steady_compared_m: float
+    steady_agreed_m: float
+    steady_unseen_m: float
     pieces: Pieces
 
 
@@ -90,14 +95,15 @@ def examine(target: Structure, source: Structure, T_target_source: SE2, config: 
 def examine_all(target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
     """Compare two maps under each of some alignments; see `examine`."""
     forth, back = _sums(target, source, motions, config, None)
+    steady = np.mean(_sums(target, source, motions, config, None, steady=True), axis=0)
     shares = [_overlap_m2(target, source, motion) for motion in motions]
     smaller_m2 = min(_known_m2(target), _known_m2(source))
     lengths = sorted(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
     limits = config.limits()
     pieces = [count_pieces(target, source, motion, limits) for motion in motions]
     return [
-        _evidence(f, b, overlap_m2, overlap_m2 / smaller_m2, (lengths[0], lengths[1]), counts)
-        for f, b, overlap_m2, counts in zip(forth, back, shares, pieces, strict=True)
+        _evidence(f, b, still, (overlap_m2, overlap_m2 / smaller_m2), (lengths[0], lengths[1]), counts)
+        for f, b, still, overlap_m2, counts in zip(forth, back, steady, shares, pieces, strict=True)
     ]
 
 
@@ -124,8 +130,8 @@ def _sums(
 def _evidence(
     forth: FloatArray,
     back: FloatArray,
-    overlap_m2: float,
-    overlap_share: float,
+    steady: FloatArray,
+    overlap: tuple[float, float],
     lengths: tuple[float, float],
     pieces: Pieces,
 ) -> Evidence:
@@ -135,8 +141,8 @@ def _evidence(
     # Half a metre more than there is: of a few cells of wall nobody can say a share.
     both = np.stack((forth, back)) / (np.stack((forth, back))[:, [COMPARED, UNSEEN]].sum(axis=1) + 0.5)[:, None]
     return Evidence(
-        overlap_m2=overlap_m2,
-        overlap_share=overlap_share,
+        overlap_m2=overlap[0],
+        overlap_share=overlap[1],
         compared_wall_m=compared,
         agreed_wall_m=agreed,
         conflicting_wall_m=float(mean[CONFLICTING]),
@@ -149,6 +155,9 @@ def _evidence(
         worst_conflict=float(both[:, CONFLICTING].max()),
         smaller_wall_m=lengths[0],
         larger_wall_m=lengths[1],
+        steady_compared_m=float(steady[COMPARED]),
+        steady_agreed_m=float(steady[AGREED]),
+        steady_unseen_m=float(steady[UNSEEN]),
         pieces=pieces,
     )
 

@@ -125,8 +125,8 @@ def choices_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "lis
         candidates = find_candidates(target.structure, source.structure, config)
         decoys = find_decoys(target.structure, source.structure, config)
         numbers = features([evidence for _, evidence in candidates], decoys)
-        right = np.array([pair.is_right(motion) for motion, _ in candidates], dtype=np.bool_)
-        choices.append(Choice(pair.name, numbers, right, weight if shows_part(pair.name) else WHOLE * weight))
+        right, near = (np.array([of(m) for m, _ in candidates], dtype=np.bool_) for of in (pair.is_right, pair.is_near))
+        choices.append(Choice(pair.name, numbers, right, weight if shows_part(pair.name) else WHOLE * weight, near))
     if not choices:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
     return choices

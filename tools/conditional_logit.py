@@ -26,12 +26,16 @@ class Choice:
         Which candidates (K,) are the truth; none where no candidate is.
     weight
         How many usual pairs this one counts for.
+    near
+        Which candidates (K,) lie where the truth does, be they turned a little too far; None where those are the right
+        ones. It is they that a fit learns from: what to tell apart are places, not how exactly they were met.
     """
 
     name: str
     features: FloatArray
     right: BoolArray
     weight: float = 1.0
+    near: BoolArray | None = None
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
     for index, choice in enumerate(choices):
         count = len(choice.features)
         x[index, :count] = (choice.features - mean) / spread
-        there[index, :count], right[index, :count] = True, choice.right
+        there[index, :count], right[index, :count] = True, choice.right if choice.near is None else choice.near
     target = np.column_stack((right, ~right.any(axis=1)))
     weights = np.array([choice.weight for choice in choices])
     strength = penalty * float(weights.sum())

@@ -16,6 +16,7 @@ from tbmslam.se2 import SE2, wrap_angle
 from tbmslam.tbm_map import TbmMap
 
 _RIGHT_M, _RIGHT_DEG = 0.5, 2.0
+_NEAR_DEG = 4.0
 
 
 class PairFileError(TbmSlamError):
@@ -72,6 +73,13 @@ class KnownPair:
             return False
         metres, degrees = self.errors(found)
         return metres <= _RIGHT_M and degrees <= _RIGHT_DEG
+
+    def is_near(self, found: SE2) -> bool:
+        """Tell whether an alignment names the true place, to 0.5 m and 4 degrees; bent maps may not lie better."""
+        if self.T_target_source is None:
+            return False
+        metres, degrees = self.errors(found)
+        return metres <= _RIGHT_M and degrees <= _NEAR_DEG
 
 
 def load_pair(path: Path) -> KnownPair:

@@ -9,10 +9,12 @@ from merging.verification import Evidence
 GOOD = Evidence(
     overlap_m2=50.0, overlap_share=0.5, compared_wall_m=60.0, agreed_wall_m=50.0, conflicting_wall_m=2.0,
     unseen_wall_m=1.0, weakest_wall_m=20.0, rmse_m=0.03, agreement=0.83, conflict=0.03, worst_agreement=0.8,
-    worst_conflict=0.05, smaller_wall_m=100.0, larger_wall_m=120.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
+    worst_conflict=0.05, smaller_wall_m=100.0, larger_wall_m=120.0, steady_compared_m=50.0, steady_agreed_m=44.0,
+    steady_unseen_m=1.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
 )  # fmt: skip
 CHANCE = replace(GOOD, compared_wall_m=15.0, agreed_wall_m=5.0, conflicting_wall_m=4.0, weakest_wall_m=1.5,
                  agreement=0.33, conflict=0.27, worst_agreement=0.2, worst_conflict=0.3, rmse_m=0.08,
+                 steady_compared_m=13.0, steady_agreed_m=5.0, steady_unseen_m=1.0,
                  pieces=Pieces(6.0, 5.0, 20.0, 2.0))  # fmt: skip
 
 
@@ -50,16 +52,26 @@ def test_of_four_places_as_good_none_is_believed():
 
 def test_conflict_never_helps_and_wall_never_harms():
     alone = confidences([GOOD, *[CHANCE] * 9], DECOYS)[0]
-    worse = replace(GOOD, conflicting_wall_m=15.0, conflict=0.25, worst_conflict=0.3)
+    worse = replace(GOOD, steady_compared_m=60.0, conflicting_wall_m=15.0, conflict=0.25, worst_conflict=0.3)
     assert confidences([worse, *[CHANCE] * 9], DECOYS)[0] <= alone
-    more = replace(GOOD, agreed_wall_m=55.0, weakest_wall_m=25.0, pieces=Pieces(50.0, 2.0, 55.0, 25.0))
+    more = replace(
+        GOOD, steady_agreed_m=48.0, agreed_wall_m=55.0, weakest_wall_m=25.0, pieces=Pieces(50.0, 2.0, 55.0, 25.0)
+    )
     assert confidences([more, *[CHANCE] * 9], DECOYS)[0] >= alone
+
+
+def test_steady_walls_that_contradict_tell_a_false_place():
+    """However many others agree: two rooms of a row are alike but for the wall behind them."""
+    crossed = replace(GOOD, steady_compared_m=75.0)
+    alone, doubtful = (confidences([one, *[CHANCE] * 9], DECOYS)[0] for one in (GOOD, crossed))
+    assert 1.0 - doubtful > 20.0 * (1.0 - alone)
 
 
 def test_a_better_decoy_never_helps():
     walls_and_corners = ((0.0, 0.0), (10.0, 2.0), (30.0, 10.0), (50.0, 20.0))
     decoys = [
-        replace(CHANCE, agreed_wall_m=m, pieces=Pieces(m, 2.0, 55.0, corners)) for m, corners in walls_and_corners
+        replace(CHANCE, steady_compared_m=50.0, steady_agreed_m=0.9 * m, pieces=Pieces(m, 2.0, 55.0, corners))
+        for m, corners in walls_and_corners
     ]
     found = np.array([features([GOOD, *[CHANCE] * 9], [decoy])[0] for decoy in decoys])
     margins = ["margin" in name for name in FEATURES]

@@ -61,6 +61,20 @@ def test_another_floor_conflicts(rooms):
     assert evidence.worst_conflict >= evidence.conflict
 
 
+def test_things_that_people_move_are_no_steady_walls(rooms):
+    """A box on the other map's free space contradicts, and says nothing of where the steady walls are."""
+    plain = rooms(1)
+    masses = plain.masses.copy()
+    masses[100:108, 120:128] = (0.0, 0.0, 1.0, 0.0)
+    boxed = TbmGrid(plain.geometry, masses)
+    evidence = examine(structure(plain), structure(boxed), SE2.identity(), CONFIG)
+    assert evidence.conflicting_wall_m > 0.0
+    assert evidence.steady_agreed_m > 0.98 * evidence.steady_compared_m > 10.0
+    assert evidence.steady_compared_m - evidence.steady_agreed_m < evidence.compared_wall_m - evidence.agreed_wall_m
+    other = examine(structure(rooms(1)), structure(rooms(2)), SE2.identity(), CONFIG)
+    assert other.steady_agreed_m < 0.5 * other.steady_compared_m
+
+
 def test_a_wall_seen_from_the_other_side_does_not_agree():
     left = corridor()
     beyond = SE2(0.0, -42 * 0.05, 0.0)  # the other corridor's far wall on this one's near wall, back to back

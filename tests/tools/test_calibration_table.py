@@ -38,3 +38,11 @@ def test_a_pair_that_weighs_more_moves_the_fit_more():
     heavy = Choice("good", good.features, good.right, weight=5.0)
     light = fit([good, bad], [0], 0.001).probabilities(good.features)[0]
     assert fit([heavy, bad], [0], 0.001).probabilities(good.features)[0] > light
+
+
+def test_a_fit_learns_from_what_lies_near_the_truth():
+    turned = Choice("a", np.array([[1.0], [0.0]]), np.array([False, False]), near=np.array([True, False]))
+    plain = Choice("a", turned.features, turned.right)
+    assert fit([turned], [0], 0.001).probabilities(turned.features)[0] > 0.9
+    assert fit([plain], [0], 0.001).probabilities(turned.features)[0] < 0.1
+    assert not Judgement.of(turned, Logit(0.0, np.array([2.0]))).right

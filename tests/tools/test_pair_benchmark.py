@@ -94,6 +94,18 @@ def test_right_is_within_half_a_metre_and_two_degrees(folder):
     assert not pair.is_right(None)
 
 
+def test_near_is_the_true_place_a_little_turned(folder):
+    pair = load_pair(next(folder.glob("*_050.npz")))
+    true = pair.T_target_source
+    rows, cols = np.nonzero(pair.source.grid.is_known())
+    middle = pair.source.grid.geometry.centre_of(rows.mean(), cols.mean())
+    x, y = true.apply(middle)
+    about_it = [SE2(x, y, 0.0) @ SE2(0.0, 0.0, turn) @ SE2(-x, -y, 0.0) @ true for turn in (0.05, 0.1)]
+    assert [pair.is_right(motion) for motion in about_it] == [False, False]
+    assert [pair.is_near(motion) for motion in about_it] == [True, False]
+    assert not load_pair(next(folder.glob("neg*"))).is_near(true)
+
+
 def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     other = tmp_path / "other"
     assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
@@ -104,7 +116,7 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert "all that were left out" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
-    assert written["weights"]["log of larger_wall_m"] <= 0.0 <= written["weights"]["margin of walls"]
+    assert written["weights"]["log of larger_wall_m"] <= 0.0 <= written["weights"]["margin of steady walls"]
 
 
 def test_large_pairs_are_not_written(tmp_path, capsys):
