@@ -8,6 +8,7 @@ import numpy.typing as npt
 from tbmslam.kernels import kernel
 from tbmslam.kernels.counting import Counts, hits_in, passages_in
 from tbmslam.kernels.lattice import Lattice
+from tbmslam.kernels.windows import add_window, blocks_for
 
 FloatArray = npt.NDArray[np.float64]
 GainField = npt.NDArray[np.int8]
@@ -17,9 +18,6 @@ Pose = tuple[float, float, float]
 
 WALL = 100
 """What a point on a wall gains."""
-
-BLOCK = 16
-"""Cells that are added at once."""
 
 SHORT_SUM = 255
 """Points whose sum fits into 16 bits, whatever they gain."""
@@ -117,14 +115,13 @@ def correlate(
     """
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
-    width = 2 * reach + 1
-    # Rows are added in whole blocks, on a field with a border that spares all questions: a few wide instructions.
-    blocks = -(-width // BLOCK)
-    margin = blocks * BLOCK
+    width, margin = 2 * reach + 1, blocks_for(reach)
+    # The field gets a border that spares all questions.
     wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
     wide[margin : margin + rows, margin : margin + cols] = field
+    cells, (wide_rows, wide_cols) = wide.reshape(-1), wide.shape
     sums = np.zeros((len(turns), width, width), dtype=np.int32)
-    few = np.empty((width, margin), dtype=np.int16)
+    few = np.empty(width * margin, dtype=np.int16)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]
         cosine, sine = math.cos(theta), math.sin(theta)
@@ -135,14 +132,9 @@ def correlate(
                 y = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
                 row = math.floor(y / resolution) - first_row - reach + margin
                 col = math.floor(x / resolution) - first_col - reach + margin
-                if row < 0 or col < 0 or row + width > len(wide) or col + margin > wide.shape[1]:
-                    continue
-                for r in range(width):
-                    for block in range(0, margin, BLOCK):
-                        total, cells = few[r, block : block + BLOCK], wide[row + r, col + block : col + block + BLOCK]
-                        for c in range(BLOCK):
-                            total[c] += cells[c]
+                if row >= 0 and col >= 0 and row + width <= wide_rows and col + margin <= wide_cols:
+                    add_window(few, cells, row * wide_cols + col, wide_cols, width, margin)
             for r in range(width):
                 for c in range(width):
-                    sums[k, r, c] += few[r, c]
+                    sums[k, r, c] += few[r * margin + c]
     return sums

@@ -7,9 +7,7 @@ import numpy.typing as npt
 
 from tbmslam.kernels import kernel
 from tbmslam.kernels.surfels import CELLS, SIDE, FloatArray, Pose, Surfels, fit_surfel, layer_of, slot_of
-
-BLOCK = 16
-"""Cells that are counted at once."""
+from tbmslam.kernels.windows import add_window, blocks_for
 
 
 @kernel
@@ -99,17 +97,15 @@ def _bounds(
 ) -> npt.NDArray[np.uint16]:
     """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
 
-    The axes are turns, shifts by rows and by columns. A row is counted in whole blocks of a fixed length, which
-    compiles to a few wide instructions.
+    The axes are turns, shifts by rows and by columns.
     """
     resolution, first_row, first_col = surfels.lattice
-    width = 2 * reach + 1
-    blocks = -(-width // BLOCK)
-    margin = blocks * BLOCK
+    width, margin = 2 * reach + 1, blocks_for(reach)
     known = _may_hold(surfels, margin)
-    _, rows, cols = known.shape
+    cells, (_, rows, cols) = known.reshape(-1), known.shape
     bounds = np.zeros((len(turns), width, margin), dtype=np.uint16)
     for k in range(len(turns)):
+        counts = bounds[k].reshape(-1)
         cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
         for i in range(len(points)):
             px = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
@@ -120,12 +116,7 @@ def _bounds(
                 continue
             nx, ny = normals[i, 0], normals[i, 1]
             layer = layer_of(cosine * nx - sine * ny, sine * nx + cosine * ny)
-            for r in range(width):
-                for block in range(blocks):
-                    counts = bounds[k, r, block * BLOCK : (block + 1) * BLOCK]
-                    cells = known[layer, row + r, col + block * BLOCK : col + (block + 1) * BLOCK]
-                    for c in range(BLOCK):
-                        counts[c] += cells[c]
+            add_window(counts, cells, (layer * rows + row) * cols + col, cols, width, margin)
     return bounds
 
 
