@@ -42,6 +42,7 @@ class SurfelTrackerConfig(BaseModel):
     search_points: int = Field(120, ge=10, description="hits that are tried in a search")
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
+    search_rest: int = Field(5, ge=0, description="doubtful scans after a search in vain that are not searched for")
     window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
     seen_scans: int = Field(10, ge=1, description="last keyframes whose empty space is remembered: what walks in moves")
     seen_depth: float = Field(0.5, gt=0, description="how far they went on behind what now stands there [m]")
@@ -61,6 +62,7 @@ class SurfelTracker:
         self._travelled = 0.0
         self._last: SE2 | None = None
         self._seen: tuple[LaserScan, Hits] | None = None
+        self._rest, self._in_vain = 0, 1.0
         self._tolerances = np.array(config.tolerances)
         self._reach = round(config.search_shift / config.surfels.resolution)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
@@ -72,15 +74,34 @@ class SurfelTracker:
         if not len(hits.points) or deviations[0] == 0.0:  # nothing to see, or the first scan, which lies where it lies
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
-        if result.matched < config.doubtful:
-            other_start = other_guess()
-            for start in (guess,) if self._is_near(guess, other_start) else (guess, other_start):
-                other = self._register(hits, self._search(hits, start), deviations)
-                if other.matched > result.matched + config.search_gain:
-                    result = other
+        if result.matched >= config.doubtful:
+            self._rest = 0
+        elif self._is_worth_a_search(result):
+            result = self._searched(hits, guess, other_guess(), deviations, result)
         if result.matched < config.min_matched:
             return ScanMatch(guess, result.matched, moved=False)
         return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
+
+    def _is_worth_a_search(self, result: Registration) -> bool:
+        """Tell whether a doubtful scan should be searched for.
+
+        Where much is new, one scan after the other is doubtful, and what was searched for in vain is for the next one,
+        too; only after a slip a scan matches worse than the one before.
+        """
+        self._rest -= 1
+        return self._rest < 0 or result.matched < self._in_vain - self._config.search_gain / 3.0
+
+    def _searched(
+        self, hits: Hits, guess: SE2, other_guess: SE2, deviations: FloatArray, result: Registration
+    ) -> Registration:
+        """Return the best of a result and of what searches around two guesses find, if that is much better."""
+        config, best = self._config, result
+        for start in (guess,) if self._is_near(guess, other_guess) else (guess, other_guess):
+            other = self._register(hits, self._search(hits, start), deviations)
+            if other.matched > best.matched + config.search_gain:
+                best = other
+        self._rest, self._in_vain = (config.search_rest, result.matched) if best is result else (0, 1.0)
+        return best
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""
