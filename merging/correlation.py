@@ -11,6 +11,7 @@ that leaves the free space of both alone.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -19,10 +20,11 @@ import scipy.fft
 
 from merging.config import CorrelationConfig
 from merging.structure import Structure
+from tbmslam.kernels.turned_images import draw_turned, multiply
 from tbmslam.se2 import SE2, FloatArray, wrap_angle, wrap_angles
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
-_Complex = npt.NDArray[np.complexfloating]
+_Complex = npt.NDArray[np.complex128]
 _Image = npt.NDArray[np.complex64]
 
 _Size = tuple[int, int]
@@ -52,9 +54,9 @@ class _Layout:
 
     @classmethod
     def of(cls, structure: Structure, cell_m: float, clearance_m: float) -> "_Layout":
-        walls = structure.points @ [1.0, 1.0j]
+        walls = _complex(structure.points)
         centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
-        facing = np.asarray(np.where(structure.two_sided, 0.0, structure.normals @ [1.0, 1.0j]), dtype=np.complex128)
+        facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
         geometry = structure.geometry
         # A wall a little out of place must not count as one in the room's middle.
         rows, cols = np.nonzero(structure.free & (structure.distances_m > clearance_m))
@@ -66,6 +68,11 @@ class _Layout:
         filled = counts * (geometry.resolution / cell_m) ** 2
         metres = structure.steadiness * geometry.resolution
         return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
+
+    @cached_property
+    def facing_metres(self) -> _Complex:
+        """Which way the walls face, as long as they count."""
+        return self.facing * self.metres
 
     def extents(self) -> FloatArray:
         """Return twice the farthest reach (2,) of any point from the centre, along y and x [m]."""
@@ -128,10 +135,21 @@ class _Search:
 
     def scores(self, theta: float) -> npt.NDArray[np.floating]:
         """Return the scores (rows, cols) of all shifts of the source turned by an angle; no shift is in the middle."""
-        facing, kinds = _source_images(self.moving, theta, self.size, self.cell)
-        product = np.conj(scipy.fft.fft2(facing, overwrite_x=True)) * self.facing
-        product += np.conj(scipy.fft.fft2(kinds, overwrite_x=True)) * self.kinds
-        return np.asarray(scipy.fft.ifft2(product, overwrite_x=True).real)
+        moving = self.moving
+        images = np.empty((2, *self.size), dtype=np.complex64)
+        turn = complex(math.cos(theta), math.sin(theta))
+        draw_turned(
+            moving.walls, moving.facing_metres, moving.metres, moving.free, moving.filled, turn, self.cell, images
+        )
+        # The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
+        facing, kinds = (scipy.fft.fft2(image, overwrite_x=True) for image in images)
+        half = np.empty((self.size[0], self.size[1] // 2 + 1), dtype=np.complex64)
+        multiply(facing, self.facing, kinds, self.kinds, half)
+        return np.asarray(scipy.fft.irfft2(half, self.size, overwrite_x=True))
+
+
+def _complex(points: FloatArray) -> _Complex:
+    return np.ascontiguousarray(points).view(np.complex128)[:, 0]
 
 
 def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
@@ -178,11 +196,11 @@ def _directions(layout: _Layout) -> FloatArray:
 
 
 def _target_spectra(layout: _Layout, size: _Size, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
-    """Return the spectra that the source's images are multiplied with; see `_source_images`."""
+    """Return the spectra that those of the source's images are multiplied with; see `_Search.scores`."""
     middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of no shift shall come to lie
-    walls = _splat(layout.walls + middle, layout.metres + 0j, size, cell)
-    facing = _splat(layout.walls + middle, layout.facing * layout.metres, size, cell)
-    free = np.minimum(_splat(layout.free + middle, layout.filled + 0j, size, cell).real, 1.0)
+    walls = _splat(layout.walls + middle, layout.metres, size, cell)
+    facing = _splat(layout.walls + middle, layout.facing_metres, size, cell)
+    free = np.minimum(_splat(layout.free + middle, layout.filled, size, cell).real, 1.0)
     # 1.5: blurred, a straight wall through the cells shall count whole on its line.
     near = np.minimum(1.5 * _blurred(walls) / cell, 1.0)
     toward = 1.5 * _blurred(facing) / cell
@@ -191,19 +209,7 @@ def _target_spectra(layout: _Layout, size: _Size, cell: float, config: Correlati
     return scipy.fft.fft2(toward), scipy.fft.fft2(kinds.astype(np.complex64))
 
 
-def _source_images(layout: _Layout, theta: float, size: _Size, cell: float) -> tuple[_Image, _Image]:
-    """Return images of the turned source: its walls' facing, and its walls (real) with its free space (imaginary).
-
-    The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
-    """
-    turn = np.exp(1j * theta)
-    facing = _splat(layout.walls * turn, layout.facing * turn * layout.metres, size, cell)
-    walls = _splat(layout.walls * turn, layout.metres + 0j, size, cell)
-    free = _splat(layout.free * turn, layout.filled + 0j, size, cell)
-    return facing, np.asarray(walls + 1j * np.minimum(free.real, 1.0), dtype=np.complex64)
-
-
-def _splat(points: _Complex, weights: _Complex, size: _Size, cell: float) -> _Image:
+def _splat(points: _Complex, weights: _Complex | FloatArray, size: _Size, cell: float) -> _Image:
     """Return an image of weighted points about its cell (0, 0); what is left of it or below comes in from behind."""
     rows, cols = np.floor(points.imag / cell).astype(np.int64), np.floor(points.real / cell).astype(np.int64)
     cells = rows % size[0] * size[1] + cols % size[1]

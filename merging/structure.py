@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from merging.components import Components
 from merging.config import StructureConfig
 from merging.steadiness import steadiness
 from tbmslam.belief import FREE, OCCUPIED
@@ -67,7 +68,8 @@ class Structure:
         free_mass, wall_mass = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
         free = free_mass > wall_mass
         walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
-        walls = _without_specks(walls, config.min_speck_m / grid.geometry.resolution)
+        pieces = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution)
+        walls = pieces.labels > 0
         surface = walls & (cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
         rows, cols = np.nonzero(surface)
         normals, two_sided = _normals(free, walls, surface)
@@ -84,8 +86,8 @@ class Structure:
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
             nearest=nearest,
-            weights=_weights(walls, surface, config.long_m / g.resolution, config.short_weight),
-            steadiness=steadiness(walls, surface, g.resolution, config),
+            weights=_weights(pieces, surface, config.long_m / g.resolution, config.short_weight),
+            steadiness=steadiness(pieces, walls, surface, g.resolution, config),
         )
 
     @cached_property
@@ -127,19 +129,10 @@ class Structure:
         return np.clip(rows, 0, g.rows - 1), np.clip(cols, 0, g.cols - 1), inside
 
 
-def _without_specks(walls: BoolArray, min_cells: float) -> BoolArray:
-    """Drop connected pieces of wall shorter than so many cells."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
-    extents = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    return np.asarray(walls & (extents >= min_cells)[labels])
-
-
-def _weights(walls: BoolArray, surface: BoolArray, long_cells: float, least: float) -> FloatArray:
+def _weights(pieces: Components, surface: BoolArray, long_cells: float, least: float) -> FloatArray:
     """Return the weights (N,) of surface cells: 1 in pieces of wall that are long, `least` in the shortest."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
-    extents = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    weights = np.clip(extents / max(long_cells, 1.0), least, 1.0)
-    return np.asarray(weights[labels[surface]], dtype=np.float64)
+    weights = np.clip(np.hypot(*pieces.sides) / max(long_cells, 1.0), least, 1.0)
+    return np.asarray(weights[pieces.labels[surface]], dtype=np.float64)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:

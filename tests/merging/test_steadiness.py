@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from merging.components import Components
 from merging.config import StructureConfig
 from merging.steadiness import steadiness
 
@@ -12,7 +13,7 @@ CONFIG = StructureConfig(movable_m=0.8, steady_m=1.2, least_weight=0.1, block_m=
 def weights_of(walls):
     """The weights (rows, cols) of all walls."""
     weights = np.full(walls.shape, np.nan)
-    weights[walls] = steadiness(walls, walls, CELL, CONFIG)
+    weights[walls] = steadiness(Components.of(walls), walls, walls, CELL, CONFIG)
     return weights
 
 
@@ -66,4 +67,5 @@ def test_a_thick_wall_is_no_block():
 
 
 def test_no_walls_have_no_weights():
-    assert len(steadiness(np.zeros((5, 5), np.bool_), np.zeros((5, 5), np.bool_), CELL, CONFIG)) == 0
+    none = np.zeros((5, 5), np.bool_)
+    assert len(steadiness(Components.of(none), none, none, CELL, CONFIG)) == 0

@@ -1,0 +1,65 @@
+"""Points turned about and drawn into images that are correlated by Fourier transforms."""
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import kernel
+
+Points = npt.NDArray[np.complex128]
+Image = npt.NDArray[np.complex64]
+
+
+@kernel
+def draw_turned(
+    walls: Points,
+    facing: Points,
+    metres: npt.NDArray[np.float64],
+    free: Points,
+    filled: npt.NDArray[np.float64],
+    turn: complex,
+    cell: float,
+    images: Image,
+) -> None:
+    """Draw turned walls and free space into ``images`` (2, rows, cols) about their cell (0, 0).
+
+    The first image gets which way walls face, ``facing`` (N,) times a weight, turned; the second their ``metres`` (N,)
+    as real part and the shares ``filled`` (M,) of free cells, 1 at the most, as imaginary part. What is left of cell
+    (0, 0) or below it comes in from behind.
+    """
+    rows, cols = images.shape[1], images.shape[2]
+    images[:] = 0.0
+    for index in range(len(walls)):
+        x, y = _turned(walls[index], turn)
+        row, col = int(np.floor(y / cell)) % rows, int(np.floor(x / cell)) % cols
+        right, up = _turned(facing[index], turn)
+        images[0, row, col] += np.complex64(complex(right, up))
+        images[1, row, col] += np.complex64(metres[index])
+    for index in range(len(free)):
+        x, y = _turned(free[index], turn)
+        row, col = int(np.floor(y / cell)) % rows, int(np.floor(x / cell)) % cols
+        there = images[1, row, col]
+        images[1, row, col] = np.complex64(complex(there.real, min(there.imag + filled[index], 1.0)))
+
+
+@kernel
+def _turned(point: complex, turn: complex) -> tuple[float, float]:
+    return point.real * turn.real - point.imag * turn.imag, point.real * turn.imag + point.imag * turn.real
+
+
+@kernel
+def multiply(first: Image, first_target: Image, second: Image, second_target: Image, half: Image) -> None:
+    """Put the sum of two spectra's products into ``half`` (rows, cols // 2 + 1), of which only the real part matters.
+
+    Each spectrum is conjugated and multiplied with its target's, all (rows, cols). ``half`` is the part with the
+    frequencies from 0 upwards of that spectrum whose inverse is the real part of the sum's. ``first`` is lost.
+    """
+    rows, cols = first.shape
+    for row in range(rows):
+        a, b, c, d = first[row], first_target[row], second[row], second_target[row]
+        for col in range(cols):
+            a[col] = a[col].conjugate() * b[col] + c[col].conjugate() * d[col]
+    for row in range(rows):
+        ahead, behind, halves = first[row], first[rows - row if row > 0 else 0], half[row]
+        halves[0] = np.complex64(0.5) * (ahead[0] + behind[0].conjugate())
+        for col in range(1, half.shape[1]):
+            halves[col] = np.complex64(0.5) * (ahead[col] + behind[cols - col].conjugate())
