@@ -49,6 +49,10 @@ class GridTracker:
         """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
         return self._matcher.match(scan, self._cells, guess)
 
+    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:  # noqa: ARG002
+        """Leave the scan where it was placed."""
+        return match
+
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Write the scan into the grid."""
         quality = self._config.quality_if_moved if match.moved else self._config.quality_if_kept

@@ -84,7 +84,7 @@ class MotionModel:
                 return self._by_constant_velocity(reading)._replace(jump=distance)
             if self._is_frozen(before, now):
                 return self._by_constant_velocity(reading)._replace(is_frozen=True)
-            return self._by_odometry(before, now)
+            return self.by_odometry(before, now, self._T_map_robot)
         return self._by_constant_velocity(reading)
 
     def coasting(self, reading: Reading) -> SE2:
@@ -149,13 +149,14 @@ class MotionModel:
         before, after = self._last_move
         return before.to(after)
 
-    def _by_odometry(self, T_odom_before: SE2, T_odom_now: SE2) -> Prediction:
+    def by_odometry(self, T_odom_before: SE2, T_odom_now: SE2, T_map_before: SE2) -> Prediction:
+        """Return where the robot is by its odometry since it was at a pose."""
         config = self._config
         step = T_odom_before.to(T_odom_now)
         if config.composition == "component":
-            pose = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, T_odom_now, T_odom_before, strict=True)))
+            pose = SE2(*(p + n - b for p, n, b in zip(T_map_before, T_odom_now, T_odom_before, strict=True)))
         else:
-            pose = self._T_map_robot @ step
+            pose = T_map_before @ step
         distance, turn = math.hypot(step.x, step.y), abs(step.theta)
         position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
         heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn

@@ -93,6 +93,10 @@ class ParticleTracker:
         pose, value = self._climb(self._ancestry.best(), points, guess, deviations)
         return ScanMatch(pose, value, moved=pose != guess)
 
+    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:  # noqa: ARG002
+        """Leave the scan where it was placed."""
+        return match
+
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Move, weigh and perhaps resample the particles, and write the scan into the map of each."""
         points = self._matched_points(scan)

@@ -35,12 +35,17 @@ class SeenSpace:
 
     def still(self, hits: Hits, T_map_sensor: SE2) -> Hits:
         """Return the hits that do not stand in seen space, and remember what all of them let see."""
-        kept, number = hits, min(self._number, len(self._lasers))
-        if number:
-            lasers, seen = self._lasers[:number], self._seen[:number]
-            kept = Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))
+        kept = self.standing(hits, T_map_sensor)
         if len(self._lasers):
             place = self._number % len(self._lasers)
             self._lasers[place], self._seen[place] = T_map_sensor, seen_distances(hits.points, _DIRECTIONS)
             self._number += 1
         return kept
+
+    def standing(self, hits: Hits, T_map_sensor: SE2) -> Hits:
+        """Return the hits that do not stand in seen space."""
+        number = min(self._number, len(self._lasers))
+        if not number:
+            return hits
+        lasers, seen = self._lasers[:number], self._seen[:number]
+        return Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))

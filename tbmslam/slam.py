@@ -36,6 +36,8 @@ from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
+_HELD_BACK = 0.1  # worth telling [m]
+
 
 class Slam:
     """Maps while it localises.
@@ -70,6 +72,7 @@ class Slam:
         # Plain numbers, three for each pose: a day has millions.
         self._stamps, self._poses = array("d"), array("d")
         self._T_map_keyframe: SE2 | None = None
+        self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
         continuity = self.config.continuity
@@ -99,12 +102,16 @@ class Slam:
         scan, match = self._placed(reading, prediction)
         match = self._checked(scan, match, prediction, T_robot_sensor)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
+        is_keyframe = self._tracker.is_novel(match) or self._has_moved_to(T_map_robot)
+        if is_keyframe:
+            match = self._settled(scan, match, reading)
+            T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
         self._motion.correct(reading, T_map_robot)
         self._variances += prediction.deviations**2
-        if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
+        if is_keyframe:
             self._tracker.learn(scan, match)
             self._keep(scan, T_robot_sensor, match)
-            self._T_map_keyframe = T_map_robot
+            self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot
             self._variances = np.zeros(3)
             self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
@@ -150,15 +157,30 @@ class Slam:
             match = self._tracker.match(scan, match.T_map_sensor, deviations, other_guess)
         return scan, match
 
+    def _settled(self, scan: LaserScan, match: ScanMatch, reading: Reading) -> ScanMatch:
+        """Return where a keyframe was taken, which what walks along must not decide."""
+        T_map_before, T_odom_before, T_odom_robot = self._T_map_keyframe, self._T_odom_keyframe, reading.T_odom_robot
+        if T_map_before is None or T_odom_before is None or T_odom_robot is None or not match.moved:
+            return match
+        since = self._motion.by_odometry(T_odom_before, T_odom_robot, T_map_before)
+        settled = self._tracker.settled(scan, match, since.T_map_robot @ reading.T_robot_sensor, since.deviations)
+        moved = match.T_map_sensor.to(settled.T_map_sensor)
+        if math.hypot(moved.x, moved.y) > _HELD_BACK:
+            self.incidents.add(scan.stamp, "what goes along holds the robot back, the odometry is believed instead")
+        return settled
+
     def _checked(self, scan: LaserScan, match: ScanMatch, prediction: Prediction, T_robot_sensor: SE2) -> ScanMatch:
         """Return where the laser was; where it got lost, a new part of the drive begins."""
         guess = prediction.T_map_robot @ T_robot_sensor
+        if prediction.is_frozen or prediction.jump:
+            self._T_odom_keyframe = None
         if prediction.is_frozen:
             self.incidents.add(
                 scan.stamp, "the odometry stands still while the robot moves, scans alone tell the motion"
             )
         found = self._monitor.checked(scan, match, guess, prediction.jump)
         if found is None:
+            self._T_odom_keyframe = None
             self._tracker = self._make_tracker()
             self._parts.append(DriveMemory(len(self._stamps), self.config.forgetting))
             found = ScanMatch(guess, 0.0, moved=False)

@@ -14,6 +14,9 @@ from tbmslam.se2 import SE2, FloatArray
 from tbmslam.seen_space import SeenSpace
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 
+_HELD = np.array([1e-4, 1e-4, 1e-5])
+"""Deviations [m, m, rad] with which a scan stays where it is."""
+
 
 class SurfelTrackerConfig(BaseModel):
     """Our way: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
@@ -46,6 +49,12 @@ class SurfelTrackerConfig(BaseModel):
     window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
     seen_scans: int = Field(10, ge=1, description="last keyframes whose empty space is remembered: what walks in moves")
     seen_depth: float = Field(0.5, gt=0, description="how far they went on behind what now stands there [m]")
+    walking: float = Field(
+        0.02,
+        ge=0,
+        le=1,
+        description="share of hits that move from which on a keyframe asks the odometry since the last",
+    )
     novel: float = Field(0.6, ge=0, le=1, description="share of hits on known surfaces below which a scan is learnt")
 
 
@@ -102,6 +111,30 @@ class SurfelTracker:
                 best = other
         self._rest, self._in_vain = (config.search_rest, result.matched) if best is result else (0, 1.0)
         return best
+
+    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:
+        """Return where a scan was taken around which people walk.
+
+        Who goes along with the robot holds it back a little from scan to scan, most where walls leave the way open. The
+        odometry since the last keyframe is not held back. It is believed where what stands still fits as well; it may
+        fit worse by as much as is seen to move, since of those who go ahead nobody saw the place empty before. Walls
+        tell the heading in any case.
+        """
+        found = match.T_map_sensor
+        guess = SE2(guess.x, guess.y, found.theta)
+        hits = self._hits_of(scan)
+        still = self._space.standing(hits, guess)
+        count = max(len(hits.points), 1)
+        moving = 1.0 - len(still.points) / count
+        # From a wrong place walls, too, seem to stand where nothing was.
+        surely_moving = min(moving, 1.0 - len(self._space.standing(hits, found).points) / count)
+        if surely_moving <= self._config.walking or not len(still.points):
+            return match
+        by_odometry = self._register(still, guess, deviations)
+        as_found = self._register(still, found, _HELD)
+        if by_odometry.matched < as_found.matched - moving:
+            return match
+        return ScanMatch(by_odometry.pose, by_odometry.matched, moved=True, information=by_odometry.hessian)
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""

@@ -62,3 +62,11 @@ def test_an_empty_scan_is_one():
     nothing = Hits(np.zeros((0, 2)), np.zeros((0, 2)))
     for hits in (nothing, wall(), nothing):
         assert len(space.still(hits, SE2(1.0, 2.0, math.pi)).points) == len(hits.points)
+
+
+def test_asking_does_not_remember():
+    space = SeenSpace(3, 0.2)
+    space.still(wall((1.0, 2.0)), SE2.identity())
+    for _ in range(5):  # would else be forgotten
+        assert len(space.standing(wall(), SE2.identity()).points) == 720
+    assert distances_of(space.standing(wall((-1.0, 2.0)), SE2.identity())).min() == pytest.approx(5.0)

@@ -1,12 +1,15 @@
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from datasets.synthetic.buildings import make_world
 from datasets.synthetic.endless_drive import EndlessDrive
+from datasets.synthetic.faults import Fault, inject
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.config import config_from_dict, preset
+from tbmslam.config import SlamConfig, config_from_dict, preset
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
@@ -144,3 +147,18 @@ def test_a_turn_between_two_slow_scans_is_that_of_the_odometry():
         slam.process(reading)
     errors = absolute_errors(drive.truth(), slam.finish().drives[0].trajectory).errors_m
     assert errors.max() < 0.1
+
+
+def test_people_who_go_along_in_a_corridor_do_not_hold_the_robot_back(drive_in):
+    """All along the corridor looks the same but they, who are as far ahead in every scan."""
+    alone = drive_in("corridor", 30.0, odometry="good", seed=2)
+    robot = inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", 2))
+    config = SlamConfig()
+    believing = config.model_copy(update={"tracker": config.tracker.model_copy(update={"walking": 1.0})})
+    held_back = ate(robot, mapped(robot.readings, believing))
+    slam = Slam()
+    for reading in robot.readings:
+        slam.process(reading)
+    settled = ate(robot, slam.finish())
+    assert settled < 0.5 * held_back
+    assert settled < 0.1

@@ -22,7 +22,7 @@ _SOON_S = 8.0
 def _tried(folder: Path, fault: str, *, told: str = "", world: str = "office", remedy: bool = False) -> Outcome:
     """Map a simulated drive with a fault; where something must be told, the time must be right, too.
 
-    With `remedy` the warning tells what to do about a map that may be wrong, and that is enough.
+    With `remedy` the warning tells that the map may be wrong, or what to do about it, and that is enough.
     """
     bag = simulated(folder / "drive", "--world", world, "--fault", fault)
     done, run = mapped(bag, folder / "maps")
@@ -68,6 +68,9 @@ CASES = (
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),
     _case("five people go along, 1 to 2 m away", "crowd@0+600"),
+    _case(
+        "five people go along a corridor alike everywhere", "crowd@0+600", "goes along", world="corridor", remedy=True
+    ),
     _case("a dozen boxes moved", "furniture@30"),
     _case("robot carried elsewhere", "carried@20+15", "lost", quick=True),
     _case(
