@@ -8,7 +8,7 @@ import numpy.typing as npt
 from tbmslam.kernels.hits import hits_of_scans, place_hits
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Hits
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, way_lengths
 
 
 class DriveHits:
@@ -35,7 +35,7 @@ class DriveHits:
         if len(keyframes) != len(poses):
             raise ValueError(f"keyframes must be as many as poses, got {len(keyframes)} and {len(poses)}")
         self.poses = poses
-        self.travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+        self.travelled = way_lengths(poses)
         self._way = self.travelled.tolist()
         # To a micrometre, in half the memory; made once, as it is most of what closing loops needs.
         self._points, self._normals, self._offsets = hits_of_scans(

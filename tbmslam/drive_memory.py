@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.forgetting import ForgettingConfig, may_be_forgotten
 from tbmslam.pose_graph import MotionEdge, relative_pose
-from tbmslam.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
 from tbmslam.tracked_keyframe import TrackedKeyframe
 
 _log = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ class DriveMemory:
         closures
             Between which keyframes.
         """
-        travelled = np.cumsum(np.hypot(*np.diff(closed[:, :2], axis=0, prepend=closed[:1, :2]).T))
+        travelled = way_lengths(closed)
         settled = int(np.searchsorted(travelled, travelled[-1] - _UNSETTLED))
         gone = may_be_forgotten(closed, closures, self._settled, settled, self._config)
         if gone.any():  # what comes after it may be forgotten next time

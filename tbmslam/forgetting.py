@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.kernels.ways import shown_before
 from tbmslam.pose_graph import MotionEdge
-from tbmslam.se2 import FloatArray
+from tbmslam.se2 import FloatArray, way_lengths
 
 
 class ForgettingConfig(BaseModel):
@@ -53,7 +53,7 @@ def may_be_forgotten(
     config
         How many of a place are kept.
     """
-    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    travelled = way_lengths(poses)
     shown = shown_before(poses, first, config.reach, config.turn, config.enough)
     _, block = np.unique(np.floor((travelled - travelled[first]) / _BLOCK), return_inverse=True)
     familiar = np.bincount(block, shown) >= _FAMILIAR * np.bincount(block)

@@ -128,6 +128,13 @@ def inverse(motions: FloatArray) -> FloatArray:
     return np.stack((-cosine * x - sine * y, sine * x - cosine * y, wrap_angles(-motions[..., 2])), axis=-1)
 
 
+def way_lengths(points: FloatArray) -> FloatArray:
+    """Return the length of the way from the first of points or poses (N, >= 2) to each (N,) [m]."""
+    way = np.zeros(len(points))
+    np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T), out=way[1:])
+    return way
+
+
 def log(motions: FloatArray) -> FloatArray:
     """Return the twists (N, 3) whose exponentials are motions (N, 3); Sola et al., eq. 157."""
     turn = wrap_angles(motions[:, 2])

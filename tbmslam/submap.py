@@ -13,7 +13,7 @@ from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfels import extent
 from tbmslam.laser_scan import Hits
-from tbmslam.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
 from tbmslam.surfel_map import SurfelConfig, SurfelMap
 
 
@@ -43,15 +43,12 @@ class Find:
         The place.
     ambiguity
         Score of the best place elsewhere over the score here: 1 means that nothing tells them apart.
-    rival
-        Where that other place lies from here (2,) [m].
     at_border
         Whether the place lies on the border of what was searched: a better one may lie beyond.
     """
 
     pose: SE2
     ambiguity: float
-    rival: FloatArray
     at_border: bool
 
 
@@ -110,10 +107,9 @@ class Submap:
         agree alike the nearest one is taken.
         """
         scores, places, cells = self._best(points, guess, shift, turn, 2)
-        apart = (cells[1] - cells[0])[::-1] * self._config.resolution
         best, rival = scores.tolist()
         ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
-        return Find(places[0], ambiguity, apart, self._at_border(cells[0], shift))
+        return Find(places[0], ambiguity, self._at_border(cells[0], shift))
 
     def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
         """Return up to `count` places where points (N, 2) agree best with the submap, the best one first.
@@ -172,12 +168,12 @@ def _search_field(
 
 def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
     """Return (first, last) keyframe of stretches of a drive, each `length` metres long and overlapping by half."""
-    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-    count = max(math.ceil(2.0 * travelled[-1] / length) - 1, 1)
+    way = way_lengths(poses)
+    count = max(math.ceil(2.0 * way[-1] / length) - 1, 1)
     stretches = []
     for number in range(count):
         begin = 0.5 * length * number
-        first = int(np.searchsorted(travelled, begin, side="left"))
-        last = int(np.searchsorted(travelled, begin + length, side="right")) - 1
+        first = int(np.searchsorted(way, begin, side="left"))
+        last = int(np.searchsorted(way, begin + length, side="right")) - 1
         stretches.append((first, max(last, first)))
     return stretches

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import SE2, FloatArray, wrap_angles
+from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angles
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import TrajectoryAlignmentError, align_trajectories, matching_stamps
 
@@ -95,7 +95,7 @@ def relative_errors(
         raise ValueError(f"step must be positive, got {step}")
     i, j = matching_stamps(truth.stamps, estimate.stamps, max_stamp_difference)
     true, estimated = truth.poses[i], estimate.poses[j]
-    progress = _travelled(true) if unit == "m" else _passed(estimate.stamps[j])
+    progress = way_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
     ends = _step_ends(progress, step)
     if len(ends) < 2:
         raise TrajectoryAlignmentError(
@@ -108,10 +108,6 @@ def relative_errors(
     translations = np.hypot(x - true_x, y - true_y)
     rotations = np.degrees(np.abs(wrap_angles(theta - true_theta)))
     return RelativeErrors(estimated[ends[1:], :2], translations, rotations)
-
-
-def _travelled(poses: FloatArray) -> FloatArray:
-    return np.concatenate((np.zeros(1), np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))[: len(poses)]
 
 
 def _passed(stamps: FloatArray) -> FloatArray:

@@ -125,12 +125,6 @@ def _building(name: str, world: World, resolution: float) -> Building:
     return Building(name, occupancy, resolution)
 
 
-def turned_twice(building: Building) -> Building:
-    """Return a building that looks the same after half a turn: the floor, and beside it the floor turned by 180 deg."""
-    both = np.hstack((building.occupancy, building.occupancy[::-1, ::-1]))
-    return Building(f"{building.name}sym", both, building.resolution)
-
-
 def mirrored(building: Building) -> Building:
     """Return the building as a mirror shows it: alike in style and size, and another."""
     return Building(f"{building.name}mir", building.occupancy[:, ::-1].copy(), building.resolution)

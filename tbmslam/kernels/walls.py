@@ -115,6 +115,7 @@ def hold_walls(
     moving: Walls, some: npt.NDArray[np.int64], fixed: Walls, motion: Pose, limits: Limits
 ) -> npt.NDArray[np.uint8]:
     """Return what becomes of each of some walls (K,) under a motion: which of the sums of `compare_walls` it enters."""
+    # The questions are those of `compare_walls`, asked once more: there, a call for each wall takes six times as long.
     found = np.zeros(len(some), dtype=np.uint8)
     rows, cols = fixed.states.shape
     cosine, sine = math.cos(motion[2]), math.sin(motion[2])

@@ -9,7 +9,7 @@ from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
 from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.report.palette import Colour, Palette, levels_of
 from tbmslam.report.sheet import Kind, Marks, Raster, Switch
-from tbmslam.se2 import FloatArray
+from tbmslam.se2 import FloatArray, way_lengths
 from tbmslam.tbm_map import Drive
 
 ROBOT_COLOURS: tuple[Colour, ...] = (
@@ -130,6 +130,5 @@ def _thinned(points: FloatArray, step: float) -> FloatArray:
     """Return points (K, 2) that are at least about a step apart, the first and the last among them."""
     if len(points) < 3:
         return points
-    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    _, first = np.unique((travelled / step).astype(np.int64), return_index=True)
+    _, first = np.unique((way_lengths(points) / step).astype(np.int64), return_index=True)
     return np.asarray(points[np.union1d(first, [len(points) - 1])])
