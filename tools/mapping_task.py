@@ -5,6 +5,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -29,6 +30,7 @@ from tbmslam.watch import Watch
 from tools.checksums import NAME as CHECKSUMS
 from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration, mapping_text
+from tools.loading import loading
 
 
 class EmptyMapError(TbmSlamError):
@@ -137,7 +139,9 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans = 0
     for reading in watch.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
-        watch.saw(task.name, reading, slam.process(reading))
+        with nullcontext() if scans else loading():  # compiled code is loaded when it is first used
+            T_map_robot = slam.process(reading)
+        watch.saw(task.name, reading, T_map_robot)
         scans += 1
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
