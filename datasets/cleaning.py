@@ -91,9 +91,9 @@ def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[fl
     below = [code for code in codes if code - CODE_TOLERANCE < range_max]
     if below:
         # Hardly a beam is as long as a code, so only those that are get compared with each.
-        (long,) = ((ranges > min(below) - 2.0 * CODE_TOLERANCE) & ~no_return).nonzero()
+        (long,) = (ranges > min(below) - 2.0 * CODE_TOLERANCE).nonzero()
         if len(long):
-            no_return[long] = (np.abs(ranges[long, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
+            no_return[long] |= (np.abs(ranges[long, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
     return no_return
 
 

@@ -28,10 +28,11 @@ class Motion(Protocol):
 
 
 class _Waiting(NamedTuple):
-    """A scan that waits for odometry."""
+    """A scan that waits for odometry, its first and its last beam by the clock of the odometry [s]."""
 
     scan: LaserScan
     stamp: float
+    end: float
     since: float
     poses_then: int
 
@@ -68,7 +69,7 @@ class Pairing:
         # A stamp that steps back may belong to odometry that is about to step back, too: wait for the next pose.
         poses_then = self._received() if stamp < self._last_stamp else -1
         self._last_stamp = stamp
-        self._waiting.append(_Waiting(scan, stamp, now, poses_then))
+        self._waiting.append(_Waiting(scan, stamp, stamp + scan.sweep(), now, poses_then))
 
     def ready(self, now: float) -> Iterator[Reading]:
         """Yield the readings that can be answered at bag time `now` [s]."""
@@ -92,12 +93,10 @@ class Pairing:
 
     def _has_arrived(self, waiting: _Waiting) -> bool:
         """Return whether the odometry has come past a scan."""
-        if not self._histories:
-            return True
-        if self._received() <= waiting.poses_then:
-            return False
-        end = waiting.stamp + waiting.scan.sweep()
-        return all(history.reaches(end) for history in self._histories)
+        for history in self._histories:
+            if not history.reaches(waiting.end):
+                return False
+        return not self._histories or waiting.poses_then < 0 or self._received() > waiting.poses_then
 
     def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
         """Yield the reading of a scan, without odometry where that is missing for long, or count why there is none."""
@@ -122,10 +121,9 @@ class Pairing:
 
     def _swept(self, waiting: _Waiting) -> SE2 | None:
         """Return T_odom_robot at a scan's last beam, where that is another moment and the odometry tells."""
-        sweep = waiting.scan.sweep()
-        if sweep <= 0.0 or not self._histories:
+        if waiting.end <= waiting.stamp or not self._histories:
             return None
-        found = [history.at(waiting.stamp + sweep, self._patience_s, 0.0) for history in self._histories]
+        found = [history.at(waiting.end, self._patience_s, 0.0) for history in self._histories]
         return self._motion.odometry([each.pose for each in found if each is not None]) if all(found) else None
 
     def _note_missing(self, stamp: float, is_known: bool) -> None:
