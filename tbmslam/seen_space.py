@@ -31,6 +31,7 @@ class SeenSpace:
         # A ring: the oldest one is written over.
         self._lasers, self._seen = np.zeros((scans, 3)), np.zeros((scans, _DIRECTIONS))
         self._number = 0
+        self._known: tuple[Hits, SE2, Hits] | None = None
         self._depth = depth
 
     def still(self, hits: Hits, T_map_sensor: SE2) -> Hits:
@@ -40,12 +41,16 @@ class SeenSpace:
             place = self._number % len(self._lasers)
             self._lasers[place], self._seen[place] = T_map_sensor, seen_distances(hits.points, _DIRECTIONS)
             self._number += 1
+            self._known = None
         return kept
 
     def standing(self, hits: Hits, T_map_sensor: SE2) -> Hits:
-        """Return the hits that do not stand in seen space."""
-        number = min(self._number, len(self._lasers))
-        if not number:
-            return hits
-        lasers, seen = self._lasers[:number], self._seen[:number]
-        return Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))
+        """Return the hits that do not stand in seen space; asked again for the same at once, it knows the answer."""
+        if self._known is not None and self._known[0] is hits and self._known[1] == T_map_sensor:
+            return self._known[2]
+        standing, number = hits, min(self._number, len(self._lasers))
+        if number:
+            lasers, seen = self._lasers[:number], self._seen[:number]
+            standing = Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))
+        self._known = hits, T_map_sensor, standing
+        return standing

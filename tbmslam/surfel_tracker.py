@@ -120,16 +120,16 @@ class SurfelTracker:
         fit worse by as much as is seen to move, since of those who go ahead nobody saw the place empty before. Walls
         tell the heading in any case.
         """
-        found = match.T_map_sensor
-        guess = SE2(guess.x, guess.y, found.theta)
-        hits = self._hits_of(scan)
-        still = self._space.standing(hits, guess)
-        count = max(len(hits.points), 1)
-        moving = 1.0 - len(still.points) / count
-        # From a wrong place walls, too, seem to stand where nothing was.
-        surely_moving = min(moving, 1.0 - len(self._space.standing(hits, found).points) / count)
-        if surely_moving <= self._config.walking or not len(still.points):
+        hits, found = self._hits_of(scan), match.T_map_sensor
+        most = (1.0 - self._config.walking) * len(hits.points)
+        if len(self._space.standing(hits, found).points) >= most:
             return match
+        guess = SE2(guess.x, guess.y, found.theta)
+        still = self._space.standing(hits, guess)
+        # From a wrong place walls, too, seem to stand where nothing was: both must say that something moves.
+        if not 0 < len(still.points) < most:
+            return match
+        moving = 1.0 - len(still.points) / len(hits.points)
         by_odometry = self._register(still, guess, deviations)
         as_found = self._register(still, found, _HELD)
         if by_odometry.matched < as_found.matched - moving:
