@@ -85,7 +85,7 @@ class Submap:
         Indices of the first and the last keyframe in it.
     """
 
-    _TOLERANCES = np.array([20.0, 8.0, 3.0])
+    _TOLERANCES = np.array([30.0, 12.0, 4.5])
     _DEVIATIONS = np.array([0.5, 0.5, 0.2])
     _SAY = 40.0
 

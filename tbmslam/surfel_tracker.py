@@ -30,7 +30,9 @@ class SurfelTrackerConfig(BaseModel):
     independent_points: float = Field(
         40.0, gt=0, description="how many independent hits a whole scan counts for, against the odometry"
     )
-    tolerances: tuple[float, ...] = Field((8.0, 3.0), description="distances at which a hit loses its say [deviations]")
+    tolerances: tuple[float, ...] = Field(
+        (12.0, 4.0), description="distances at which a hit loses its say [deviations]"
+    )
     iterations: int = Field(8, ge=1, description="Gauss-Newton steps for each tolerance, at the most")
     min_matched: float = Field(
         0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry rules"

@@ -171,14 +171,14 @@ def align(
 def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
     """Silence a direction of the plane that hardly any surface faces, such as the one along a corridor.
 
-    Fitted normals scatter by some degrees, and what that leaks along a wall is no evidence: a curvature below 0.5 % of
-    the one across is dropped, above 1.5 % it is kept, with a ramp between.
+    Fitted normals scatter by a degree or two, and what that leaks along a wall is no evidence: a curvature below 1/8 %
+    of the one across is dropped, above 3/8 % it is kept, with a ramp between. More would silence door frames too.
     """
     middle = 0.5 * (hessian[0, 0] + hessian[1, 1])
     spread = math.hypot(0.5 * (hessian[0, 0] - hessian[1, 1]), hessian[0, 1])
     if middle + spread <= 0.0:
         return
-    kept = min(max((middle - spread) / (middle + spread) * 100.0 - 0.5, 0.0), 1.0)
+    kept = min(max((middle - spread) / (middle + spread) * 400.0 - 0.5, 0.0), 1.0)
     if kept >= 1.0:
         return
     angle = 0.5 * math.atan2(2.0 * hessian[0, 1], hessian[0, 0] - hessian[1, 1])

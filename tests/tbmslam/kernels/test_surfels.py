@@ -124,10 +124,16 @@ def test_a_scan_finds_its_place_to_millimetres():
 
 def test_along_a_corridor_the_guess_stays():
     generator = np.random.default_rng(5)
-    walls = np.column_stack((generator.uniform(-4.0, 4.0, 3000), np.where(generator.random(3000) < 0.5, -1.0, 1.0)))
-    walls[:, 1] += generator.normal(0.0, 0.01, 3000)
-    scan = walls[np.abs(walls[:, 0]) < 2.5][:300]
-    pose, hessian, _, _ = aligned(scan, (0.3, 0.04, 0.01), deviation=0.1, surfels=surfels_of(walls))
+
+    def walls(count):
+        hits = np.column_stack(
+            (generator.uniform(-4.0, 4.0, count), np.where(generator.random(count) < 0.5, -1.0, 1.0))
+        )
+        return hits + generator.normal(0.0, 0.005, (count, 2))
+
+    surfels, scan = surfels_of(walls(3000)), walls(1000)
+    scan = scan[np.abs(scan[:, 0]) < 2.5][:300]
+    pose, hessian, _, _ = aligned(scan, (0.3, 0.04, 0.01), deviation=0.05, surfels=surfels)
     assert pose[0] == pytest.approx(0.3, abs=0.02)
     assert pose[1] == pytest.approx(0.0, abs=0.005)
     assert hessian[0, 0] < 0.02 * hessian[1, 1]
