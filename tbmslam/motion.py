@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from tbmslam.laser_scan import Reading
+from tbmslam.odometry_doubt import OdometryDoubt, OdometryDoubtConfig
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 _STANDING = 0.001  # what wheels that stand still may seem to move from scan to scan [m, rad]
@@ -34,6 +35,7 @@ class MotionConfig(BaseModel):
     )
     jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
     jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
+    doubt: OdometryDoubtConfig = OdometryDoubtConfig()
 
 
 class Prediction(NamedTuple):
@@ -49,12 +51,15 @@ class Prediction(NamedTuple):
         How far the odometry stepped where that is impossible, so that it was left out [m]; else 0.
     is_frozen
         Whether the odometry stands still while the robot moves, so that it was left out.
+    by_odometry
+        Whether the pose is the odometry's.
     """
 
     T_map_robot: SE2
     deviations: FloatArray
     jump: float = 0.0
     is_frozen: bool = False
+    by_odometry: bool = False
 
 
 class MotionModel:
@@ -68,6 +73,7 @@ class MotionModel:
         self._last_move = SE2.identity(), SE2.identity()
         self._duration = 0.0
         self._T_map_stopped = SE2.identity()  # where the robot was when its odometry last moved
+        self._doubt = OdometryDoubt(config.doubt)
 
     def predict(self, reading: Reading) -> Prediction:
         """Return where the robot is by odometry or, without any, by the motion between its last two readings.
@@ -137,6 +143,21 @@ class MotionModel:
         self._T_odom_robot = reading.T_odom_robot
         self._T_map_robot = T_map_robot
 
+    def learn(self, prediction: Prediction, guess: SE2, pose: SE2, information: FloatArray | None) -> None:
+        """Learn how good the odometry is from where a scan was found.
+
+        Parameters
+        ----------
+        prediction
+            Where the robot was thought to be.
+        guess, pose
+            Pose of the laser then, and as found.
+        information
+            What the scan tells of the pose (3, 3); None where it does not say.
+        """
+        if prediction.by_odometry and information is not None:
+            self._doubt.note(guess, pose, prediction.deviations, information)
+
     def _is_frozen(self, T_odom_before: SE2, T_odom_now: SE2) -> bool:
         """Tell whether the odometry stands still although the scans went on, as when its driver or a cable fails."""
         if not _is_still(T_odom_before, T_odom_now):
@@ -160,7 +181,7 @@ class MotionModel:
         distance, turn = math.hypot(step.x, step.y), abs(step.theta)
         position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
         heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
-        return Prediction(pose, np.array([position, position, heading]))
+        return Prediction(pose, np.array([position, position, heading]) * self._doubt.factors, by_odometry=True)
 
     def _by_constant_velocity(self, reading: Reading) -> Prediction:
         config = self._config

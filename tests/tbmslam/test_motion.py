@@ -99,3 +99,22 @@ def test_a_robot_that_stands_is_believed_to_stand():
         now = reading(0.1 * k, SE2(1.0, 2.0, 0.5))
         assert not model.predict(now).is_frozen
         model.correct(now, SE2(0.05 * (k % 2), 0.0, 0.1))
+
+
+def test_odometry_that_scans_contradict_is_doubted():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, SE2.identity()), SE2.identity())
+    stated = model.predict(reading(0.1, SE2(0.1, 0.0, 0.0)))
+    assert stated.by_odometry
+    for _ in range(50):
+        model.learn(stated, stated.T_map_robot, stated.T_map_robot, None)
+        without = stated._replace(by_odometry=False)
+        model.learn(without, stated.T_map_robot, SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6)
+    assert model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))).deviations.tolist() == stated.deviations.tolist()
+    for _ in range(5):
+        model.learn(
+            model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))), SE2(0.1, 0.0, 0.0), SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6
+        )
+    doubted = model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))).deviations
+    assert doubted[2] > 2.0 * stated.deviations[2]
+    assert doubted[0] == pytest.approx(stated.deviations[0])
