@@ -1,0 +1,24 @@
+import subprocess
+import sys
+
+import pytest
+
+import merging
+
+
+def test_every_name_is_there_when_it_is_used():
+    assert {merging.__getattr__(name).__name__ for name in merging.__all__} == set(merging.__all__)
+    assert set(merging.__all__) <= set(dir(merging))
+
+
+def test_a_wrong_name_is_told():
+    with pytest.raises(AttributeError, match="'merging' has no attribute 'mereg'"):
+        _ = merging.mereg
+
+
+def test_parameters_do_not_wait_for_methods():
+    code = (
+        "import sys, merging.config; print({'scipy.optimize', 'merging.aligner', 'merging.merger'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout.strip() == "set()"
