@@ -38,8 +38,8 @@ def recording_warnings(recording: Recording) -> list[str]:
         said.append(f"the number of beams changed {counts.beam_count_changes} times")
     if counts.gaps:
         said.append(
-            f"{counts.gaps} gaps without a scan, {counts.gap_seconds:.1f} s in all, the longest "
-            f"{counts.longest_gap_s:.1f} s: what moved meanwhile nobody saw"
+            f"{counts.gaps} gap{'s' if counts.gaps > 1 else ''} without a scan, {counts.gap_seconds:.1f} s in all, the "
+            f"longest {counts.longest_gap_s:.1f} s: what moved meanwhile nobody saw"
         )
     if counts.lost_scans:
         said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
@@ -49,7 +49,8 @@ def recording_warnings(recording: Recording) -> list[str]:
     said += [str(one) for one in frames] if isinstance(frames, list) else []
     said += _beam_warnings(counts)
     first_scan = recording.description.get("first_scan")
-    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) else None
+    is_told = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
+    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_told else None
     return said + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
 
 

@@ -54,3 +54,12 @@ def test_every_fault_is_a_sentence():
         "the laser's clock is 82 s behind",
         "angles do not fit",
     ]
+
+
+def test_a_gap_is_one():
+    said = recording_warnings(recording(gaps=1, gap_seconds=3.0, longest_gap_s=3.0))
+    assert said == ["1 gap without a scan, 3.0 s in all, the longest 3.0 s: what moved meanwhile nobody saw"]
+
+
+def test_nobody_who_told_the_angles_is_asked_for_them():
+    assert recording_warnings(recording({"first_scan": {"angle_warning": "do not fit"}, "angle_step_deg": 1.0})) == []
