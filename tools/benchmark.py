@@ -28,6 +28,8 @@ EXAMPLES = """examples:
       every .npz pair of a folder (see datasets/synthetic/map_pairs.py), with a line for each that went wrong
   python tools/%(prog)s.py align map-pairs/ --method all
       one table of our methods and the related work's
+  python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
+      each recording cut into robots that do not know of each other, mapped, merged, and held against itself uncut
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
 """
@@ -43,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
     commands = grammar.add_subparsers(
-        dest="command", required=True, metavar="slam|scaling|align|merge|strangers|limits"
+        dest="command", required=True, metavar="slam|scaling|align|merge|split|strangers|limits"
     )
     slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds", **more)
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
@@ -89,6 +91,9 @@ def parser() -> argparse.ArgumentParser:
     merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
     merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
     merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
+    split = commands.add_parser("split", help="recordings cut into robots, mapped and merged again", **more)
+    split.add_argument("recordings", nargs="+", metavar="RECORDING[,option=value]...", help="bags or logs")
+    split.add_argument("--robots", default="2,3,5", metavar="N,...", help="into how many each is cut (2,3,5)")
     strangers = commands.add_parser("strangers", help="how often maps that do not belong together are merged", **more)
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
@@ -97,7 +102,7 @@ def parser() -> argparse.ArgumentParser:
         "limits", help="whether a day of recording and 1 km2 of building fit into memory", **more
     )
     limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
-    for command in (slam, scaling, align, merge, strangers, limits):
+    for command in (slam, scaling, align, merge, split, strangers, limits):
         command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -137,6 +142,8 @@ def _check(args: argparse.Namespace) -> None:
         args.areas = [float(area) for area in args.areas.split(",")]
         if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
             raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
+    elif args.command == "split":
+        _check_split(args)
     elif args.command == "limits":
         if not 0.0 < args.share <= 1.0:
             raise ValueError(f"--share must lie above 0 and not above 1, got {args.share}")
@@ -145,6 +152,17 @@ def _check(args: argparse.Namespace) -> None:
             raise ValueError("--pairs and --workers must be positive, --seed not negative")
     else:
         _check_drives(args)
+
+
+def _check_split(args: argparse.Namespace) -> None:
+    """Turn the texts of `split` into what they mean; see `_check`."""
+    from tools.recording_spec import parse_recording_spec
+
+    args.robots = [int(count) for count in args.robots.split(",")]
+    if min(args.robots) < 2:
+        raise ValueError(f"--robots must be at least 2, got {min(args.robots)}")
+    for text in args.recordings:
+        parse_recording_spec(text)
 
 
 def _check_drives(args: argparse.Namespace) -> None:
@@ -192,6 +210,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.merge_benchmark import benchmark_merge
 
         benchmark_merge(args)
+    elif args.command == "split":
+        from tools.split_benchmark import benchmark_split
+
+        benchmark_split(args)
     elif args.command == "limits":
         from tools.limits_benchmark import benchmark_limits
 

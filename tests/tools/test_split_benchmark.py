@@ -1,0 +1,56 @@
+import json
+
+import numpy as np
+import pytest
+
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tools import benchmark, make_world
+from tools.split_benchmark import overlap_share
+
+
+def free_square(side):
+    masses = np.zeros((side, side, 4), dtype=np.float32)
+    masses[..., 1] = 1.0
+    return TbmMap(TbmGrid(GridGeometry(0.1, 0.0, 0.0, side, side), masses))
+
+
+@pytest.mark.parametrize(("shift", "share"), [(0.0, 1.0), (1.0, 1.0), (1.5, 0.5), (9.0, 0.0)])
+def test_the_share_is_that_of_the_smaller_map(shift, share):
+    large, small = free_square(20), free_square(10)
+    assert overlap_share(large, small, SE2(shift, 0.0, 0.0)) == pytest.approx(share, abs=0.02)
+    assert overlap_share(small, large, SE2(-shift, 0.0, 0.0)) == pytest.approx(share, abs=0.02)
+
+
+@pytest.mark.slow
+def test_a_recording_is_cut_and_merged_again(tmp_path, capsys):
+    world = ["--world", "office", "--seed", "2", "--beams", "361", "--rate", "10", "--length", "120"]
+    assert make_world.main([*world, "-o", str(tmp_path)]) == 0
+    capsys.readouterr()
+    figures = tmp_path / "figures.json"
+    bag = f"{tmp_path / 'robot_0.bag'},odometry=tf"
+    assert benchmark.main(["split", bag, "--robots", "2", "--json", str(figures)]) == 0
+    assert "| robot_0   |" in capsys.readouterr().out
+    (run,) = json.loads(figures.read_text())["runs"]
+    assert run["merged"] == ["robot_0", "robot_1"]
+    for _, _, shared, (metres, degrees) in run["pairs"]:
+        assert 0.25 <= shared <= 1.0
+        assert metres < 0.2
+        assert degrees < 1.0
+    assert 0.9 < run["agree"] <= run["agree_nearby"] <= 1.0
+    assert 0.9 < run["turned"] <= 1.0
+
+
+def test_a_recording_that_is_not_there_is_one_line(tmp_path, capsys):
+    assert benchmark.main(["split", str(tmp_path / "none.bag"), "--robots", "2"]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("benchmark: ")
+    assert "none.bag" in error
+
+
+def test_less_than_two_robots_are_no_split(capsys):
+    with pytest.raises(SystemExit) as ended:
+        benchmark.main(["split", "x.bag", "--robots", "1,2"])
+    assert ended.value.code == 2
+    assert "--robots must be at least 2, got 1" in capsys.readouterr().err

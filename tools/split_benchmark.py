@@ -1,0 +1,207 @@
+"""From one recording to several robots' maps and back: what is merged, how exactly, and how like the undivided map."""
+
+import argparse
+import contextlib
+import dataclasses
+import io
+import itertools
+import json
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from merging import merge
+from merging.redrawing import redraw
+from tbmslam.atomic_file import write_text
+from tbmslam.belief import FREE
+from tbmslam.map_agreement import MapAgreement, cell_labels, map_agreement
+from tbmslam.map_folder import load_map
+from tbmslam.map_refinement import refine_map_transform
+from tbmslam.resampling import resample
+from tbmslam.se2 import SE2, wrap_angle
+from tbmslam.tbm_map import TbmMap
+from tbmslam.trajectory import Trajectory
+from tbmslam.trajectory_alignment import align_trajectories
+from tools import build_maps
+from tools.machine import describe_machine
+from tools.measured_process import MeasurementError, in_fresh_process
+from tools.recording_spec import as_words
+from tools.text_table import number, text_table
+
+HEAD = (
+    *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),
+    *("or beside %", "undivided turned %", "merging CPU s"),
+)
+
+NOTES = """\
+Each recording is cut into robots by build_maps, in frames that no other knows, and merged. pairs: those that share a
+quarter of the smaller map's free space or more; near enough: of these, pairs whose relative pose is within 0.2 m, in
+the middle of the second map, and 1 degree of truth.json. as undivided: share of the cells known to the merged map and
+to that of the whole recording that both call the same; or beside: a neighbour counts too. undivided turned: share of
+the cells in which the undivided map is like itself when drawn again on the merged map's cells."""
+
+_SHARED = 0.25
+_NEAR_M, _NEAR_DEG = 0.2, 1.0
+
+
+@dataclass(frozen=True)
+class SplitRun:
+    """What became of one recording cut into robots.
+
+    Parameters
+    ----------
+    recording, robots
+        Its name, and how many robots.
+    merged
+        The robots that were merged.
+    left_out
+        The others, and why.
+    pairs
+        For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
+        error of its relative pose [m], [deg]; None where one was left out.
+    agree, agree_nearby
+        Shares of cells that are as in the undivided map, see `tbmslam.map_agreement`; None where nothing was merged.
+    turned
+        The share for the undivided map itself, drawn again on the merged map's cells.
+    merge_cpu_s
+        CPU time of the merge [s].
+    """
+
+    recording: str
+    robots: int
+    merged: tuple[str, ...]
+    left_out: Mapping[str, str]
+    pairs: tuple[tuple[str, str, float, tuple[float, float] | None], ...]
+    agree: float | None
+    agree_nearby: float | None
+    turned: float | None
+    merge_cpu_s: float
+
+
+def benchmark_split(args: argparse.Namespace) -> None:
+    """Run what the arguments ask for and print the table."""
+    runs = []
+    with tempfile.TemporaryDirectory() as folder:
+        for text in args.recordings:
+            for robots in (1, *args.robots):
+                sys.stderr.write(f"benchmark: {text}, {robots} robots\n")
+                out = Path(folder) / f"{args.recordings.index(text)}" / str(robots)
+                in_fresh_process(cut, text, robots, out)
+                if robots > 1:
+                    runs.append(in_fresh_process(run_split, text, out, out.parent / "1" / "robot_0"))
+    print(text_table(HEAD, [_row(run) for run in runs]))
+    for run in runs:
+        for name, reason in run.left_out.items():
+            print(f"{run.recording}, {run.robots} robots: {name} was left out: {reason}")
+    print(NOTES)
+    machine = describe_machine()
+    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    if args.json:
+        figures = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs]}
+        write_text(args.json, json.dumps(figures, indent=2) + "\n")
+
+
+def cut(text: str, robots: int, out: Path) -> None:
+    """Cut a recording into robots and map each.
+
+    Raises
+    ------
+    MeasurementError
+        If build_maps fails; its one line is repeated.
+    """
+    path, *settings = text.split(",")
+    said = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        code = build_maps.main([path, *as_words(settings), "--robots", str(robots), "-o", str(out)])
+    if code != 0:
+        raise MeasurementError(said.getvalue().strip().splitlines()[-1])
+
+
+def run_split(text: str, folder: Path, undivided: Path) -> SplitRun:
+    """Merge the maps of a folder that build_maps wrote, and hold the result against truth.json and an undivided map."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["robots"]
+    poses = {name: SE2(*one["T_reference_map"]) for name, one in truth.items()}
+    maps = {name: load_map(folder / name) for name in poses}
+    begin = time.process_time()
+    result = merge(maps)
+    seconds = time.process_time() - begin
+    merged, turned = (None, None) if result.merged is None else _agreements(result.merged, load_map(undivided))
+    return SplitRun(
+        recording=Path(text.split(",", 1)[0]).name.split(".")[0],
+        robots=len(maps),
+        merged=tuple(result.poses),
+        left_out=dict(result.left_out),
+        pairs=_judged(maps, poses, result.poses),
+        agree=None if merged is None else merged.agree,
+        agree_nearby=None if merged is None else merged.agree_nearby,
+        turned=None if turned is None else turned.agree,
+        merge_cpu_s=seconds,
+    )
+
+
+def _judged(
+    maps: Mapping[str, TbmMap], truth: Mapping[str, SE2], found: Mapping[str, SE2]
+) -> tuple[tuple[str, str, float, tuple[float, float] | None], ...]:
+    """Return the pairs that overlap, and their errors."""
+    judged = []
+    for first, second in itertools.combinations(maps, 2):
+        true = truth[first].inverse() @ truth[second]
+        shared = overlap_share(maps[first], maps[second], true)
+        if shared >= _SHARED:
+            errors = None
+            if first in found and second in found:
+                errors = _errors(found[first].inverse() @ found[second], true, maps[second])
+            judged.append((first, second, shared, errors))
+    return tuple(judged)
+
+
+def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
+    """Return the free space that two maps share, as a share of that of the map that has less."""
+    free = [cell_labels(one.grid) == FREE for one in (first, second)]
+    there = cell_labels(resample(second.grid, T_first_second, first.grid.geometry)) == FREE
+    areas = [float(one.sum()) * m.grid.geometry.resolution**2 for one, m in zip(free, (first, second), strict=True)]
+    return float((free[0] & there).sum()) * first.grid.geometry.resolution**2 / max(min(areas), 1e-9)
+
+
+def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
+    """Return how far off a relative pose is in the middle of what the second map knows [m], [deg]."""
+    g = moved.grid.geometry
+    rows, cols = np.nonzero(moved.grid.is_known())
+    middle = [g.origin_x + (cols.mean() + 0.5) * g.resolution, g.origin_y + (rows.mean() + 0.5) * g.resolution]
+    return math.dist(found.apply(middle), true.apply(middle)), abs(math.degrees(wrap_angle(found.theta - true.theta)))
+
+
+def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:
+    """Compare the undivided map, laid onto a merged one by drives and walls, with that and with itself drawn there."""
+    stamps = np.concatenate([drive.trajectory.stamps for drive in merged.drives])
+    poses = np.vstack([drive.trajectory.poses for drive in merged.drives])
+    stamps, first = np.unique(stamps, return_index=True)
+    guess = align_trajectories(undivided.drives[0].trajectory, Trajectory(stamps, poses[first])).T_reference_estimate
+    labels, true_labels = cell_labels(merged.grid), cell_labels(undivided.grid)
+    motion = refine_map_transform(labels, merged.grid.geometry, true_labels, undivided.grid.geometry, guess)
+    true = cell_labels(resample(undivided.grid, motion.inverse(), merged.grid.geometry))
+    again = redraw([drive.keyframes.transformed(motion.inverse()) for drive in undivided.drives], undivided)
+    turned = cell_labels(resample(undivided.grid, motion.inverse(), again.geometry))
+    return map_agreement(labels, true), map_agreement(cell_labels(again), turned)
+
+
+def _row(run: SplitRun) -> list[str]:
+    errors = [error for *_, error in run.pairs if error is not None]
+    near = sum(metres <= _NEAR_M and degrees <= _NEAR_DEG for metres, degrees in errors)
+    worst = [max(values) if errors else None for values in zip(*errors, strict=True)] or [None, None]
+    return [
+        run.recording,
+        str(run.robots),
+        str(len(run.merged)),
+        str(len(run.pairs)),
+        str(near),
+        *(number(value, digits) for value, digits in zip(worst, (3, 2), strict=True)),
+        *(number(share and 100.0 * share, 1) for share in (run.agree, run.agree_nearby, run.turned)),
+        number(run.merge_cpu_s, 1),
+    ]
