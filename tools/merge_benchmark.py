@@ -47,7 +47,7 @@ _R = TypeVar("_R")
 
 _PAPER_RESOLUTION = 0.1
 _WARM_UP_M2 = 300.0
-_CANVAS_SHARE = 0.6
+_CANVAS_SHARE = 0.42
 """Of the canvas that two maps turned against each other need, what the floor itself takes."""
 _OVERLAP = 0.5
 
