@@ -145,7 +145,7 @@ def _salvaged_file(path: Path, damage: str) -> SalvagedBag:
         if is_ros1(path):
             return salvage_ros1(path, damage)
         return salvage_mcap(path, damage) if path.suffix == ".mcap" else salvage_sqlite(path, damage)
-    except (OSError, ValueError, struct.error) as error:  # an empty file cannot be mapped
+    except (OSError, ValueError, ArithmeticError, LookupError, struct.error) as error:  # an empty file cannot be mapped
         raise DatasetError(f"{path}: {damage}; and nothing of it can be read ({error}): fetch it again") from error
 
 

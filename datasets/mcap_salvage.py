@@ -21,6 +21,7 @@ _WANTED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _CHUNK = re.compile(rb"\x06(.{8}).{24}.{4}(\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
 _NOT_COMPRESSED = b"\0\0\0\0"
 _LARGEST_CHUNK = 1 << 30
+_LATEST = (1 << 63) - 1  # [ns]
 
 
 def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
@@ -85,6 +86,10 @@ class _Scan:
                 self.channels[record.id] = record
             elif isinstance(record, Message):
                 size = len(record.data)
+                if record.log_time > _LATEST:  # a number of 64 bits may be twice as large as any that is kept
+                    self.holes.append(Hole(len(self.entries) // 5, size))
+                    place += size
+                    continue
                 self.entries.extend((record.log_time, record.channel_id, position, place, size))
                 place += size
         return True

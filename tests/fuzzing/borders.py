@@ -25,6 +25,7 @@ from tbmslam.relations import read_relations
 from tbmslam.tbm_dump import write_tbm_dump
 from tbmslam.tbm_map import TbmMap
 from tbmslam.tum import read_tum
+from tests.fuzzing import bag_layers
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = Path(__file__).parent / "corpus"
@@ -159,6 +160,10 @@ BORDERS: dict[str, Border] = {
         "map.dat", _map, lambda: [b"robot_specifications->resolution 10\nglobal_map[0]: 1 2\n1.0 -1.0\n"]
     ),
     "bag": Border("drive.bag", _recording, _broken_bags),
+    "records": Border("drive.bag", bag_layers.read_ros1, bag_layers.ros1_seeds),
+    "mcap": Border("drive.mcap", bag_layers.read_mcap, bag_layers.ros2_seeds("MCAP")),
+    "database": Border("drive.db3", bag_layers.read_database, bag_layers.ros2_seeds("SQLITE3")),
+    "message": Border("message", bag_layers.read_message, bag_layers.message_seeds),
     "carmen": Border("drive.log", _recording, lambda: [CARMEN.encode()]),
     "tum": Border(
         "drive.tum", read_tum, lambda: [b"# stamp x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"]

@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT))
 
 import atheris  # noqa: E402 - the path comes first, so that the checkout's own tests are found
 
-_OURS = ["tbmslam", "datasets", "merging", "rosbags", "yaml"]
+_OURS = ["tbmslam", "datasets", "merging", "rosbags", "mcap", "yaml"]
 # Numba cannot compile what atheris has put its counters into.
 _COMPILED = [f"tbmslam.kernels.{path.stem}" for path in (ROOT / "tbmslam" / "kernels").glob("[a-z]*.py")]
 
@@ -30,14 +30,15 @@ def main() -> None:
     grammar.add_argument("--seconds", type=int, default=60)
     args = grammar.parse_args()
     with tempfile.TemporaryDirectory() as seeds:
-        for number, seed in enumerate(BORDERS[args.border].seeds()):
+        healthy = BORDERS[args.border].seeds()
+        for number, seed in enumerate(healthy):
             (Path(seeds) / str(number)).write_bytes(seed)
         found = Path(__file__).parent / f"found-{args.border}-"
         options = [
             f"-max_total_time={args.seconds}",
             "-rss_limit_mb=3000",
             "-timeout=20",
-            "-max_len=16384",
+            f"-max_len={max(16384, 2 * max(map(len, healthy)))}",
             f"-artifact_prefix={found}",
         ]
         known = CORPUS / args.border

@@ -19,6 +19,8 @@ def test_healthy_bytes_are_taken(name):
     assert all(cross(name, seed) for seed in seeds)
 
 
-@pytest.mark.parametrize("name", sorted(set(BORDERS) - {"config", "tum", "relations"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(BORDERS) - {"config", "tum", "relations", "records", "mcap", "database", "message"})
+)
 def test_no_bytes_are_refused(name):
     assert not cross(name, b"")

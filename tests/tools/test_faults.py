@@ -48,6 +48,21 @@ def test_a_child_that_is_not_seen_writing_is_told(tmp_path):
         child_run.run_child(merge, "--print-config", until=child_run.is_being_written(tmp_path / "none", "map.npz"))
 
 
+def test_a_missed_moment_is_waited_for_again():
+    trials = []
+
+    def trial(number):
+        trials.append(number)
+        if number < 2:
+            raise child_run.MissedMomentError("gone")
+        return "seen"
+
+    assert child_run.until_caught(trial) == "seen"
+    assert trials == [0, 1, 2]
+    with pytest.raises(child_run.MissedMomentError, match="never"):
+        child_run.until_caught(lambda _: (_ for _ in ()).throw(child_run.MissedMomentError("never")))
+
+
 def test_a_map_that_would_be_believed_is_a_red_row(tmp_path):
     case = hostile_maps._case("nothing wrong", lambda _: None, "damaged")
     outcome = case.attempt(tmp_path)

@@ -31,7 +31,7 @@ def _tried(
         return Outcome(f"exit {done.code}: {done.stderr.strip()[-100:]}", "everything", survived=False)
     counts = run["counts"]
     used, lost = counts["scans_used"], counts["lost_scans"]
-    said = re.search(r"(the bag|the index|no metadata)[^;(]*", done.stderr)
+    said = re.search(r"(the bag |the index|the database|no metadata)[^;(,]*", done.stderr)
     happened = f"{used} of {scans} scans used" + (f"; {said[0].strip()}" if said else "")
     gone = [f"about {lost} scans, {counts['lost_seconds']:.1f} s"] if lost else []
     gone += [f"{number} scans {reason}" for reason, number in counts["dropped"].items()]

@@ -8,19 +8,41 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
+from typing import TypeVar
 
 from tbmslam.errors import TbmSlamError
 from tools.fault_cases.program_run import ProgramRun
 
+_Result = TypeVar("_Result")
 _TOO_LONG_S = 300.0
+_TRIALS = 8
 _BLIND_ROOT = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-dac_override,-dac_read_search")
 """Runs a command as a root for whom permissions count, too."""
 
 
 class ChildRunError(TbmSlamError):
     """A program did not do what was waited for."""
+
+
+class MissedMomentError(ChildRunError):
+    """A program was done before it was seen doing what it was to be disturbed at."""
+
+
+def until_caught(trial: Callable[[int], _Result]) -> _Result:
+    """Make a trial, given its number, until the moment to disturb it at is not missed, as on a busy machine it may be.
+
+    Raises
+    ------
+    MissedMomentError
+        It always was.
+    """
+    for number in range(_TRIALS - 1):
+        with suppress(MissedMomentError):
+            return trial(number)
+    return trial(_TRIALS - 1)
 
 
 def run_child(
@@ -90,7 +112,7 @@ def _wait(child: subprocess.Popen[str], until: Callable[[], bool]) -> None:
     latest = time.monotonic() + _TOO_LONG_S
     while not until():
         if child.poll() is not None or time.monotonic() > latest:
-            raise ChildRunError("the program was not seen doing what it was to be disturbed at")
+            raise MissedMomentError("the program was not seen doing what it was to be disturbed at")
 
 
 def _prepare(largest_file: int | None, memory: int | None) -> None:

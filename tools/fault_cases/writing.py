@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from tools import build_maps, merge
-from tools.fault_cases.child_run import is_being_written, run_child
+from tools.fault_cases.child_run import is_being_written, run_child, until_caught
 from tools.fault_cases.fault_case import FaultCase, Outcome
 from tools.fault_cases.program_run import ProgramRun, run_program
 from tools.fault_cases.written_maps import WrittenMaps, contents
@@ -23,9 +23,7 @@ def _stopped(
     """Send build_maps a signal while it writes a file, for each of some files."""
     torn = []
     for name in written:
-        maps = WrittenMaps(folder / name)
-        moment = is_being_written(maps.out / "robot_1", name)
-        done = run_child(build_maps, *maps.arguments(*words), until=moment, send=send)
+        maps, done = until_caught(partial(_disturbed, folder, name, send, tuple(words)))
         said = _as_wanted(done, code, "interrupted")
         if not (said and maps.are_whole() and maps.run_again()):
             torn.append(name if said else f"{name}: exit {done.code}, {done.stderr[-60:]!r}")
@@ -33,8 +31,18 @@ def _stopped(
     return Outcome(happened, "everything" if torn else "nothing", survived=not torn)
 
 
-def _merge_killed(folder: Path) -> Outcome:
+def _disturbed(
+    folder: Path, name: str, send: signal.Signals, words: tuple[str, ...], trial: int
+) -> tuple[WrittenMaps, ProgramRun]:
+    """Send build_maps a signal while it writes a file, in a folder for each trial."""
+    maps = WrittenMaps(folder / f"{name}.{trial}")
+    moment = is_being_written(maps.out / "robot_1", name)
+    return maps, run_child(build_maps, *maps.arguments(*words), until=moment, send=send)
+
+
+def _merge_killed(folder: Path, trial: int) -> Outcome:
     """Kill merge while it writes its map over an older one."""
+    folder = folder / str(trial)
     maps = WrittenMaps(folder / "maps")
     for name, rule in (("merged", "disjunctive"), ("new", "conjunctive")):
         run_program(merge.main, maps.folder / "new", "--rule", rule, "-o", folder / name)
@@ -69,8 +77,9 @@ def _into_a_read_only_folder(maps: WrittenMaps) -> ProgramRun:
         maps.out.chmod(0o755)
 
 
-def _second_of_two(folder: Path) -> Outcome:
+def _second_of_two(folder: Path, trial: int) -> Outcome:
     """Start a second run into a folder while the first writes there."""
+    folder = folder / str(trial)
     maps = WrittenMaps(folder / "maps")
     second: list[ProgramRun] = []
 
@@ -112,6 +121,10 @@ def _last_line(done: ProgramRun, folder: Path) -> str:
     return f"refused in one line: {lines[-1]}"[:150]
 
 
+def _caught(attempt: Callable[[Path, int], Outcome]) -> Callable[[Path], Outcome]:
+    return lambda folder: until_caught(partial(attempt, folder))
+
+
 CASES = (
     FaultCase(
         "kill -9 while maps are written",
@@ -128,10 +141,10 @@ CASES = (
             _stopped, send=signal.SIGINT, code=_INTERRUPTED, written=("map.npz",), words=("--workers", "2", "--redo")
         ),
     ),
-    FaultCase("kill -9 while a merged map is written", _merge_killed),
+    FaultCase("kill -9 while a merged map is written", _caught(_merge_killed)),
     FaultCase("full disk", partial(_refused, begin=_on_a_full_disk, fact="make room"), quick=True),
     FaultCase("read-only folder", partial(_refused, begin=_into_a_read_only_folder, fact="cannot be written into")),
-    FaultCase("two runs into one folder", _second_of_two),
+    FaultCase("two runs into one folder", _caught(_second_of_two)),
     FaultCase("a changed byte in map.npz", partial(_changed_byte, name="map.npz"), quick=True),
     FaultCase("a changed byte in trajectory.tum", partial(_changed_byte, name="trajectory.tum")),
 )
