@@ -57,8 +57,8 @@ def _pieces(evidence: Evidence) -> float:
 
 
 def _corners(evidence: Evidence) -> float:
-    """Return how many corners agree, less what contradictions cost."""
-    return evidence.pieces.corners - 0.5 * evidence.pieces.conflicting
+    """Return how many corners agree."""
+    return evidence.pieces.corners
 
 
 _MARGINS: tuple[tuple[Measure, float], ...] = ((_walls, 4.0), (_pieces, 3.0), (_corners, 2.0))

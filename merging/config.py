@@ -209,7 +209,7 @@ class VerificationConfig(_Config):
     front_m: Metres = 0.3
     conflict_weight: Annotated[float, Field(ge=0.0)] = 1.5
     unseen_weight: Annotated[float, Field(ge=0.0)] = 0.5
-    min_confidence: Share = 0.7
+    min_confidence: Share = 0.8
     min_overlap_m2: Annotated[float, Field(ge=0.0)] = 2.0
     min_ambiguous_wall_m: Annotated[float, Field(ge=0.0)] = 8.0
     min_ambiguous_agreement: Share = 0.7

@@ -42,6 +42,15 @@ def test_a_straight_wall_has_no_corners():
     assert pieces.corners < 0.1
 
 
+def test_a_box_that_may_be_moved_has_no_corners():
+    grid = straight()
+    grid.masses[30:38, 100:108] = (0.0, 0.0, 1.0, 0.0)
+    boxed = structure(grid)
+    pieces = count_pieces(boxed, boxed, SE2.identity(), LIMITS)
+    assert pieces.agreeing > 20.5
+    assert pieces.corners < 0.5
+
+
 def test_another_floor_conflicts(rooms):
     first, second = structure(rooms(1)), structure(rooms(2))
     pieces = count_pieces(first, second, SE2(1.0, 0.5, 0.3), LIMITS)
