@@ -1,11 +1,15 @@
 """Processes of this machine that share work, and end with the one that started them."""
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
+from multiprocessing import connection
 from typing import ParamSpec, TypeVar
 
 from tbmslam.errors import TbmSlamError
@@ -37,7 +41,7 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
         A process died, which the block did not catch as `BrokenProcessPool`.
     """
     context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
-    with WorkerPool(workers, context, initializer) as pool:
+    with WorkerPool(workers, context, partial(_begin, initializer)) as pool:
         before = multiprocessing.active_children()
         try:
             yield pool
@@ -50,6 +54,21 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
                     "a worker process died: memory may have run out; run again with fewer --workers"
                 ) from None
             raise
+
+
+def _begin(initializer: Callable[[], object] | None) -> None:
+    """Begin as a worker, which waits for work for ever and so has to see for itself when nobody is left to give any."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if initializer is not None:
+        initializer()
+
+
+def _end_with_parent() -> None:
+    """Wait until the process that began this one has ended, if it was killed without a chance to say so; then end."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager

@@ -29,6 +29,16 @@ if __name__ == "__main__":
 """
 
 
+TELLS_ITS_WORKER = """
+import os, time
+from tbmslam.worker_pool import worker_pool
+if __name__ == "__main__":
+    with worker_pool(1) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600).result()
+"""
+
+
 def test_work_is_done_in_other_processes():
     with worker_pool(2) as pool:
         assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
@@ -69,3 +79,19 @@ def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
     os.killpg(child.pid, signal.SIGINT)
     said = child.communicate(timeout=60)
     assert (child.returncode, *said) == (130, "interrupted\n", "")
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_when_who_began_them_is_killed(tmp_path, how):
+    """They hold the pipe open that they read from, so they would wait for ever."""
+    script = tmp_path / "work.py"
+    script.write_text(TELLS_ITS_WORKER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(  # noqa: S603 - our own script
+        [sys.executable, script], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert int(child.stdout.readline()) != child.pid
+        child.send_signal(how)
+        said, _ = child.communicate(timeout=60)  # which comes to an end with the last process that could write
+    assert (child.returncode, said) == (-how, "")
