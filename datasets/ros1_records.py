@@ -7,7 +7,7 @@ data, the data; a header is a row of fields, each the length of ``name=value`` a
 import bz2
 import mmap
 import struct
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple, TypeAlias
 
 import lz4.frame
@@ -26,6 +26,7 @@ _NEEDED: dict[int, dict[bytes, int | None]] = {
     CHUNK_INFO: {b"chunk_pos": 8},
     CONNECTION: {b"conn": 4, b"topic": None},
 }
+_ZEROS = b"\0\0"  # the upper half of such a number
 _PIECE = 1 << 16
 _LARGEST_CHUNK = 1 << 30
 
@@ -71,7 +72,7 @@ def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_N
     """Return where the next record of some kinds begins, at or after a position; the buffer's end without any."""
     mark = buffer.find(_MARK, position)
     while mark >= 0:
-        for start in range(mark - 4, max(position, mark - _LONGEST_HEADER) - 1, -1):
+        for start in _short_lengths(buffer, max(position, mark - _LONGEST_HEADER), mark - 4):
             length = _uint32(buffer, start)
             if length is not None and start + 4 + length >= mark + len(_MARK):
                 record = record_at(buffer, start)
@@ -82,6 +83,15 @@ def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_N
                 break
         mark = buffer.find(_MARK, mark + 1)
     return len(buffer)
+
+
+def _short_lengths(buffer: Buffer, first: int, last: int) -> Iterator[int]:
+    """Yield the places, from the last to the first, where a number below 65536 may stand, as a header's length is."""
+    window = buffer[first : last + 4]
+    found = window.rfind(_ZEROS, 2)
+    while found >= 0:
+        yield first + found - 2
+        found = window.rfind(_ZEROS, 2, found + 1)
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes] | None:

@@ -3,6 +3,8 @@ import bz2
 import lz4.frame
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from datasets.ros1_records import CHUNK, MESSAGE, decompressed, fields_of, next_record, record_at
 
@@ -52,6 +54,19 @@ def test_the_next_record_is_found_behind_damage():
     assert next_record(content, first + 1) == len(content) - len(message(b"b"))
     assert next_record(content, 0, (CHUNK,)) == len(content)
     assert next_record(b"nothing", 0) == 7
+
+
+damages = st.lists(st.tuples(st.integers(0, 10_000), st.sampled_from([0, 4, 13, 255])), max_size=12)
+
+
+@given(damages, st.integers(0, 200))
+def test_the_next_record_is_the_first_place_where_one_begins(damage, position):
+    content = bytearray(b"\0\0\0" + b"".join(message(bytes([k]) * 5) for k in range(6)))
+    for place, value in damage:
+        content[place % len(content)] = value
+    content = bytes(content)
+    begins = [place for place in range(position, len(content)) if record_at(content, place) is not None]
+    assert next_record(content, position) == (begins[0] if begins else len(content))
 
 
 def test_fields_must_fill_a_header():
