@@ -21,8 +21,8 @@ _settings: Any = config  # numba sets the attributes of this module while it loa
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def _cache_directory() -> str:
-    """Name the cache by the sources and the bounds-check flag.
+def _cache_directory() -> str | None:
+    """Name the cache by the sources and the bounds-check flag; None where there is no place for one.
 
     Numba's own cache looks at one file at a time, so it runs stale code when a callee in another file changed, and it
     ignores ``NUMBA_BOUNDSCHECK`` once something is cached.
@@ -32,7 +32,11 @@ def _cache_directory() -> str:
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
     user_cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(user_cache) / "tbmslam").expanduser()
+    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(user_cache) / "tbmslam")
+    try:
+        root = root.expanduser()
+    except RuntimeError:  # a user without a home, as in some containers
+        return None
     return str(root / digest.hexdigest()[:16])
 
 
@@ -41,12 +45,12 @@ def _writable(directory: str) -> bool:
         Path(directory).mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             return True
-    except (OSError, RuntimeError):
+    except OSError:
         return False
 
 
 _CACHE_DIRECTORY = _cache_directory()
-_CACHE = _writable(_CACHE_DIRECTORY)
+_CACHE = _CACHE_DIRECTORY is not None and _writable(_CACHE_DIRECTORY)
 
 
 def kernel(function: Function) -> Function:

@@ -99,6 +99,19 @@ def test_d25_a_bag_that_is_cut_off_gives_what_is_left(script, tmp_path):
     assert 15 < len(list(open_recording([path]))) < 35
 
 
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_d25_a_ros_2_bag_without_metadata_or_cut_off(script, tmp_path, kind):
+    driven(script, 106.0)
+    for k in range(50):
+        script.scan(100.5 + 0.1 * k, np.full(500, 1.0 + k), step=0.005)
+    folder = script.in_time_order().write(tmp_path / "run", kind)
+    (folder / "metadata.yaml").unlink()
+    (storage,) = folder.iterdir()
+    assert len(list(open_recording([folder]))) == 50
+    storage.write_bytes(storage.read_bytes()[: storage.stat().st_size * 3 // 5])
+    assert 10 < len(list(open_recording([folder]))) < 50
+
+
 def test_d31_messages_of_ros_1_have_their_sequence_number():
     messages = Messages(ros1=True)
     scan = {"angle_min": 0.0, "angle_max": 0.0, "angle_increment": 0.1, "time_increment": 0.0, "scan_time": 0.0}

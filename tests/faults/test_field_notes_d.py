@@ -4,8 +4,13 @@ What concerns recordings is in tests/datasets/test_field_notes_d.py.
 """
 
 import math
+import os
+import subprocess
+import sys
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +18,7 @@ import pytest
 from merging.config import MergeConfig
 from merging.fusion import fuse
 from merging.merger import merge
+from tbmslam import kernels
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.grid import GridGeometry, TbmGrid
@@ -33,6 +39,7 @@ from tbmslam.tum import TumError, read_tum, write_tum
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 )
+ROOT = Path(__file__).resolve().parents[2]
 ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
 
 
@@ -236,6 +243,32 @@ def test_d27_kernels_are_exact_and_know_nan():
     for each in kernels:
         assert not each.targetoptions.get("fastmath")
         assert not each.targetoptions.get("parallel")
+
+
+def test_d27_a_changed_kernel_is_compiled_anew(monkeypatch):
+    before = kernels._cache_directory()
+    assert kernels._cache_directory() == before
+    monkeypatch.setattr(Path, "read_bytes", lambda path: path.name.encode())  # other sources
+    assert kernels._cache_directory() != before
+    monkeypatch.undo()
+    monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1" if os.environ.get("NUMBA_BOUNDSCHECK") != "1" else "0")
+    assert kernels._cache_directory() != before
+
+
+@pytest.mark.parametrize("place", ["/dev/null/cache", "~nobody-of-this-name/cache"])
+def test_d27_without_a_place_for_a_cache_kernels_work_all_the_same(place):
+    code = "from tbmslam.kernels import _CACHE; from tbmslam.se2 import compose; print(_CACHE)"
+    surroundings = {"PYTHONPATH": str(ROOT), "PATH": os.defpath, "NUMBA_CACHE_DIR": place}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=False)  # noqa: S603 - our code
+    assert (done.stdout, done.returncode) == ("False\n", 0), done.stderr
+
+
+def test_d27_two_threads_map_at_once():
+    alone = slam_of(drive_of_room())
+    with ThreadPoolExecutor(2) as pool:
+        made = list(pool.map(lambda _: slam_of(drive_of_room()), range(4)))
+    assert {each.grid.masses.tobytes() for each in made} == {alone.grid.masses.tobytes()}
 
 
 def test_d28_a_shift_moves_masses_exactly_and_the_library_of_one_bad_release_is_out():
