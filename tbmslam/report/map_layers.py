@@ -21,6 +21,10 @@ ROBOT_COLOURS: tuple[Colour, ...] = (
     (86, 180, 233),
     (148, 103, 189),
     (140, 86, 75),
+    (128, 128, 0),
+    (63, 40, 140),
+    (20, 92, 60),
+    (240, 128, 128),
 )
 """Red, green, blue of each robot, repeated for more; most tell colour-blind readers apart too (Okabe and Ito)."""
 
