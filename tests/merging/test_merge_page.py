@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -79,7 +80,8 @@ def test_nothing_merged_shows_the_maps_apart(maps):
     page = merge_page(merge(strangers, CONFIG), strangers, CONFIG, {}, Making())
     assert page.verdict == "No two maps could be merged."
     assert [sheet.title for sheet in page.sheets] == ["here", "foreign"]
-    assert "nan" not in page.to_html().lower().partition("how it was made")[0].partition("<body>")[2]
+    written = page.to_html().lower().partition("how it was made")[0].partition("<body>")[2]
+    assert "nan" not in re.sub(r"[a-z0-9+/]{100,}", "", written)  # pictures may spell anything
 
 
 def test_a_pose_is_as_sure_as_the_weakest_link_of_the_strongest_way():
