@@ -103,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
     with loading():
         from tbmslam.errors import TbmSlamError
         from tools.configuration import whole_text
-        from tools.console import print_anything
+        from tools.console import one_line, print_anything
         from tools.mapping_run import build_maps
         from tools.typed_command import typed_command
 
@@ -118,7 +118,7 @@ def main(argv: list[str] | None = None) -> int:
     except (TbmSlamError, OSError, MemoryError) as error:
         if args.debug:
             raise
-        sys.stderr.write(f"build_maps: {_in_one_line(error)}\n")
+        sys.stderr.write(f"build_maps: {OUT_OF_MEMORY if isinstance(error, MemoryError) else one_line(error)}\n")
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("build_maps: interrupted: run the same again to go on, finished robots are kept\n")
@@ -145,15 +145,6 @@ def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> 
         grammar.error("--robots must be at least 1 and at most 10000, --overlap within [0, 1), --seed not negative")
     if args.workers < 1 or (args.scheduler and args.workers > 1):
         grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
-
-
-def _in_one_line(error: Exception) -> str:
-    if isinstance(error, MemoryError):
-        return OUT_OF_MEMORY
-    if isinstance(error, OSError):
-        name = "" if error.filename is None else f"{error.filename}: "
-        return f"{name}{error.strerror or error}: check that name, or choose another"
-    return " ".join(str(error).splitlines())  # names of files may hold line ends
 
 
 def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

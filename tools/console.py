@@ -9,3 +9,13 @@ def print_anything() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def one_line(error: Exception) -> str:
+    """Return what an error says in one line; the system's errors, such as a name that is too long, with the name."""
+    if isinstance(error, OSError):
+        name = "" if error.filename is None else f"{error.filename}: "
+        said = f"{name}{error.strerror or error}: check that name, or choose another"
+    else:
+        said = str(error)
+    return " ".join(said.splitlines())  # names of files may hold line ends

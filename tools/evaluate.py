@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tools.console import one_line
+
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
       ATE and RPE over steps of 1 m, and the drive coloured by its error
@@ -98,10 +100,10 @@ def main(argv: list[str] | None = None) -> int:
 
     try:
         report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
-    except TbmSlamError as error:
+    except (TbmSlamError, OSError) as error:
         if args.debug:
             raise
-        sys.stderr.write(f"evaluate: {error}\n")
+        sys.stderr.write(f"evaluate: {one_line(error)}\n")
         return 1
     print_report(report, as_json=args.json)
     return 0

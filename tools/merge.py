@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
+from tools.console import one_line
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.map_listing import list_maps
 from tools.typed_command import typed_command
@@ -72,10 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return DONE
         command = typed_command("merge", arguments)
         return _merge(options, config.merging, command)
-    except TbmSlamError as error:
+    except (TbmSlamError, OSError) as error:
         if options.debug:
             raise
-        print("merge:", *str(error).splitlines(), file=sys.stderr)  # names of files may hold line ends
+        print("merge:", one_line(error), file=sys.stderr)
         return FAILED
     except MemoryError:
         if options.debug:

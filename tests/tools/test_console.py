@@ -1,7 +1,13 @@
 import io
 import sys
 
-from tools.console import print_anything
+import pytest
+
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.map_folder import save_map
+from tbmslam.tbm_map import TbmMap
+from tools import evaluate, merge
+from tools.console import one_line, print_anything
 
 
 def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
@@ -11,3 +17,26 @@ def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
     stream.write("drive \udcff\n")
     stream.flush()
     assert stream.buffer.getvalue() == b"drive \\udcff\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("a\nb"), "a b"),
+        (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check that name, or choose another"),
+        (OSError("odd"), "odd: check that name, or choose another"),
+    ],
+)
+def test_an_error_is_one_line(error, said):
+    assert one_line(error) == said
+
+
+def test_a_name_too_long_is_one_line(tmp_path, capsys):
+    long, maps = str(tmp_path / ("x" * 300)), [tmp_path / "a", tmp_path / "b"]
+    for folder in maps:
+        save_map(folder, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
+    assert merge.main([*map(str, maps), "-o", long]) == 1
+    assert evaluate.main(["map", long, "--truth", long]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in said] == ["merge", "evaluate"]
+    assert all("File name too long: check that name, or choose another" in line for line in said)
