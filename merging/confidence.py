@@ -46,8 +46,9 @@ Measure = Callable[[Evidence], float]
 
 
 def _walls(evidence: Evidence) -> float:
-    """Return the steady wall that agrees [m], less what that costs which does not."""
-    return 2.5 * evidence.steady_agreed_m - 1.5 * (evidence.steady_compared_m + evidence.steady_unseen_m)
+    """Return the steady wall that agrees [m], less what that costs which does not, unbroken stretches of it twice."""
+    others = evidence.steady_compared_m - evidence.steady_agreed_m + evidence.steady_unseen_m
+    return evidence.steady_agreed_m - 1.5 * (others + evidence.unbroken_m)
 
 
 def _pieces(evidence: Evidence) -> float:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from merging.config import VerificationConfig
 from merging.pieces import Pieces, count_pieces
 from merging.structure import Structure
+from merging.unbroken import unbroken_m
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
 
@@ -50,6 +51,8 @@ class Evidence:
         All walls of the map that has fewer of them, and of the other [m].
     steady_compared_m, steady_agreed_m, steady_unseen_m
         The walls compared, agreeing and unseen, without things that people move (`Structure.steadiness`) [m].
+    unbroken_m
+        The unbroken stretches of wall that contradict (`merging.unbroken`) [m].
     pieces
         The same by separate pieces of wall.
     """
@@ -71,6 +74,7 @@ class Evidence:
     steady_compared_m: float
     steady_agreed_m: float
     steady_unseen_m: float
+    unbroken_m: float
     pieces: Pieces
 
 
@@ -100,10 +104,12 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
     smaller_m2 = min(_known_m2(target), _known_m2(source))
     lengths = sorted(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
     limits = config.limits()
-    pieces = [count_pieces(target, source, motion, limits) for motion in motions]
+    by_motion = [
+        (count_pieces(target, source, motion, limits), unbroken_m(target, source, motion, limits)) for motion in motions
+    ]
     return [
-        _evidence(f, b, still, (overlap_m2, overlap_m2 / smaller_m2), (lengths[0], lengths[1]), counts)
-        for f, b, still, overlap_m2, counts in zip(forth, back, steady, shares, pieces, strict=True)
+        _evidence(f, b, still, (overlap_m2, overlap_m2 / smaller_m2), (lengths[0], lengths[1]), counts, length)
+        for f, b, still, overlap_m2, (counts, length) in zip(forth, back, steady, shares, by_motion, strict=True)
     ]
 
 
@@ -134,6 +140,7 @@ def _evidence(
     overlap: tuple[float, float],
     lengths: tuple[float, float],
     pieces: Pieces,
+    unbroken: float,
 ) -> Evidence:
     mean = (forth + back) / 2.0
     compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
@@ -158,6 +165,7 @@ def _evidence(
         steady_compared_m=float(steady[COMPARED]),
         steady_agreed_m=float(steady[AGREED]),
         steady_unseen_m=float(steady[UNSEEN]),
+        unbroken_m=unbroken,
         pieces=pieces,
     )
 

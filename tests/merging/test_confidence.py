@@ -10,7 +10,7 @@ GOOD = Evidence(
     overlap_m2=50.0, overlap_share=0.5, compared_wall_m=60.0, agreed_wall_m=50.0, conflicting_wall_m=2.0,
     unseen_wall_m=1.0, weakest_wall_m=20.0, rmse_m=0.03, agreement=0.83, conflict=0.03, worst_agreement=0.8,
     worst_conflict=0.05, smaller_wall_m=100.0, larger_wall_m=120.0, steady_compared_m=50.0, steady_agreed_m=44.0,
-    steady_unseen_m=1.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
+    steady_unseen_m=1.0, unbroken_m=0.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
 )  # fmt: skip
 CHANCE = replace(GOOD, compared_wall_m=15.0, agreed_wall_m=5.0, conflicting_wall_m=4.0, weakest_wall_m=1.5,
                  agreement=0.33, conflict=0.27, worst_agreement=0.2, worst_conflict=0.3, rmse_m=0.08,
@@ -65,6 +65,8 @@ def test_steady_walls_that_contradict_tell_a_false_place():
     crossed = replace(GOOD, steady_compared_m=75.0)
     alone, doubtful = (confidences([one, *[CHANCE] * 9], DECOYS)[0] for one in (GOOD, crossed))
     assert 1.0 - doubtful > 20.0 * (1.0 - alone)
+    unbroken = confidences([replace(GOOD, unbroken_m=20.0), *[CHANCE] * 9], DECOYS)[0]
+    assert doubtful <= unbroken < alone
 
 
 def test_a_better_decoy_never_helps():
