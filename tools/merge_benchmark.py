@@ -18,7 +18,7 @@ from merging.config import MergeConfig
 from merging.consensus import find_consensus
 from merging.features import describe, match
 from merging.fusion import fuse
-from merging.warping import warp
+from merging.warping import canvas_over, warp
 from tbmslam.atomic_file import write_text
 from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
@@ -48,7 +48,9 @@ _R = TypeVar("_R")
 _PAPER_RESOLUTION = 0.1
 _WARM_UP_M2 = 300.0
 _CANVAS_SHARE = 0.42
-"""Of the canvas that two maps turned against each other need, what the floor itself takes."""
+"""Of the canvas that two maps turned against each other need, what the floor itself takes, about."""
+_TRIES, _NEAR_ENOUGH = 4, 0.1
+"""How often a floor is tried whose canvas has the wanted size, to that share of it."""
 _OVERLAP = 0.5
 
 
@@ -117,8 +119,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
 
 def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
     """Make a pair whose canvas is about as large as asked [m2], and measure merging it."""
-    floor = _CANVAS_SHARE * area
-    for size in (_WARM_UP_M2, floor):  # first what is compiled or loaded once
+    for size in (_WARM_UP_M2, _floor_m2(area)):  # first what is compiled or loaded once
         steps, canvas = _time_chain(_pair(size, _PAPER_RESOLUTION), repeat)
         is_right, align_cpu_s = _align(_pair(size, resolution))
     cells = canvas.rows * canvas.cols
@@ -138,6 +139,20 @@ def run_crew(robots: int, workers: int) -> CrewRun:
     begin = time.perf_counter()
     merged = merge(maps, workers=workers)
     return CrewRun(robots, workers, len(merged.poses), time.perf_counter() - begin, peak_memory_mb())
+
+
+def _floor_m2(area: float) -> float:
+    """Return the floor [m2] whose two maps, turned against each other, need about such a canvas [m2]."""
+    floor = _CANVAS_SHARE * area
+    for _ in range(_TRIES):
+        pair = _pair(floor, _PAPER_RESOLUTION)
+        target, T_target_source = pair.target.grid, pair.T_target_source or SE2.identity()
+        canvas = canvas_over([target.geometry, warp(pair.source.grid, T_target_source, target.geometry).geometry])
+        share = canvas.rows * canvas.cols * canvas.resolution**2 / area
+        if abs(share - 1.0) < _NEAR_ENOUGH:
+            break
+        floor /= share
+    return floor
 
 
 def _pair(area: float, resolution: float) -> KnownPair:
