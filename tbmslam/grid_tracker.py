@@ -28,6 +28,8 @@ class GridTrackerConfig(BaseModel):
 class GridTracker:
     """Matches scans in the growing grid itself, section by section vinySLAM's single hypothesis."""
 
+    sees_walkers = False
+
     def __init__(self, config: GridTrackerConfig, grid: EvidenceGrid, inserter: ScanInserter, seed: int) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = grid

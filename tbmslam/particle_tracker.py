@@ -62,6 +62,8 @@ class ParticleTracker:
         Of the random numbers by which particles differ.
     """
 
+    sees_walkers = False
+
     def __init__(self, config: ParticleTrackerConfig, maps: TileMaps, factors: BeamFactors, seed: int) -> None:
         if len(maps) != config.particles:
             raise ValueError(f"maps must be one for each of {config.particles} particles, got {len(maps)}")

@@ -110,9 +110,9 @@ class Slam:
         self._variances += prediction.deviations**2
         if is_keyframe:
             self._tracker.learn(scan, match)
-            self._motion.learn(
-                prediction, prediction.T_map_robot @ T_robot_sensor, match.T_map_sensor, match.information
-            )
+            if not self._tracker.sees_walkers:  # who may hold the robot back, and the odometry is right
+                guess = prediction.T_map_robot @ T_robot_sensor
+                self._motion.learn(prediction, guess, match.T_map_sensor, match.information)
             self._keep(scan, T_robot_sensor, match)
             self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot
             self._variances = np.zeros(3)

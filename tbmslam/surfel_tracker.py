@@ -66,6 +66,7 @@ class SurfelTracker:
     def __init__(self, config: SurfelTrackerConfig) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = None
+        self.sees_walkers = False
         # Once it reaches back far enough, a map of the recent part of what is in it takes its place.
         self._map = SurfelMap(config.surfels)
         self._recent: list[tuple[Hits, SE2]] = []
@@ -82,6 +83,9 @@ class SurfelTracker:
         """Lay the scan onto the surfaces; directions that they leave open keep the guess."""
         config = self._config
         hits = self._hits_of(scan)
+        if self.sees_walkers:
+            still = self._space.standing(hits, guess)
+            hits = still if len(still.points) else hits
         if not len(hits.points) or deviations[0] == 0.0:  # nothing to see, or the first scan, which lies where it lies
             return ScanMatch(guess, 0.0, moved=False)
         result = self._register(hits, guess, deviations)
@@ -124,7 +128,8 @@ class SurfelTracker:
         """
         hits, found = self._hits_of(scan), match.T_map_sensor
         most = (1.0 - self._config.walking) * len(hits.points)
-        if len(self._space.standing(hits, found).points) >= most:
+        self.sees_walkers = len(self._space.standing(hits, found).points) < most
+        if not self.sees_walkers:
             return match
         guess = SE2(guess.x, guess.y, found.theta)
         still = self._space.standing(hits, guess)

@@ -73,6 +73,14 @@ class _TimedTracker:
         self.is_novel = tracker.is_novel
         self.revised_poses = tracker.revised_poses
 
+    @property
+    def sees_walkers(self) -> bool:
+        return self._tracker.sees_walkers
+
+    @sees_walkers.setter
+    def sees_walkers(self, sees: bool) -> None:
+        self._tracker.sees_walkers = sees
+
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
 

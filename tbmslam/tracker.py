@@ -17,9 +17,12 @@ class Tracker(Protocol):
     grid
         The grid that it writes every scan into, which then is the map; None where it learns from keyframes alone and
         the map is rendered from them.
+    sees_walkers
+        Whether anything was seen to move around the last scan that was learnt, as far as the tracker looks for that.
     """
 
     grid: EvidenceGrid | None
+    sees_walkers: bool
 
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         """Return where the laser was.
