@@ -65,7 +65,7 @@ def scan_from(line: str, settings: LogSettings) -> LoggedScan:
 def pose_from(line: str, settings: LogSettings) -> LoggedPose:
     """Read a line of one of `POSE_KINDS`; ValueError or IndexError where it is cut off."""
     words = line.split()
-    pose = _pose(*words[1:4])
+    pose = _pose(words[1:4])
     if words[0] == "O":
         return LoggedPose(_seconds(words[4]), _in_metres(pose))
     return LoggedPose(_time(words, settings), pose)
@@ -79,7 +79,7 @@ def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
     raw = RawScan(_time(words, settings), angle_min, step, 0.0, settings.range_max, _ranges(words[2 : 2 + number]))
     if len(rest) < 9:
         raise ValueError(f"FLASER must end in two poses and times, got {len(rest)} words")
-    return LoggedScan(raw, _pose(*rest[3:6]), SE2(settings.laser_offset, 0.0, 0.0))
+    return LoggedScan(raw, _pose(rest[3:6]), SE2(settings.laser_offset, 0.0, 0.0))
 
 
 def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
@@ -91,7 +91,7 @@ def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
 def _robot_laser(words: list[str], settings: LogSettings) -> LoggedScan:
     """Read a laser that states its own geometry and both poses."""
     raw, rest = _stated(words, settings)
-    laser, robot = _pose(*rest[0:3]), _pose(*rest[3:6])
+    laser, robot = _pose(rest[0:3]), _pose(rest[3:6])
     return LoggedScan(raw, robot, robot.inverse() @ laser)
 
 
@@ -107,7 +107,7 @@ def _stated(words: list[str], settings: LogSettings) -> tuple[RawScan, list[str]
 
 def _cmu_laser(words: list[str], settings: LogSettings) -> LoggedScan:
     """Read a scan of CMU's course."""
-    robot, laser = _in_metres(_pose(*words[1:4])), _in_metres(_pose(*words[4:7]))
+    robot, laser = _in_metres(_pose(words[1:4])), _in_metres(_pose(words[4:7]))
     ranges = 0.01 * _ranges(words[7:-1])
     angle_min, step = _fan(len(ranges))
     raw = RawScan(_seconds(words[-1]), angle_min, step, 0.0, settings.range_max, ranges)
@@ -122,9 +122,10 @@ _SCAN_READERS: dict[str, Callable[[list[str], LogSettings], LoggedScan]] = {
 }
 
 
-def _pose(x: str, y: str, theta: str) -> SE2:
+def _pose(words: list[str]) -> SE2:
     """Read a pose; ValueError where it cannot be one, whose place compiled code would look for in memory."""
-    pose = SE2(float(x), float(y), float(theta))
+    x, y, theta = map(float, words)
+    pose = SE2(x, y, theta)
     if not abs(pose.x) + abs(pose.y) + abs(pose.theta) <= FARTHEST_PLACE:
         raise ValueError(f"pose must be finite and on earth, got {pose}")
     return pose
