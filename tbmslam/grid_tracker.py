@@ -51,7 +51,7 @@ class GridTracker:
         """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
         return self._matcher.match(scan, self._cells, guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:  # noqa: ARG002
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:  # noqa: ARG002
         """Leave the scan where it was placed."""
         return match
 

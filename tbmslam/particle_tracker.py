@@ -95,7 +95,7 @@ class ParticleTracker:
         pose, value = self._climb(self._ancestry.best(), points, guess, deviations)
         return ScanMatch(pose, value, moved=pose != guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:  # noqa: ARG002
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:  # noqa: ARG002
         """Leave the scan where it was placed."""
         return match
 

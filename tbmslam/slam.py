@@ -165,8 +165,12 @@ class Slam:
         T_map_before, T_odom_before, T_odom_robot = self._T_map_keyframe, self._T_odom_keyframe, reading.T_odom_robot
         if T_map_before is None or T_odom_before is None or T_odom_robot is None or not match.moved:
             return match
-        since = self._motion.by_odometry(T_odom_before, T_odom_robot, T_map_before)
-        settled = self._tracker.settled(scan, match, since.T_map_robot @ reading.T_robot_sensor, since.deviations)
+
+        def since() -> tuple[SE2, FloatArray]:
+            by_odometry = self._motion.by_odometry(T_odom_before, T_odom_robot, T_map_before)
+            return by_odometry.T_map_robot @ reading.T_robot_sensor, by_odometry.deviations
+
+        settled = self._tracker.settled(scan, match, since)
         moved = match.T_map_sensor.to(settled.T_map_sensor)
         if math.hypot(moved.x, moved.y) > _HELD_BACK:
             self.incidents.add(scan.stamp, "what goes along holds the robot back, the odometry is believed instead")

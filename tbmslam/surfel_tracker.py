@@ -118,7 +118,7 @@ class SurfelTracker:
         self._rest, self._in_vain = (config.search_rest, result.matched) if best is result else (0, 1.0)
         return best
 
-    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
         """Return where a scan was taken around which people walk.
 
         Who goes along with the robot holds it back a little from scan to scan, most where walls leave the way open. The
@@ -131,7 +131,8 @@ class SurfelTracker:
         self.sees_walkers = len(self._space.standing(hits, found).points) < most
         if not self.sees_walkers:
             return match
-        guess = SE2(guess.x, guess.y, found.theta)
+        there, deviations = since()
+        guess = SE2(there.x, there.y, found.theta)
         still = self._space.standing(hits, guess)
         # From a wrong place walls, too, seem to stand where nothing was: both must say that something moves.
         if not 0 < len(still.points) < most:

@@ -84,8 +84,8 @@ class _TimedTracker:
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:
-        return self._clock.timed("matching", self._tracker.settled, scan, match, guess, deviations)
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
+        return self._clock.timed("matching", self._tracker.settled, scan, match, since)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         self._clock.timed("inserting", self._tracker.learn, scan, match)

@@ -40,15 +40,16 @@ class Tracker(Protocol):
         """
         ...
 
-    def settled(self, scan: LaserScan, match: ScanMatch, guess: SE2, deviations: FloatArray) -> ScanMatch:
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
         """Return where a scan that is to be learnt was taken, now that its guess is the odometry's since the last one.
 
         Parameters
         ----------
         scan, match
             The scan, and where `match` has placed it.
-        guess, deviations
-            Where the odometry since the last one learnt puts it, T_map_sensor, and standard deviations (3,) of that.
+        since
+            Tells where the odometry since the last one learnt puts it, T_map_sensor, and standard deviations (3,) of
+            that; most scans need not know.
         """
         ...
 
