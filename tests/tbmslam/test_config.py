@@ -17,7 +17,9 @@ def test_unknown_preset():
 def test_unknown_key_and_wrong_value():
     with pytest.raises(ConfigError, match=r"no parameter 'map.resolutoin': did you mean 'map.resolution'\?"):
         config_from_dict({"map": {"resolutoin": 0.1}})
-    with pytest.raises(ConfigError, match=r"configuration: map.resolution: Input should be greater than 0 \(got -1\)"):
+    with pytest.raises(
+        ConfigError, match=r"configuration: map.resolution: Input should be greater than or equal to 0.001 \(got -1\)"
+    ):
         config_from_dict({"map": {"resolution": -1}})
 
 
