@@ -16,7 +16,7 @@ from merging.consensus import fit_rigid
 from merging.map_graph import Offer, offers_of
 from merging.redrawing import redraw
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angle
 from tbmslam.tbm_map import TbmMap
 
 
@@ -61,11 +61,10 @@ class Election:
 
 def stretches_of(one: TbmMap, config: StretchConfig) -> list[Stretch]:
     """Cut the drives of a map into stretches of about the same length; a shorter drive is one."""
-    ways = [np.hypot(*np.diff(drive.keyframes.poses[:, :2], axis=0).T) for drive in one.drives]
-    length = max(config.length_m, sum(float(way.sum()) for way in ways) / config.most)
+    ways = [way_lengths(drive.keyframes.poses) for drive in one.drives]
+    length = max(config.length_m, sum(float(way[-1]) for way in ways) / config.most)
     stretches, before = list[Stretch](), 0.0
-    for number, (drive, way) in enumerate(zip(one.drives, ways, strict=True)):
-        travelled = np.concatenate(([0.0], np.cumsum(way)))
+    for number, (drive, travelled) in enumerate(zip(one.drives, ways, strict=True)):
         count = max(round(travelled[-1] / length), 1)
         cuts = np.searchsorted(travelled, travelled[-1] * np.arange(1, count) / count)
         for first, last in zip((0, *cuts.tolist()), (*cuts.tolist(), len(travelled)), strict=True):

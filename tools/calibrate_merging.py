@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,10 +81,9 @@ def _run(args: argparse.Namespace) -> None:
     by_folder |= {folder: choices_of(folder, config, SIMULATED) for folder in args.simulated}
     choices = [choice for folder in by_folder.values() for choice in folder]
     judged = _held_out(choices)
+    in_order = iter(judged)
     for folder, its in by_folder.items():
-        names = {id(choice) for choice in its}
-        mine = [one for one, choice in zip(judged, choices, strict=True) if id(choice) in names]
-        print(f"{folder}, buildings left out of the fit\n{worth(mine)}\n")
+        print(f"{folder}, buildings left out of the fit\n{worth(list(islice(in_order, len(its))))}\n")
     model = fit(choices, list(SIGNS.values()), PENALTY)
     for folder in args.ask:
         others = [Judgement.of(one, model) for one in choices_of(folder, config)]

@@ -20,7 +20,7 @@ _ROUND_M = 130.0  # once around a block and on, so that a loop is closed
 def warm_up(config: SlamConfig, readings: Iterable[Reading]) -> None:
     """Map the first scans of a recording, and a short simulated drive that closes a loop, which the first scans do not.
 
-    What lives by then stays, and is not looked through for garbage again, as `tools.mapping_task` does it.
+    What lives by then stays, and is not looked through for garbage again, as `tools.loading` has it.
     """
     angle_min, angle_increment = SimulatedLaser.field_of(91)
     laser = SimulatedLaser(beams=91, angle_min=angle_min, angle_increment=angle_increment, rate=2.0)
