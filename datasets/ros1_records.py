@@ -27,6 +27,7 @@ _NEEDED: dict[int, dict[bytes, int | None]] = {
     CONNECTION: {b"conn": 4, b"topic": None},
 }
 _ZEROS = b"\0\0"  # the upper half of such a number
+_FOUR_BYTES = struct.Struct("<L")
 _PIECE = 1 << 16
 _LARGEST_CHUNK = 1 << 30
 
@@ -139,5 +140,7 @@ _DECOMPRESSORS: dict[bytes, Callable[[], Callable[[bytes], bytes]]] = {
 
 
 def _uint32(buffer: Buffer, position: int) -> int | None:
-    four = buffer[position : position + 4]
-    return int.from_bytes(four, "little") if len(four) == 4 else None
+    try:
+        return int(_FOUR_BYTES.unpack_from(buffer, position)[0])
+    except struct.error:
+        return None

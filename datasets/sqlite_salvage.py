@@ -71,6 +71,8 @@ class _Pages:
     """
 
     def __init__(self, buffer: mmap.mmap) -> None:
+        if len(buffer) <= _HEADER:
+            raise ValueError(f"{len(buffer)} bytes are no database")
         self._buffer = buffer
         size = int.from_bytes(buffer[16:18], "big")
         self._size = 65536 if size == 1 else size

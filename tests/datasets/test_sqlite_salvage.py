@@ -36,3 +36,10 @@ def test_what_is_no_database_gives_nothing(tmp_path):
     path = tmp_path / "run.db3"
     path.write_bytes(b"SQLite format 3\0" + bytes(range(256)) * 100)
     assert len(salvage_sqlite(path, "damaged").entries) == 0
+
+
+def test_what_is_shorter_than_a_database_is_refused_as_any_damage_is(tmp_path):
+    path = tmp_path / "run.db3"
+    path.write_bytes(b"SQLite format 3\0" + bytes(10))
+    with pytest.raises(ValueError, match="26 bytes are no database"):
+        salvage_sqlite(path, "damaged")
