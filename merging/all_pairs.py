@@ -5,10 +5,11 @@ import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from merging.aligner import View, align_views, comparison_resolution, view_of
+from merging.aligner import align_views
 from merging.alignment import Alignment
 from merging.cluster_pairs import align_on_cluster
 from merging.config import MergeConfig
+from merging.views import Views
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -57,47 +58,31 @@ def align_all(
         raise ValueError(f"workers must be at least 1, got {workers}")
     watch = watch or Watch()
     grids = {name: one.grid for name, one in maps.items()}
-    resolution = comparison_resolution(list(grids.values()), config)
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
     workers = min(workers, len(pairs))
     if scheduler is not None:
-        found = align_on_cluster(pairs, grids, resolution, config, scheduler, watch)
+        found = align_on_cluster(pairs, grids, config, scheduler, watch)
     elif workers <= 1:
-        crew = _Crew(grids, resolution, config)
-        found = [crew.align(pair) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")]
+        views = Views(grids, config)
+        found = [
+            align_views(*views.of_pair(pair), config) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")
+        ]
     else:
-        with worker_pool(workers, partial(_hire, grids, resolution, config)) as pool:
+        with worker_pool(workers, partial(_hire, grids, config)) as pool:
             found = list(watch.each(pool.map(_align, pairs), "aligning", len(pairs), "pairs"))
     for (target, source), one in zip(pairs, found, strict=True):
         logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
     return dict(zip(pairs, found, strict=True))
 
 
-class _Crew:
-    """What one process needs to align pairs; a map is looked at once, when its first pair comes."""
-
-    def __init__(self, grids: Mapping[str, TbmGrid], resolution: float, config: MergeConfig) -> None:
-        self._grids, self._resolution, self._config = grids, resolution, config
-        self._views: dict[str, View | None] = {}
-
-    def align(self, pair: Pair) -> Alignment:
-        """Align one pair (target, source)."""
-        target, source = (self._view(name) for name in pair)
-        return align_views(target, source, self._config)
-
-    def _view(self, name: str) -> View | None:
-        if name not in self._views:
-            self._views[name] = view_of(self._grids[name], self._resolution, self._config)
-        return self._views[name]
+_here: list[tuple[Views, MergeConfig]] = []
+"""What this process has seen, where it is a worker, and how it aligns."""
 
 
-_here: list[_Crew] = []
-"""The crew of this process, where it is a worker."""
-
-
-def _hire(grids: Mapping[str, TbmGrid], resolution: float, config: MergeConfig) -> None:
-    _here[:] = [_Crew(grids, resolution, config)]
+def _hire(grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
+    _here[:] = [(Views(grids, config), config)]
 
 
 def _align(pair: Pair) -> Alignment:
-    return _here[0].align(pair)
+    views, config = _here[0]
+    return align_views(*views.of_pair(pair), config)

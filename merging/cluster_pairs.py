@@ -1,11 +1,11 @@
-"""Pairs of maps aligned on a cluster: each map is looked at once, its look shared by the pairs it is in."""
+"""Pairs of maps aligned on a cluster: each map is looked at once in each cell size, its look shared by its pairs."""
 
 import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from merging.aligner import View, align_views, view_of
+from merging.aligner import View, align_views, comparison_resolution, view_of
 from merging.alignment import Alignment
 from merging.config import MergeConfig
 from tbmslam.cluster import Cluster
@@ -19,7 +19,6 @@ Packed = tuple[GridGeometry, bytes]
 def align_on_cluster(
     pairs: Sequence[tuple[str, str]],
     grids: Mapping[str, TbmGrid],
-    resolution: float,
     config: MergeConfig,
     scheduler: str,
     watch: Watch,
@@ -32,8 +31,6 @@ def align_on_cluster(
         Names of maps.
     grids
         The maps.
-    resolution
-        Cell size at which they are compared [m].
     config
         How they are aligned.
     scheduler
@@ -46,15 +43,17 @@ def align_on_cluster(
     ClusterError
         The cluster cannot be reached or gives up.
     """
+    sizes = [comparison_resolution([grids[name] for name in pair], config) for pair in pairs]
+    looks = dict.fromkeys((name, size) for pair, size in zip(pairs, sizes, strict=True) for name in pair)
     with Cluster(scheduler) as cluster:
         # A map goes along with the work, so that it is not lost with the worker that has it.
         views = {
-            name: cluster.submit(f"view {name}", view_of_packed, pack(grid), resolution, config)
-            for name, grid in grids.items()
+            (name, size): cluster.submit(f"view {name} {size}", view_of_packed, pack(grids[name]), size, config)
+            for name, size in looks
         }
         submitted = [
-            cluster.submit(f"{source} in {target}", align_views, views[target], views[source], config)
-            for target, source in pairs
+            cluster.submit(f"{source} in {target}", align_views, views[target, size], views[source, size], config)
+            for (target, source), size in zip(pairs, sizes, strict=True)
         ]
         return list(watch.each(cluster.results(submitted), "aligning", len(pairs), "pairs"))
 

@@ -350,7 +350,7 @@ class MergeConfig(_Config):
     reliability
         Probability that a map, by name, is to be believed at all; 1 for those not named.
     resolution
-        Cell size at which maps are compared [m]; None takes the coarsest map's.
+        Cell size at which maps are compared [m]; None takes the coarser one's of each pair.
     merged_resolution
         Cell size of the merged map [m]; None takes that of the map whose frame it has.
     decoys

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from merging.aligner import View, comparison_resolution, view_of
 from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.in_words import confidence_in_words, pose_in_words
 from merging.map_graph import Pair
 from merging.merger import Merge
 from merging.pair_pictures import CAPTION, draw_alone, draw_pair
+from merging.views import Views
 from tbmslam.report.page import Card, Picture, Table
 from tbmslam.tbm_map import TbmMap
 
@@ -20,12 +20,9 @@ MOST_CARDS = 60
 def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> tuple[list[Card], list[Table]]:
     """Return cards of the pairs that tell most, and a table of the others where there are too many."""
     telling = sorted(merge.alignments, key=lambda pair: _telling(merge.alignments[pair]), reverse=True)[:MOST_CARDS]
-    resolution = comparison_resolution([one.grid for one in maps.values()], config)
     # Features are for finding an alignment, and these have been found.
     looks = config.model_copy(update={"method": "correlation"})
-    views = {
-        name: view_of(maps[name].grid, resolution, looks) for name in maps if any(name in pair for pair in telling)
-    }
+    views = Views({name: one.grid for name, one in maps.items()}, looks)
     cards = [
         Card(
             title=f"{pair[1]} in {pair[0]}",
@@ -77,8 +74,8 @@ def _figures(found: Alignment) -> dict[str, str]:
     return figures
 
 
-def _pictures(pair: Pair, found: Alignment, views: Mapping[str, View | None], config: MergeConfig) -> Sequence[Picture]:
-    target, source = (views[name] for name in pair)
+def _pictures(pair: Pair, found: Alignment, views: Views, config: MergeConfig) -> Sequence[Picture]:
+    target, source = views.of_pair(pair)
     if target is None or source is None or found.T_target_source is None:
         alone = [(name, view) for name, view in zip(pair, (target, source), strict=True) if view is not None]
         return [Picture(draw_alone(view.structure), f"The walls of {name}.") for name, view in alone]
