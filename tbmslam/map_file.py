@@ -26,7 +26,7 @@ import numpy as np
 
 from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.keyframes import Keyframes
-from tbmslam.map_check import MapFileError, check_geometry
+from tbmslam.map_check import MapFileError, check_geometry, stray_number
 from tbmslam.npz import Array, ArrayZip, NpzError, write_npz
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
@@ -91,7 +91,7 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
             _require_version(path, arrays)
             grid = _read_grid(path, arrays)
             drives = tuple(
-                _read_drive(arrays, number, str(name))
+                _read_drive(arrays, number, str(name), grid.geometry)
                 for number, name in enumerate(arrays.read("drives", np.str_, (None,)))
             )
             return TbmMap(grid, drives, _read_provenance(arrays))
@@ -119,7 +119,7 @@ def _read_grid(path: str | os.PathLike[str], arrays: ArrayZip) -> TbmGrid:
     return grid
 
 
-def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
+def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry) -> Drive:
     stamps = arrays.read(f"drive_{number}_stamps", np.float64, (None,))
     poses = arrays.read(f"drive_{number}_poses", np.float64, (len(stamps), 3))
     keyframes = {
@@ -133,6 +133,8 @@ def _read_drive(arrays: ArrayZip, number: int, name: str) -> Drive:
     }
     keyframes.setdefault("beam_steps", np.zeros((len(keyframes["stamps"]), 3)))
     drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
+    if (stray := stray_number(drive, geometry)) is not None:
+        raise ValueError(stray)
     closures = f"drive_{number}_closures"
     return replace(drive, closures=arrays.read(closures, np.int64, (None, 2))) if closures in arrays else drive
 

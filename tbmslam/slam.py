@@ -36,6 +36,10 @@ from tbmslam.watch import Watch
 
 _log = logging.getLogger(__name__)
 
+_HELD_BACK_SAID = (
+    "what goes along holds the robot back, the odometry is believed instead; where walls look alike, the way may "
+    "still come out too short"
+)
 _HELD_BACK = 0.1  # worth telling [m]
 
 
@@ -173,7 +177,7 @@ class Slam:
         settled = self._tracker.settled(scan, match, since)
         moved = match.T_map_sensor.to(settled.T_map_sensor)
         if math.hypot(moved.x, moved.y) > _HELD_BACK:
-            self.incidents.add(scan.stamp, "what goes along holds the robot back, the odometry is believed instead")
+            self.incidents.add(scan.stamp, _HELD_BACK_SAID)
         return settled
 
     def _checked(self, scan: LaserScan, match: ScanMatch, prediction: Prediction, T_robot_sensor: SE2) -> ScanMatch:

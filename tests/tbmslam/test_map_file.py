@@ -114,6 +114,13 @@ def set_value(name, value):
     return lambda arrays: arrays.update({name: np.asarray(value)})
 
 
+def moved(name, column, value):
+    def damage(arrays):
+        arrays[name][-1, column] = value
+
+    return damage
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -132,6 +139,15 @@ def set_value(name, value):
         (set_value("drive_0_stamps", np.full(5, np.nan)), "stamps and poses must be finite"),
         (set_value("drive_0_poses", np.zeros((4, 3))), r"drive_0_poses has shape \(4, 3\), not 5 x 3"),
         (set_value("drive_0_keyframes_offsets", np.array([0, 9, 7])), "offsets must rise"),
+        (moved("drive_0_poses", 0, 1e9), "a pose lies at 1e[+]09, .* m, more than 10000 m from the map"),
+        (moved("drive_0_keyframes_poses", 1, -2e4), "a keyframe lies at .*, -2e[+]04 m, more than 10000 m from the"),
+        (moved("drive_0_keyframes_poses", 2, 1e17), "an angle is 1e[+]17 rad, more than 1000"),
+        (
+            moved("drive_0_keyframes_sensor_poses", 0, 1e9),
+            "a laser of the robot lies at 1e[+]09, 0 m, more than 1000 m",
+        ),
+        (moved("drive_0_keyframes_beam_steps", 1, 1e9), "a beam of the robot lies at 0, 1e[+]09 m, more than 1000 m"),
+        (moved("drive_0_keyframes_beams", 1, -1e6), "an angle is 1e[+]06 rad"),
         (set_value("provenance", "{"), "Expecting property name"),
         (set_value("provenance", "[1]"), "provenance is no JSON object"),
         (set_value("provenance", "[" * 200_000), "recursion"),

@@ -1,8 +1,25 @@
+import importlib
+import os
+import re
+import signal
+import sys
+from pathlib import Path
+
 import pytest
 
 from tools import faults, merge
 from tools.fault_cases import bags, child_run, files, hostile_maps, program_run, sensors
 from tools.fault_cases.fault_case import FaultCase, Outcome
+from tools.fault_cases.waiting_child import Moment
+
+README = Path(__file__).resolve().parents[2] / "README.md"
+
+_PROGRAM = """
+from tbmslam.atomic_file import write_bytes
+
+def main(argv):
+    write_bytes(argv[0], b"1234")
+"""
 
 
 def test_a_fault_that_was_survived_is_a_row_and_exit_0(capsys):
@@ -44,23 +61,31 @@ def test_what_leaks_from_a_program_is_seen():
 
 
 def test_a_child_that_is_not_seen_writing_is_told(tmp_path):
-    with pytest.raises(child_run.ChildRunError, match="not seen doing what it was to be disturbed at"):
-        child_run.run_child(merge, "--print-config", until=child_run.is_being_written(tmp_path / "none", "map.npz"))
+    moment = Moment(str(tmp_path / "map.npz"), "half", str(tmp_path))
+    with pytest.raises(child_run.ChildRunError, match=r"not seen writing .*map.npz"):
+        child_run.run_child(merge, "--print-config", at=moment, do=lambda _: None)
 
 
-def test_a_missed_moment_is_waited_for_again():
-    trials = []
+@pytest.mark.parametrize(("state", "left"), [("empty", b""), ("half", b"12"), ("whole", b"1234"), ("named", b"1234")])
+def test_a_child_waits_at_each_moment_of_the_writing_of_a_file(tmp_path, monkeypatch, state, left):
+    (tmp_path / "program.py").write_text(_PROGRAM)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    monkeypatch.syspath_prepend(tmp_path)
+    path = tmp_path / "out" / "file"
+    path.parent.mkdir()
+    path.write_bytes(b"old")
+    seen = []
 
-    def trial(number):
-        trials.append(number)
-        if number < 2:
-            raise child_run.MissedMomentError("gone")
-        return "seen"
+    def kill(group):
+        seen.append({file.name: file.read_bytes() for file in path.parent.iterdir()})
+        os.killpg(group, signal.SIGKILL)
 
-    assert child_run.until_caught(trial) == "seen"
-    assert trials == [0, 1, 2]
-    with pytest.raises(child_run.MissedMomentError, match="never"):
-        child_run.until_caught(lambda _: (_ for _ in ()).throw(child_run.MissedMomentError("never")))
+    moment = Moment(str(path), state, str(tmp_path))
+    done = child_run.run_child(importlib.import_module("program"), path, at=moment, do=kill)
+    assert done.code == -signal.SIGKILL
+    content = seen[0].pop("file")
+    assert content == (left if state == "named" else b"old")
+    assert list(seen[0].values()) == ([] if state == "named" else [left])
 
 
 def test_a_map_that_would_be_believed_is_a_red_row(tmp_path):
@@ -74,3 +99,11 @@ def test_wrong_usage_is_exit_2(capsys):
     with pytest.raises(SystemExit) as left:
         faults.main(["--family", "fire"])
     assert left.value.code == 2
+
+
+def test_the_readme_has_the_table_that_the_program_prints():
+    rows = re.findall(
+        r"^\| ([^|]*?) +\|", README.read_text().split("## What it survives")[1].split("\n## ")[0], re.MULTILINE
+    )
+    names = [case.name for family in (bags, sensors, files) for case in family.CASES]
+    assert [row for row in rows if row in names] == names

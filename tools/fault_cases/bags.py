@@ -7,7 +7,7 @@ from pathlib import Path
 
 from datasets.salvaged_bag import UNTOLD
 from tools.fault_cases import bag_damage
-from tools.fault_cases.fault_case import FaultCase, Outcome
+from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import mapped, simulated
 
 _ROS1, _BZ2 = (), ("--compression", "bz2")
@@ -31,15 +31,20 @@ def _tried(
         return Outcome(f"exit {done.code}: {done.stderr.strip()[-100:]}", "everything", survived=False)
     counts = run["counts"]
     used, lost = counts["scans_used"], counts["lost_scans"]
-    said = re.search(r"(the bag |the index|the database|no metadata)[^;(,]*", done.stderr)
-    happened = f"{used} of {scans} scans used" + (f"; {said[0].strip()}" if said else "")
+    told = UNTOLD if UNTOLD in done.stderr else ""
+    said = told or _first(r"(the bag |the index|the database|no metadata)[^;(]*", done.stderr)
+    happened = f"{used} of {scans} scans used" + (f"; {said}" if said else "")
     gone = [f"about {lost} scans, {counts['lost_seconds']:.1f} s"] if lost else []
-    gone += [f"{number} scans {reason}" for reason, number in counts["dropped"].items()]
-    told = UNTOLD in done.stderr
+    gone += [f"{number} {reason.replace('_', ' ')}" for reason, number in counts["dropped"].items()]
     if not gone and used < scans:
-        gone = [f"{scans - used} scans, it cannot tell how many"]
-    right = used >= least * scans and (bool(lost) or told or used + sum(counts["dropped"].values()) == scans)
+        gone = [f"{scans - used} scans"]
+    right = used >= least * scans and (bool(lost or told) or used + sum(counts["dropped"].values()) == scans)
     return Outcome(happened, ", ".join(gone) or "nothing", survived=right)
+
+
+def _first(pattern: str, text: str) -> str:
+    found = re.search(pattern, text)
+    return found[0].strip() if found else ""
 
 
 def _refused(folder: Path, damage: Callable[[Path], None]) -> Outcome:
@@ -49,7 +54,9 @@ def _refused(folder: Path, damage: Callable[[Path], None]) -> Outcome:
     damage(folder / "robot_0.db3")
     done, _ = mapped(folder / "robot_0.db3", folder / "maps")
     line = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else ""
-    return Outcome(line.replace(str(folder) + "/", "")[:110], "everything", survived=done.is_one_line())
+    return Outcome(
+        f"refused in one line: {shortened(line.replace(f'{folder}/', ''))}", "everything", survived=done.is_one_line()
+    )
 
 
 def _without_metadata(storage: Path) -> None:

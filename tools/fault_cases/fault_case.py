@@ -1,5 +1,6 @@
 """One fault to try, and what came of it."""
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,3 +42,8 @@ class FaultCase:
     name: str
     attempt: Callable[[Path], Outcome]
     quick: bool = False
+
+
+def shortened(line: str) -> str:
+    """Return a line, or as many of its first words as a table has room for."""
+    return textwrap.shorten(line, 150, placeholder=" ...")

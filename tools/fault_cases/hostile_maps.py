@@ -15,7 +15,7 @@ from tbmslam.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 from tools import merge
 from tools.fault_cases.child_run import run_child
-from tools.fault_cases.fault_case import FaultCase, Outcome
+from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 
 _MEMORY = 3_000_000_000
 """What the program may take [B], much of it only reserved by libraries; a bomb wants more."""
@@ -31,8 +31,8 @@ def _refused(folder: Path, spoil: Callable[[Path], None], fact: str) -> Outcome:
     said = done.stderr.replace(f"{folder}/", "").strip()
     right = done.code == 1 and done.stderr.count("\n") == 1 and fact in said and said.startswith("merge: bad")
     right = right and not (folder / "merged").exists()
-    happened = f"refused in one line: {said}" if right else f"exit {done.code}: {said[-100:]}"
-    return Outcome(happened[:150], "nothing" if right else "everything", survived=right)
+    happened = f"refused in one line: {shortened(said)}" if right else f"exit {done.code}: {said[-100:]}"
+    return Outcome(happened, "nothing" if right else "everything", survived=right)
 
 
 def _room() -> TbmGrid:

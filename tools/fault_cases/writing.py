@@ -1,59 +1,72 @@
 """Faults while results are written: each file stays the old one or is the new one, and a rerun goes on."""
 
+import os
 import re
+import shutil
 import signal
+import tempfile
 from collections.abc import Callable, Iterable
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 from tools import build_maps, merge
-from tools.fault_cases.child_run import is_being_written, run_child, until_caught
-from tools.fault_cases.fault_case import FaultCase, Outcome
+from tools.fault_cases.child_run import run_child
+from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import ProgramRun, run_program
+from tools.fault_cases.waiting_child import Moment, State
 from tools.fault_cases.written_maps import WrittenMaps, contents
 
 _INTERRUPTED = 130
+_STATES: tuple[State, ...] = ("empty", "half", "whole", "named")
 _FULL_AT = 10_000
 """Size at which the disk is full [B]: a picture of the maps is smaller, a map larger."""
 
 
 def _stopped(
-    folder: Path, send: signal.Signals, code: int, written: Iterable[str], words: Iterable[str] = ()
+    folder: Path,
+    send: signal.Signals,
+    code: int,
+    *,
+    files: Iterable[str] = ("map.npz",),
+    states: Iterable[State] = _STATES,
+    words: tuple[str, ...] = (),
 ) -> Outcome:
-    """Send build_maps a signal while it writes a file, for each of some files."""
+    """Send build_maps a signal at some moments of the writing of some files."""
     torn = []
-    for name in written:
-        maps, done = until_caught(partial(_disturbed, folder, name, send, tuple(words)))
+    for number, (name, state) in enumerate(product(files, states)):
+        maps = WrittenMaps(folder / str(number))
+        moment = Moment(str(maps.out / "robot_1" / name), state, _signs(folder))
+        done = run_child(build_maps, *maps.arguments(*words), at=moment, do=lambda group: os.killpg(group, send))
         said = _as_wanted(done, code, "interrupted")
         if not (said and maps.are_whole() and maps.run_again()):
-            torn.append(name if said else f"{name}: exit {done.code}, {done.stderr[-60:]!r}")
-    happened = "torn: " + ", ".join(torn) if torn else "each file is whole, the old or the new; a rerun made the rest"
+            torn.append(f"{name}, {state}" + ("" if said else f": exit {done.code}, {done.stderr[-60:]!r}"))
+    happened = f"torn: {'; '.join(torn)}" if torn else "each file is whole, the old or the new; a rerun made the rest"
     return Outcome(happened, "everything" if torn else "nothing", survived=not torn)
 
 
-def _disturbed(
-    folder: Path, name: str, send: signal.Signals, words: tuple[str, ...], trial: int
-) -> tuple[WrittenMaps, ProgramRun]:
-    """Send build_maps a signal while it writes a file, in a folder for each trial."""
-    maps = WrittenMaps(folder / f"{name}.{trial}")
-    moment = is_being_written(maps.out / "robot_1", name)
-    return maps, run_child(build_maps, *maps.arguments(*words), until=moment, send=send)
-
-
-def _merge_killed(folder: Path, trial: int) -> Outcome:
-    """Kill merge while it writes its map over an older one."""
-    folder = folder / str(trial)
+def _merge_killed(folder: Path) -> Outcome:
+    """Kill merge at each moment while it writes its map over an older one."""
     maps = WrittenMaps(folder / "maps")
-    for name, rule in (("merged", "disjunctive"), ("new", "conjunctive")):
+    for name, rule in (("old", "disjunctive"), ("new", "conjunctive")):
         run_program(merge.main, maps.folder / "new", "--rule", rule, "-o", folder / name)
-    old, new = contents(folder / "merged"), contents(folder / "new")
-    words = (maps.folder / "new", "--rule", "conjunctive", "-o", folder / "merged")
-    run_child(merge, *words, until=is_being_written(folder / "merged", "map.npz"))
-    left = {name: content for name, content in contents(folder / "merged").items() if not name.startswith(".")}
-    whole = all(content in {old.get(name), new.get(name)} for name, content in left.items()) and "map.npz" in left
-    again = run_program(merge.main, *words).code == 0 and contents(folder / "merged") == new
-    happened = "each file is whole, the old or the new; a rerun made the rest" if whole and again else "torn files"
-    return Outcome(happened, "nothing" if whole and again else "everything", survived=whole and again)
+    old, new = contents(folder / "old"), contents(folder / "new")
+    torn = []
+    for state in _STATES:
+        merged = shutil.copytree(folder / "old", folder / state)
+        words = (maps.folder / "new", "--rule", "conjunctive", "-o", merged)
+        moment = Moment(str(merged / "map.npz"), state, _signs(folder))
+        run_child(merge, *words, at=moment, do=lambda group: os.killpg(group, signal.SIGKILL))
+        left = {name: content for name, content in contents(merged).items() if not name.startswith(".")}
+        whole = all(content in {old.get(name), new.get(name)} for name, content in left.items()) and "map.npz" in left
+        if not (whole and run_program(merge.main, *words).code == 0 and contents(merged) == new):
+            torn.append(state)
+    happened = f"torn: {'; '.join(torn)}" if torn else "each file is whole, the old or the new; a rerun made the rest"
+    return Outcome(happened, "everything" if torn else "nothing", survived=not torn)
+
+
+def _signs(folder: Path) -> str:
+    return tempfile.mkdtemp(dir=folder)
 
 
 def _refused(folder: Path, begin: Callable[[WrittenMaps], ProgramRun], fact: str) -> Outcome:
@@ -77,18 +90,16 @@ def _into_a_read_only_folder(maps: WrittenMaps) -> ProgramRun:
         maps.out.chmod(0o755)
 
 
-def _second_of_two(folder: Path, trial: int) -> Outcome:
+def _second_of_two(folder: Path) -> Outcome:
     """Start a second run into a folder while the first writes there."""
-    folder = folder / str(trial)
     maps = WrittenMaps(folder / "maps")
     second: list[ProgramRun] = []
 
-    def when_the_first_writes() -> bool:
-        if is_being_written(maps.out / "robot_0", "map.npz")():
-            second.append(run_program(build_maps.main, *maps.arguments("--redo")))
-        return bool(second)
+    def begin_another(_: int) -> None:
+        second.append(run_program(build_maps.main, *maps.arguments("--redo")))
 
-    first = run_child(build_maps, *maps.arguments(), until=when_the_first_writes, send=signal.SIGCONT)
+    moment = Moment(str(maps.out / "robot_0" / "map.npz"), "whole", _signs(folder))
+    first = run_child(build_maps, *maps.arguments(), at=moment, do=begin_another)
     refused = _as_wanted(second[0], 1, "another run is writing there")
     right = refused and first.code == 0 and contents(maps.out) == maps.new
     return Outcome(_last_line(second[0], folder), "nothing" if right else "everything", survived=right)
@@ -118,33 +129,33 @@ def _as_wanted(done: ProgramRun, code: int, fact: str) -> bool:
 
 def _last_line(done: ProgramRun, folder: Path) -> str:
     lines = done.stderr.replace(f"{folder}/", "").strip().splitlines() or [""]
-    return f"refused in one line: {lines[-1]}"[:150]
-
-
-def _caught(attempt: Callable[[Path, int], Outcome]) -> Callable[[Path], Outcome]:
-    return lambda folder: until_caught(partial(attempt, folder))
+    return f"refused in one line: {shortened(lines[-1].split('; the first: ')[-1])}"
 
 
 CASES = (
     FaultCase(
         "kill -9 while maps are written",
-        partial(_stopped, send=signal.SIGKILL, code=-signal.SIGKILL, written=("map.npz", "map.pgm", "occupied.png")),
+        partial(_stopped, send=signal.SIGKILL, code=-signal.SIGKILL, files=("map.npz", "map.pgm", "occupied.png")),
     ),
     FaultCase(
         "Ctrl-C while maps are written",
-        partial(_stopped, send=signal.SIGINT, code=_INTERRUPTED, written=("map.npz",)),
+        partial(_stopped, send=signal.SIGINT, code=_INTERRUPTED, states=("half",)),
         quick=True,
     ),
     FaultCase(
         "Ctrl-C with two workers",
         partial(
-            _stopped, send=signal.SIGINT, code=_INTERRUPTED, written=("map.npz",), words=("--workers", "2", "--redo")
+            _stopped,
+            send=signal.SIGINT,
+            code=_INTERRUPTED,
+            states=("half", "named"),
+            words=("--workers", "2", "--redo"),
         ),
     ),
-    FaultCase("kill -9 while a merged map is written", _caught(_merge_killed)),
+    FaultCase("kill -9 while a merged map is written", _merge_killed),
     FaultCase("full disk", partial(_refused, begin=_on_a_full_disk, fact="make room"), quick=True),
     FaultCase("read-only folder", partial(_refused, begin=_into_a_read_only_folder, fact="cannot be written into")),
-    FaultCase("two runs into one folder", _caught(_second_of_two)),
+    FaultCase("two runs into one folder", _second_of_two),
     FaultCase("a changed byte in map.npz", partial(_changed_byte, name="map.npz"), quick=True),
     FaultCase("a changed byte in trajectory.tum", partial(_changed_byte, name="trajectory.tum")),
 )
