@@ -6,7 +6,7 @@ from merging.config import MergeConfig
 from merging.correlation import propose
 from merging.structure import Structure
 from merging.verification import Evidence, examine_all, support_m
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, wrap_angles
 from tbmslam.wall_limits import FACING
 from tbmslam.walls import slide
 
@@ -48,18 +48,17 @@ def refine_all(target: Structure, source: Structure, motions: list[SE2], config:
 
 def distinct(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
     """Return the best motions, none of which puts the source where a better one puts it already."""
-    centre = source.points.mean(axis=0)
+    poses = np.array(motions, dtype=np.float64).reshape(-1, 3)
+    x, y = source.points.mean(axis=0)
+    turns = poses[:, 2]
+    centres = poses[:, :2] + np.column_stack(
+        (np.cos(turns) * x - np.sin(turns) * y, np.sin(turns) * x + np.cos(turns) * y)
+    )
+    ranked = np.argsort(-scores, kind="stable")
     kept: list[SE2] = []
-    for index in np.argsort(-scores, kind="stable"):
-        motion = motions[index]
-        if all(_elsewhere(motion, other, centre) for other in kept):
-            kept.append(motion)
-            if len(kept) == count:
-                break
+    while len(ranked) and len(kept) < count:
+        best = ranked[0]
+        kept.append(motions[best])
+        apart = np.linalg.norm(centres[ranked] - centres[best], axis=1) > _ELSEWHERE_M
+        ranked = ranked[apart | (np.abs(wrap_angles(turns[ranked] - turns[best])) > _ELSEWHERE_RAD)]
     return kept
-
-
-def _elsewhere(motion: SE2, other: SE2, centre: FloatArray) -> bool:
-    """Tell whether two alignments put the source at different places."""
-    apart = np.linalg.norm(motion.apply(centre) - other.apply(centre))
-    return bool(apart > _ELSEWHERE_M or abs(wrap_angle(motion.theta - other.theta)) > _ELSEWHERE_RAD)

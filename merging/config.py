@@ -116,9 +116,9 @@ class CorrelationConfig(_Config):
     ----------
     cells_along
         Cells along both maps together; large maps are searched more coarsely.
-    max_cell_m, most_cells
-        Coarsest cells allowed [m], which limits the former, but for maps so large that they would have more cells along
-        them than this.
+    min_cell_m, max_cell_m, most_cells
+        Finest and coarsest cells allowed [m], which limit the former, but for maps so large that they would have more
+        cells along them than this.
     clearance_m, clearance_cells
         Free space nearer than this to a wall tolerates walls [m, cells]; the larger of the two holds.
     penalty
@@ -126,10 +126,9 @@ class CorrelationConfig(_Config):
     wall_bonus
         What a metre of wall on any wall brings.
     turns_share, most_turns
-        Share of all rotations that are tried because under them most walls face the same ways, and how many at most:
-        large maps have many, and walls enough to tell which.
-    coarse_share, most_coarse_turns
-        Share of all rotations that are tried because they fit well on coarser cells, and how many at most.
+        Share of all rotations that are tried, those under which most walls face the same ways, and how many at most:
+        large maps have many, and walls enough to tell which. Of maps that overlap little, most walls are not shared, so
+        that the way they face may tell nothing of the truth.
     min_overlap_m
         Shifts under which the maps reach into each other by less are not told apart from others [m].
     peaks_per_rotation, proposals
@@ -138,17 +137,16 @@ class CorrelationConfig(_Config):
         How many of these are made exact, and how many of those are told apart with all of their walls.
     """
 
-    cells_along: Annotated[int, Field(ge=8)] = 180
-    max_cell_m: Metres = 0.3
+    cells_along: Annotated[int, Field(ge=8)] = 120
+    min_cell_m: Metres = 0.2
+    max_cell_m: Metres = 0.5
     most_cells: Annotated[int, Field(ge=8)] = 400
     clearance_m: Metres = 0.25
-    clearance_cells: Annotated[float, Field(ge=0.0)] = 1.6
+    clearance_cells: Annotated[float, Field(ge=0.0)] = 1.2
     penalty: Annotated[float, Field(ge=0.0)] = 0.5
     wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
-    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.33
-    most_turns: Annotated[int, Field(ge=1)] = 120
-    coarse_share: Share = 0.2
-    most_coarse_turns: Annotated[int, Field(ge=0)] = 60
+    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    most_turns: Annotated[int, Field(ge=1)] = 220
     min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
     peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
     proposals: Annotated[int, Field(ge=1)] = 600
@@ -368,7 +366,14 @@ class MergeConfig(_Config):
     structure: StructureConfig = StructureConfig()
     correlation: CorrelationConfig = CorrelationConfig()
     decoys: CorrelationConfig = CorrelationConfig(
-        cells_along=90, max_cell_m=0.5, turns_share=0.3, coarse_share=0.0, proposals=150, semifinalists=6, finalists=3
+        cells_along=90,
+        min_cell_m=0.1,
+        clearance_cells=1.6,
+        turns_share=0.3,
+        most_turns=120,
+        proposals=150,
+        semifinalists=6,
+        finalists=3,
     )
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()

@@ -33,8 +33,6 @@ _BLOCK = 8
 """Each square of so many cells offers one peak."""
 _DIRECTIONS = 720
 """Bins of the full circle in which directions of walls are counted."""
-_COARSER = 2
-"""How many cells of the fine search make one of the coarse search, along an axis, and how many turns one turn."""
 
 
 @dataclass(frozen=True)
@@ -99,19 +97,16 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
     if len(target.points) == 0 or len(source.points) == 0:
         return []
     cell = _cell_size(target, source, config)
-    fine = _Search.of(target, source, cell, config)
-    steps = math.ceil(2.0 * math.pi / min(max(cell / max(fine.moving.spread(), cell), 0.01), 0.05))
-    turns = _likely_turns(fine.fixed, fine.moving, steps, config)
-    if config.coarse_share > 0.0:
-        coarse = _Search.of(target, source, _COARSER * cell, config)
-        turns = np.union1d(turns, _promising_turns(coarse, steps, config))
+    search = _Search.of(target, source, cell, config)
+    steps = math.ceil(2.0 * math.pi / min(max(cell / max(search.moving.spread(), cell), 0.01), 0.05))
+    turns = _likely_turns(search.fixed, search.moving, steps, config)
     peaks = []
     for theta in 2.0 * math.pi * turns / steps:
-        values, rows, cols = _peaks(fine.scores(float(theta)), config.peaks_per_rotation)
-        shifts = ((cols - fine.size[1] // 2) + 1j * (rows - fine.size[0] // 2)) * cell
+        values, rows, cols = _peaks(search.scores(float(theta)), config.peaks_per_rotation)
+        shifts = ((cols - search.size[1] // 2) + 1j * (rows - search.size[0] // 2)) * cell
         peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
     distinct = _distinct(np.concatenate(peaks), 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
-    return [_motion(fine.fixed.centre, fine.moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
+    return [_motion(search.fixed.centre, search.moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
 
 
 @dataclass(frozen=True)
@@ -155,7 +150,7 @@ def _complex(points: FloatArray) -> _Complex:
 def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
     """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
     extent = float(sum(np.ptp(structure.points, axis=0).max() for structure in (target, source)))
-    finest = 2.0 * max(target.geometry.resolution, source.geometry.resolution)
+    finest = max(config.min_cell_m, 2.0 * max(target.geometry.resolution, source.geometry.resolution))
     cell = min(max(extent / config.cells_along, finest), max(config.max_cell_m, finest))
     return max(cell, extent / config.most_cells)
 
@@ -170,19 +165,6 @@ def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: Correlati
     bins = np.rint(np.arange(steps) * (_DIRECTIONS / steps)).astype(np.int64) % _DIRECTIONS
     count = min(math.ceil(config.turns_share * steps), config.most_turns)
     return np.sort(np.argsort(-likeness[bins], kind="stable")[:count])
-
-
-def _promising_turns(coarse: _Search, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
-    """Return the turns, as many as allowed, that have the best scores on coarse cells.
-
-    Of maps that overlap little, most walls are not shared, so that the way they face may tell nothing of the truth.
-    Coarse cells need only every so many turns.
-    """
-    tried = np.arange(0, steps, _COARSER)
-    best = np.array([coarse.scores(2.0 * math.pi * float(turn) / steps).max() for turn in tried])
-    count = min(math.ceil(config.coarse_share * steps), config.most_coarse_turns) // _COARSER
-    chosen = tried[np.argsort(-best, kind="stable")[:count]]
-    return np.asarray((chosen[:, None] + np.arange(_COARSER)).ravel() % steps)
 
 
 def _directions(layout: _Layout) -> FloatArray:

@@ -40,17 +40,16 @@ def test_the_true_motion_is_proposed_first(rooms, motion):
     assert degrees < 3.0
 
 
-def test_coarse_cells_find_a_turn_that_the_ways_of_most_walls_speak_against(rooms):
+def test_a_turn_is_found_that_the_ways_of_most_walls_speak_against(rooms):
     """Most walls of the source run askew, on a side that the target does not show."""
     target, source = left_part(rooms(3), 0.5), rooms(3)
     rows, cols = np.mgrid[0 : source.geometry.rows, 0 : source.geometry.cols]
     askew = ((cols + 0.4 * rows) % 12 < 2) & (cols > 170)
     source.masses[askew] = (0.0, 0.0, 1.0, 0.0)
-    few = CONFIG.model_copy(update={"turns_share": 0.02})
-    metres, degrees = error_of(propose(structure(target), structure(source), few)[0], SE2.identity(), target)
+    metres, degrees = error_of(propose(structure(target), structure(source), CONFIG)[0], SE2.identity(), target)
     assert metres < 0.4
     assert degrees < 3.0
-    blind = few.model_copy(update={"coarse_share": 0.0})
+    blind = CONFIG.model_copy(update={"turns_share": 0.02})
     assert all(abs(math.degrees(one.theta)) > 3.0 for one in propose(structure(target), structure(source), blind))
 
 
