@@ -29,7 +29,7 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
     how = config.refinement
     some = target.some(how.few_walls), source.some(how.few_walls)
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
-    slid = slide(target.steady_walls, some[0], source.steady_walls, some[1], proposals, rough, FACING)
+    slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
     supports = support_m(target, source, slid, config.verification, how.some_walls)
     best = distinct(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
@@ -43,7 +43,7 @@ def refine_all(target: Structure, source: Structure, motions: list[SE2], config:
     how = config.refinement
     reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
     some = target.some(how.many_walls), source.some(how.many_walls)
-    return slide(target.steady_walls, some[0], source.steady_walls, some[1], motions, reaches, FACING)
+    return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
 
 
 def distinct(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:

@@ -11,7 +11,7 @@ Labels = npt.NDArray[np.int32]
 
 
 class Components(NamedTuple):
-    """Pieces of cells that touch, at corners too.
+    """Pieces of cells that touch.
 
     Parameters
     ----------
@@ -25,9 +25,10 @@ class Components(NamedTuple):
     stats: Labels
 
     @classmethod
-    def of(cls, cells: BoolArray) -> "Components":
-        """Find the pieces among cells (rows, cols)."""
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
+    def of(cls, cells: BoolArray, *, corners: bool = True) -> "Components":
+        """Find the pieces among cells (rows, cols); without `corners` cells that only touch there are apart."""
+        connectivity = 8 if corners else 4
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=connectivity)
         return cls(np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32))
 
     @property

@@ -1,19 +1,24 @@
 """How likely each candidate is the truth: evidence weighed by a model that was fitted where the truth is known.
 
+A score tells which of two places of one pair has more to say for itself, the logarithm of a likelihood::
+
+    s = sum of weights * log(1 + measure / unit)
+
 The candidates of a pair and "none of them" compete (a conditional logit, McFadden 1974)::
 
     P(candidate i) = exp(l_i) / (1 + sum over j of exp(l_j)),    l = bias + sum of weights * features
 
 so that two places equally good share the probability, however good they are, and a sum far below 1 says that the maps
-show different places. What tells most is the margin over chance: over the best places of the source's mirror image
-(`merging.decoys`) and over all but the best places of the source itself. Maps of unlike size, style and repetitiveness
-are measured by their own chance in this way. `tools/calibrate_merging.py` fits the weights and writes
+show different places. What tells most is the margin of the score over chance: over the best places of the source's
+mirror image (`merging.decoys`) and over all but the best places of the source itself. Maps of unlike size, style and
+repetitiveness are measured by their own chance in this way. `tools/calibrate_merging.py` fits all weights and writes
 `confidence_model.json`.
 """
 
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
@@ -22,52 +27,114 @@ import numpy as np
 from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 
-SIGNS = {
-    "log of larger_wall_m": -1,
-    "agreement of steady walls": 1,
-    "log of agreeing corners": 1,
-    "margin of steady walls": 1,
-    "margin of pieces": 1,
-    "margin of corners": 1,
-}
-"""What the model weighs, and whether it can only speak for (1) or against (-1) a candidate.
 
-The larger the maps, the more places there are for chance; logarithms are of one plus the number. Steady walls are what
-people do not move: at the true place furniture contradicts and walls do not, at a false one walls do. How near the
-agreeing walls lie is left out: it tells how maps were bent, not where they belong."""
+@dataclass(frozen=True)
+class Measure:
+    """Something that the score weighs.
+
+    Parameters
+    ----------
+    sign
+        Whether it can only speak for (1) or against (-1) a place.
+    unit
+        How much of it is little.
+    of
+        How much of it there is.
+    """
+
+    sign: int
+    unit: float
+    of: Callable[[Evidence], float]
+
+
+def _doubtful_m(evidence: Evidence) -> float:
+    """Return the length of wall that does not agree, unbroken stretches of it twice."""
+    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m + evidence.unbroken_m
+
+
+def _beyond_chance(evidence: Evidence) -> float:
+    """Return the share of the walls that agrees, less the share that does not: by chance about half of them do."""
+    agreed, doubtful = evidence.agreed_wall_m, _doubtful_m(evidence)
+    return max(agreed - doubtful, 0.0) / (agreed + doubtful + 0.5)
+
+
+MEASURES = {
+    "agreeing wall": Measure(1, 1.0, lambda e: e.agreed_wall_m),
+    "other wall": Measure(-1, 1.0, lambda e: e.compared_wall_m - e.agreed_wall_m),
+    "agreeing pieces": Measure(1, 1.0, lambda e: e.pieces.agreeing),
+    "wall against sliding": Measure(1, 1.0, lambda e: e.weakest_wall_m),
+    "corners beyond chance": Measure(1, 1.0, lambda e: e.pieces.corners * _beyond_chance(e)),
+    "overlap beyond chance": Measure(1, 5.0, lambda e: e.overlap_m2 * _beyond_chance(e)),
+}
+"""What the score weighs, in m and m^2. How near the agreeing walls lie is left out: it tells how maps were bent, not
+where they belong. Where much overlaps, much agrees by chance."""
+
+SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1, "margin": 1}
+"""What the logit weighs, and whether it can only speak for (1) or against (-1) a candidate.
+
+The larger the maps, the more places there are for chance; logarithms are of one plus the number."""
 FEATURES = tuple(SIGNS)
 _CHANCE = 2
 """So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
-_LEAST_MARGIN, _MOST_MARGIN = -0.5, 1.2
-
-Measure = Callable[[Evidence], float]
+_LEAST_MARGIN, _MOST_MARGIN = -3.0, 8.0
 
 
-def _walls(evidence: Evidence) -> float:
-    """Return the steady wall that agrees [m], less what that costs which does not, unbroken stretches of it twice."""
-    others = evidence.steady_compared_m - evidence.steady_agreed_m + evidence.steady_unseen_m
-    return evidence.steady_agreed_m - 1.5 * (others + evidence.unbroken_m)
+@dataclass(frozen=True)
+class ConfidenceModel:
+    """The weights.
+
+    Parameters
+    ----------
+    score
+        Of `MEASURES` (M,).
+    bias, weights
+        Of the logit, for `FEATURES` (F,).
+    """
+
+    score: FloatArray
+    bias: float
+    weights: FloatArray
+
+    @classmethod
+    def from_json(cls, text: str) -> "ConfidenceModel":
+        """Read what `as_json` wrote."""
+        found = json.loads(text)
+        score, weights = ([float(found[of][name]) for name in names] for of, names in _NAMES.items())
+        return cls(np.array(score), float(found["bias"]), np.array(weights))
+
+    def as_json(self) -> str:
+        """Return the weights by name, to six digits."""
+        rounded = {
+            of: {name: round(float(one), 6) for name, one in zip(names, getattr(self, of), strict=True)}
+            for of, names in _NAMES.items()
+        }
+        return json.dumps({**rounded, "bias": round(self.bias, 6)}, indent=2) + "\n"
+
+    def probabilities(self, candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
+        """Return the probability (K,) of each candidate of a pair; together 1 at the most."""
+        logits = np.append(features(candidates, decoys, self.score) @ self.weights + self.bias, 0.0)
+        shares = np.exp(logits - logits.max())
+        return np.asarray(shares[:-1] / shares.sum())
 
 
-def _pieces(evidence: Evidence) -> float:
-    """Return how many pieces agree, less what those cost that do not."""
-    pieces = evidence.pieces
-    return pieces.agreeing - 0.8 * (pieces.compared - pieces.agreeing)
+_NAMES = {"score": tuple(MEASURES), "weights": FEATURES}
 
 
-def _corners(evidence: Evidence) -> float:
-    """Return how many corners agree."""
-    return evidence.pieces.corners
+def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> list[float]:
+    """Return the probability that each candidate of a pair is where the maps really lie; together 1 at the most."""
+    return [float(one) for one in _shipped().probabilities(candidates, decoys)]
 
 
-_MARGINS: tuple[tuple[Measure, float], ...] = ((_walls, 4.0), (_pieces, 3.0), (_corners, 2.0))
-"""What is held against chance, and how much of each is too little to tell a ratio."""
+def measured(places: Sequence[Evidence]) -> FloatArray:
+    """Return the numbers (K, M) that the score weighs, in the order of `MEASURES`."""
+    rows = [[math.log1p(max(one.of(e), 0.0) / one.unit) for one in MEASURES.values()] for e in places]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(MEASURES))
 
 
-def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
-    """Return the numbers (K, F) that the model weighs, in the order of `FEATURES`, for the candidates of one pair.
+def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence], score: FloatArray) -> FloatArray:
+    """Return the numbers (K, F) that the logit weighs, in the order of `FEATURES`, for the candidates of one pair.
 
     Parameters
     ----------
@@ -75,43 +142,28 @@ def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> Floa
         What speaks for and against the places where the source may lie.
     decoys
         The same for places of its mirror image.
+    score
+        The score's weights (M,).
     """
-    margins = [_margins(measure, little, candidates, decoys) for measure, little in _MARGINS]
-    rows = [[*_features(evidence), *(of[index] for of in margins)] for index, evidence in enumerate(candidates)]
+    own, chance = measured(candidates) @ score, measured(decoys) @ score
+    by_chance = max([0.0, *np.sort(own)[::-1][_CHANCE : _CHANCE + 1], *chance])
+    margins = np.clip(own - by_chance, _LEAST_MARGIN, _MOST_MARGIN)
+    rows = [[*_features(evidence), margin] for evidence, margin in zip(candidates, margins, strict=True)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 
 def _features(evidence: Evidence) -> list[float]:
-    looked_at = evidence.steady_compared_m + evidence.steady_unseen_m + 0.5
+    # Half a metre more than there is: of a few cells of wall nobody can say a share.
+    looked_at = evidence.compared_wall_m + evidence.unseen_wall_m + 0.5
     return [
         math.log1p(evidence.larger_wall_m),
-        evidence.steady_agreed_m / looked_at,
+        evidence.agreed_wall_m / looked_at,
         math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS)),
     ]
 
 
-def _margins(
-    measure: Measure, little: float, candidates: Sequence[Evidence], decoys: Sequence[Evidence]
-) -> list[float]:
-    """Return the logarithm of how many times better than chance each candidate is, within limits."""
-    own = [max(measure(evidence), 0.0) for evidence in candidates]
-    by_chance = max([0.0, *sorted(own, reverse=True)[_CHANCE : _CHANCE + 1], *map(measure, decoys)])
-    ratios = [math.log((value + little) / (by_chance + little)) for value in own]
-    return [min(max(ratio, _LEAST_MARGIN), _MOST_MARGIN) for ratio in ratios]
-
-
-def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> list[float]:
-    """Return the probability that each candidate of a pair is where the maps really lie; together 1 at the most."""
-    if not candidates:
-        return []
-    bias, weights = _model()
-    logits = features(candidates, decoys) @ weights + bias
-    shares = np.exp(np.append(logits, 0.0) - max(float(logits.max()), 0.0))
-    return [float(share) for share in shares[:-1] / shares.sum()]
-
-
 @cache
-def _model() -> tuple[float, FloatArray]:
-    text = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
-    model = json.loads(text)
-    return float(model["bias"]), np.array([float(model["weights"][name]) for name in FEATURES])
+def _shipped() -> ConfidenceModel:
+    return ConfidenceModel.from_json(
+        resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
+    )

@@ -90,23 +90,27 @@ class StructureConfig(_Config):
         Least mass on occupied; less may be the blur beside a wall.
     min_speck_m
         Shortest connected piece of wall [m]; shorter ones may be people, legs and noise.
-    long_m, short_weight
-        As evidence, pieces of wall shorter than this count the less the shorter they are [m], down to that weight.
     steady_m, movable_m, least_weight
-        In the search, pieces of wall at least so long count whole [m]; those shorter than the second, things that
-        people move, count for the third.
+        Pieces of wall at least so long count whole [m]; those shorter than the second, things that people move, count
+        for the third.
+    gap_m
+        Gaps as wide do not part a wall [m].
     block_m
         Solid blocks at least so thick [m] and short are such things too where they stand against a wall.
+    thing_m, hollow_m
+        Closed outlines as long [m] are such things too; what nobody saw inside is at least so wide, or it is the inside
+        of a wall [m].
     """
 
     min_wall_mass: Share = 0.1
     min_speck_m: Annotated[float, Field(ge=0.0)] = 0.2
-    long_m: Annotated[float, Field(ge=0.0)] = 1.5
-    short_weight: Share = 0.3
     steady_m: Annotated[float, Field(ge=0.0)] = 1.2
     movable_m: Annotated[float, Field(ge=0.0)] = 0.8
     least_weight: Share = 0.1
+    gap_m: Annotated[float, Field(ge=0.0)] = 0.1
     block_m: Metres = 0.25
+    thing_m: Annotated[float, Field(ge=0.0)] = 1.8
+    hollow_m: Metres = 0.45
 
 
 class CorrelationConfig(_Config):

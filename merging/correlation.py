@@ -64,7 +64,7 @@ class _Layout:
         x = geometry.origin_x + (blocks % geometry.cols + 0.5) * side
         y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
         filled = counts * (geometry.resolution / cell_m) ** 2
-        metres = structure.steadiness * geometry.resolution
+        metres = structure.weights * geometry.resolution
         return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
 
     @cached_property

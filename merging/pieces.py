@@ -33,8 +33,7 @@ class Pieces:
     compared
         Blocks with walls where the other map knows something.
     corners
-        Blocks in which walls agree that face different ways, things that people move and columns left out: those
-        have all directions in one small place, where chance brings them together.
+        Blocks in which walls agree that face different ways.
     """
 
     agreeing: float
@@ -59,11 +58,11 @@ def _counts(moving: Structure, fixed: Structure, motion: SE2, limits: Limits) ->
         return np.zeros(4)
     some, held = some[there], held[there]
     cell_m = moving.geometry.resolution * (len(moving.points) / len(there))
-    metres, steady = cell_m * moving.weights[some], cell_m * moving.steadiness[some]
+    metres = cell_m * moving.weights[some]
     blocks = _blocks(motion.apply(moving.points[some]))
     normals = SE2(0.0, 0.0, motion.theta).apply(moving.normals[some])
-    agreed, steady = (part * (held == AGREES) for part in (metres, steady))
-    xx, xy, yy = (np.bincount(blocks, steady * normals[:, i] * normals[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    agreed = metres * (held == AGREES)
+    xx, xy, yy = (np.bincount(blocks, agreed * normals[:, i] * normals[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
     weakest = (xx + yy) / 2.0 - np.hypot((xx - yy) / 2.0, xy)
     compared = np.bincount(blocks, metres)
     shares = [

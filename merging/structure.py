@@ -46,9 +46,7 @@ class Structure:
     nearest
         The index in `points` of that surface cell (rows, cols).
     weights
-        How much each surface cell (N,) counts as evidence: short pieces of wall may be things that people move.
-    steadiness
-        How much each surface cell (N,) counts in the search, which such things must not lead astray.
+        How much each surface cell (N,) counts: things that people move, little; see `merging.steadiness`.
     """
 
     geometry: GridGeometry
@@ -60,7 +58,6 @@ class Structure:
     distances_m: npt.NDArray[np.float32]
     nearest: npt.NDArray[np.int32]
     weights: FloatArray
-    steadiness: FloatArray
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "Structure":
@@ -68,8 +65,7 @@ class Structure:
         free_mass, wall_mass = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
         free = free_mass > wall_mass
         walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
-        pieces = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution)
-        walls = pieces.labels > 0
+        walls = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution).labels > 0
         surface = walls & (cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
         rows, cols = np.nonzero(surface)
         normals, two_sided = _normals(free, walls, surface)
@@ -86,8 +82,7 @@ class Structure:
             free=free,
             distances_m=(distances * g.resolution).astype(np.float32),
             nearest=nearest,
-            weights=_weights(pieces, surface, config.long_m / g.resolution, config.short_weight),
-            steadiness=steadiness(pieces, walls, surface, g.resolution, config),
+            weights=steadiness(walls, free, surface, g.resolution, config),
         )
 
     @cached_property
@@ -108,11 +103,6 @@ class Structure:
             float(g.origin_y),
         )
 
-    @cached_property
-    def steady_walls(self) -> Walls:
-        """The same for the search, where small things count little."""
-        return self.walls._replace(weights=self.steadiness)
-
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
         """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""
         count = len(self.points)
@@ -127,12 +117,6 @@ class Structure:
         rows = np.floor((points[:, 1] - g.origin_y) / g.resolution).astype(np.int64)
         inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
         return np.clip(rows, 0, g.rows - 1), np.clip(cols, 0, g.cols - 1), inside
-
-
-def _weights(pieces: Components, surface: BoolArray, long_cells: float, least: float) -> FloatArray:
-    """Return the weights (N,) of surface cells: 1 in pieces of wall that are long, `least` in the shortest."""
-    weights = np.clip(np.hypot(*pieces.sides) / max(long_cells, 1.0), least, 1.0)
-    return np.asarray(weights[pieces.labels[surface]], dtype=np.float64)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:

@@ -11,6 +11,7 @@ from merging.pieces import Pieces, count_pieces
 from merging.structure import Structure
 from merging.unbroken import unbroken_m
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.wall_limits import Limits
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
 
 _MANY_CELLS = 4000
@@ -21,15 +22,13 @@ _MANY_CELLS = 4000
 class Evidence:
     """What speaks for and against an alignment.
 
-    Lengths of wall are means of two directions, either map's walls held against the other map, and short pieces of
-    wall count less than their length (`StructureConfig.long_m`).
+    Lengths of wall are means of two directions, either map's walls held against the other map, and things that people
+    move count little (`merging.steadiness`).
 
     Parameters
     ----------
     overlap_m2
         Area that both maps know [m^2].
-    overlap_share
-        The same as a share of the smaller map's.
     compared_wall_m
         Walls that lie where the other map knows something [m].
     agreed_wall_m
@@ -45,12 +44,8 @@ class Evidence:
     agreement, conflict
         Shares of the compared walls that agree with, and that stand on free space of, the other map. The rest is
         neither: near a wall but not near enough, or near one that faces another way.
-    worst_agreement, worst_conflict
-        The same with the unseen walls among the compared, in the direction where it is worse.
-    smaller_wall_m, larger_wall_m
-        All walls of the map that has fewer of them, and of the other [m].
-    steady_compared_m, steady_agreed_m, steady_unseen_m
-        The walls compared, agreeing and unseen, without things that people move (`Structure.steadiness`) [m].
+    larger_wall_m
+        All walls of the map that has more of them [m].
     unbroken_m
         The unbroken stretches of wall that contradict (`merging.unbroken`) [m].
     pieces
@@ -58,7 +53,6 @@ class Evidence:
     """
 
     overlap_m2: float
-    overlap_share: float
     compared_wall_m: float
     agreed_wall_m: float
     conflicting_wall_m: float
@@ -67,13 +61,7 @@ class Evidence:
     rmse_m: float | None
     agreement: float
     conflict: float
-    worst_agreement: float
-    worst_conflict: float
-    smaller_wall_m: float
     larger_wall_m: float
-    steady_compared_m: float
-    steady_agreed_m: float
-    steady_unseen_m: float
     unbroken_m: float
     pieces: Pieces
 
@@ -83,10 +71,9 @@ def support_m(
 ) -> FloatArray:
     """Return how much wall (M,) speaks for each alignment, less what speaks against it [m].
 
-    `limit` is the number of walls of each map that are held against the other; None takes all. Small things count as in
-    `Structure.steadiness`.
+    `limit` is the number of walls of each map that are held against the other; None takes all.
     """
-    forth, back = _sums(target, source, motions, config, limit, steady=True)
+    forth, back = _sums(target, source, motions, config, limit)
     against = config.conflict_weight * (forth + back)[:, CONFLICTING] + config.unseen_weight * (forth + back)[:, UNSEEN]
     return np.asarray(((forth + back)[:, AGREED] - against) / 2.0)
 
@@ -98,18 +85,11 @@ def examine(target: Structure, source: Structure, T_target_source: SE2, config: 
 
 def examine_all(target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
     """Compare two maps under each of some alignments; see `examine`."""
-    forth, back = _sums(target, source, motions, config, None)
-    steady = np.mean(_sums(target, source, motions, config, None, steady=True), axis=0)
-    shares = [_overlap_m2(target, source, motion) for motion in motions]
-    smaller_m2 = min(_known_m2(target), _known_m2(source))
-    lengths = sorted(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
-    limits = config.limits()
-    by_motion = [
-        (count_pieces(target, source, motion, limits), unbroken_m(target, source, motion, limits)) for motion in motions
-    ]
+    means = np.mean(_sums(target, source, motions, config, None), axis=0)
+    larger_m = max(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
     return [
-        _evidence(f, b, still, (overlap_m2, overlap_m2 / smaller_m2), (lengths[0], lengths[1]), counts, length)
-        for f, b, still, overlap_m2, (counts, length) in zip(forth, back, steady, shares, by_motion, strict=True)
+        _evidence(target, source, motion, mean, larger_m, config.limits())
+        for motion, mean in zip(motions, means, strict=True)
     ]
 
 
@@ -119,8 +99,6 @@ def _sums(
     motions: list[SE2],
     config: VerificationConfig,
     limit: int | None,
-    *,
-    steady: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the sums (M, 8) of `compare` in metres: the source's walls held against the target, and the reverse."""
     backward = [motion.inverse() for motion in motions]
@@ -128,28 +106,17 @@ def _sums(
     for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
         some = moving.some(limit)
         metres = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
-        walls = moving.steady_walls if steady else moving.walls
-        sums.append(compare(walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
+        sums.append(compare(moving.walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
     return sums[0], sums[1]
 
 
 def _evidence(
-    forth: FloatArray,
-    back: FloatArray,
-    steady: FloatArray,
-    overlap: tuple[float, float],
-    lengths: tuple[float, float],
-    pieces: Pieces,
-    unbroken: float,
+    target: Structure, source: Structure, motion: SE2, mean: FloatArray, larger_m: float, limits: Limits
 ) -> Evidence:
-    mean = (forth + back) / 2.0
     compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
     weakest = np.linalg.eigvalsh([[mean[XX], mean[XY]], [mean[XY], mean[YY]]])[0]
-    # Half a metre more than there is: of a few cells of wall nobody can say a share.
-    both = np.stack((forth, back)) / (np.stack((forth, back))[:, [COMPARED, UNSEEN]].sum(axis=1) + 0.5)[:, None]
     return Evidence(
-        overlap_m2=overlap[0],
-        overlap_share=overlap[1],
+        overlap_m2=_overlap_m2(target, source, motion),
         compared_wall_m=compared,
         agreed_wall_m=agreed,
         conflicting_wall_m=float(mean[CONFLICTING]),
@@ -158,20 +125,10 @@ def _evidence(
         rmse_m=math.sqrt(float(mean[SQUARES]) / agreed) if agreed > 0.0 else None,
         agreement=agreed / compared if compared > 0.0 else 0.0,
         conflict=float(mean[CONFLICTING]) / compared if compared > 0.0 else 0.0,
-        worst_agreement=float(both[:, AGREED].min()),
-        worst_conflict=float(both[:, CONFLICTING].max()),
-        smaller_wall_m=lengths[0],
-        larger_wall_m=lengths[1],
-        steady_compared_m=float(steady[COMPARED]),
-        steady_agreed_m=float(steady[AGREED]),
-        steady_unseen_m=float(steady[UNSEEN]),
-        unbroken_m=unbroken,
-        pieces=pieces,
+        larger_wall_m=larger_m,
+        unbroken_m=unbroken_m(target, source, motion, limits),
+        pieces=count_pieces(target, source, motion, limits),
     )
-
-
-def _known_m2(structure: Structure) -> float:
-    return float(np.count_nonzero(structure.known)) * structure.geometry.resolution**2
 
 
 def _overlap_m2(target: Structure, source: Structure, T_target_source: SE2) -> float:

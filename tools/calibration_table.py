@@ -3,14 +3,10 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tools.text_table import text_table
-
-if TYPE_CHECKING:
-    from tools.conditional_logit import Choice, Logit
 
 _THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
@@ -32,16 +28,6 @@ class Judgement:
     name: str
     confidence: float
     right: bool
-
-    @classmethod
-    def of(cls, choice: "Choice", model: "Logit") -> "Judgement":
-        """Judge the candidates of a pair by a model."""
-        p = model.probabilities(choice.features)
-        return (
-            cls(choice.name, float(p.max()), bool(choice.right[int(p.argmax())]))
-            if len(p)
-            else cls(choice.name, 0.0, False)
-        )
 
 
 def worth(judged: Sequence[Judgement]) -> str:

@@ -52,7 +52,7 @@ class Logit:
         return np.asarray(shares[:-1] / shares.sum())
 
 
-def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logit:
+def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float, *, none: bool = True) -> Logit:
     """Return the weights of greatest likelihood, less a penalty on their squares.
 
     Parameters
@@ -63,6 +63,8 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
         1 for a feature that can only speak for a candidate, -1 for one that can only speak against, 0 for either.
     penalty
         On the squares of the weights of standardised features, by pair.
+    none
+        Whether "none of them" is an answer too; else every choice has a right candidate, and the bias is 0.
     """
     everything = np.vstack([choice.features for choice in choices])
     mean, spread = everything.mean(axis=0), everything.std(axis=0) + 1e-9
@@ -78,7 +80,8 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
     strength = penalty * float(weights.sum())
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
-        logits = np.column_stack((np.where(there, x @ parameters[1:] + parameters[0], -1e9), np.zeros(len(x))))
+        logits = np.where(there, x @ parameters[1:] + parameters[0], -1e9)
+        logits = np.column_stack((logits, np.full(len(x), 0.0 if none else -1e9)))
         shares = np.exp(logits - logits.max(axis=1, keepdims=True))
         shares /= shares.sum(axis=1, keepdims=True)
         hit = shares * target
@@ -90,4 +93,4 @@ def fit(choices: Sequence[Choice], signs: Sequence[int], penalty: float) -> Logi
 
     bounds = [(None, None)] + [(0.0 if sign > 0 else None, 0.0 if sign < 0 else None) for sign in signs]
     found = optimize.minimize(loss, np.zeros(len(signs) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x
-    return Logit(float(found[0] - (found[1:] * mean / spread).sum()), found[1:] / spread)
+    return Logit(float(found[0] - (found[1:] * mean / spread).sum()) if none else 0.0, found[1:] / spread)

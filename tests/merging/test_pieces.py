@@ -42,12 +42,12 @@ def test_a_straight_wall_has_no_corners():
     assert pieces.corners < 0.1
 
 
-def test_a_box_that_may_be_moved_has_no_corners():
+def test_a_box_that_may_be_moved_hardly_counts():
     grid = straight()
     grid.masses[30:38, 100:108] = (0.0, 0.0, 1.0, 0.0)
     boxed = structure(grid)
     pieces = count_pieces(boxed, boxed, SE2.identity(), LIMITS)
-    assert pieces.agreeing > 20.5
+    assert pieces.agreeing == pytest.approx(20.0, abs=1.0)
     assert pieces.corners < 0.5
 
 

@@ -2,18 +2,19 @@ import cv2
 import numpy as np
 import pytest
 
-from merging.components import Components
 from merging.config import StructureConfig
 from merging.steadiness import steadiness
 
 CELL = 0.05
-CONFIG = StructureConfig(movable_m=0.8, steady_m=1.2, least_weight=0.1, block_m=0.25)
+CONFIG = StructureConfig(
+    movable_m=0.8, steady_m=1.2, least_weight=0.1, gap_m=0.1, block_m=0.25, thing_m=1.8, hollow_m=0.45
+)
 
 
-def weights_of(walls):
-    """The weights (rows, cols) of all walls."""
+def weights_of(walls, free=None):
+    """The weights (rows, cols) of all walls; what is no wall is free."""
     weights = np.full(walls.shape, np.nan)
-    weights[walls] = steadiness(Components.of(walls), walls, walls, CELL, CONFIG)
+    weights[walls] = steadiness(walls, ~walls if free is None else free, walls, CELL, CONFIG)
     return weights
 
 
@@ -37,7 +38,7 @@ def test_small_things_weigh_little_however_they_are_turned(degrees, solid):
 
 @pytest.mark.parametrize("degrees", [0.0, 45.0])
 def test_large_things_weigh_whole(degrees):
-    walls = box(1.4, degrees, solid=False)
+    walls = box(2.2, degrees, solid=False)
     np.testing.assert_allclose(weights_of(walls)[walls], 1.0)
 
 
@@ -68,4 +69,44 @@ def test_a_thick_wall_is_no_block():
 
 def test_no_walls_have_no_weights():
     none = np.zeros((5, 5), np.bool_)
-    assert len(steadiness(Components.of(none), none, none, CELL, CONFIG)) == 0
+    assert len(steadiness(none, none, none, CELL, CONFIG)) == 0
+
+
+def test_gaps_do_not_part_a_wall():
+    walls = np.zeros((40, 80), np.bool_)
+    walls[20, 10:70] = True
+    walls[20, 16:70:8] = walls[20, 17:70:8] = False  # pieces of 0.3 m, 0.1 m apart
+    np.testing.assert_allclose(weights_of(walls)[walls], 1.0)
+    walls[20, 18:70:8] = walls[20, 19:70:8] = False  # now 0.2 m apart
+    np.testing.assert_allclose(weights_of(walls)[walls], 0.1)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0])
+def test_an_outline_against_a_wall_weighs_little_and_the_wall_whole(degrees):
+    walls = box(1.2, degrees, solid=False)
+    walls[47:49] = True  # through its lower part
+    weights = weights_of(walls)
+    np.testing.assert_allclose(weights[55:][walls[55:]], 0.1)
+    np.testing.assert_allclose(weights[47:49, :35], 1.0)
+
+
+def test_outlines_that_touch_weigh_little():
+    walls = np.zeros((60, 100), np.bool_)
+    for left in (20, 40, 60):
+        walls[[20, 40], left : left + 21] = True
+        walls[20:41, [left, left + 20]] = True
+    np.testing.assert_allclose(weights_of(walls)[walls], 0.1)
+
+
+def test_two_faces_of_a_short_wall_are_no_thing():
+    """Of a wall 0.3 m thick between two doors both faces were seen, and nothing between them."""
+    walls = np.zeros((60, 60), np.bool_)
+    walls[20:27, 14:46] = True
+    free = ~walls
+    walls[21:26, 15:45] = False
+    np.testing.assert_allclose(weights_of(walls, free)[walls], 1.0)
+    np.testing.assert_allclose(weights_of(walls)[walls], 0.1)  # a low cupboard whose inside was seen
+
+
+def test_a_room_is_no_thing():
+    np.testing.assert_allclose(weights_of(box(2.0, 0.0, solid=False))[box(2.0, 0.0, solid=False)], 1.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
-from merging.confidence import FEATURES
+from merging.confidence import FEATURES, MEASURES
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.pair_benchmark import PairResult, calibration_table, comparison, details, summary
@@ -116,7 +116,8 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert "all that were left out" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
-    assert written["weights"]["log of larger_wall_m"] <= 0.0 <= written["weights"]["margin of steady walls"]
+    assert written["weights"]["log of all walls"] <= 0.0 <= written["weights"]["margin"]
+    assert set(written["score"]) == set(MEASURES)
 
 
 def test_large_pairs_are_not_written(tmp_path, capsys):
