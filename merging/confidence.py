@@ -78,7 +78,6 @@ _CHANCE = 2
 """So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
-_LEAST_MARGIN, _MOST_MARGIN = -3.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -147,19 +146,15 @@ def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence], score: 
     """
     own, chance = measured(candidates) @ score, measured(decoys) @ score
     by_chance = max([0.0, *np.sort(own)[::-1][_CHANCE : _CHANCE + 1], *chance])
-    margins = np.clip(own - by_chance, _LEAST_MARGIN, _MOST_MARGIN)
-    rows = [[*_features(evidence), margin] for evidence, margin in zip(candidates, margins, strict=True)]
+    rows = [[*_features(evidence), margin] for evidence, margin in zip(candidates, own - by_chance, strict=True)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 
 def _features(evidence: Evidence) -> list[float]:
     # Half a metre more than there is: of a few cells of wall nobody can say a share.
-    looked_at = evidence.compared_wall_m + evidence.unseen_wall_m + 0.5
-    return [
-        math.log1p(evidence.larger_wall_m),
-        evidence.agreed_wall_m / looked_at,
-        math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS)),
-    ]
+    agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + _doubtful_m(evidence) + 0.5)
+    corners = math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS))
+    return [math.log1p(evidence.larger_wall_m), agreement, corners]
 
 
 @cache
