@@ -267,18 +267,26 @@ class JointConfig(_Config):
     bundle_m
         Keyframes within this length before and after join a bundle [m].
     first_shift_m, last_shift_m, turn_rad
-        How far a bundle is searched from where it is expected, in the first round and in the last [m], and how far
-        turned [rad].
+        How far a bundle is searched from where it is expected, in the first round and in the second [m], and how far
+        turned [rad]. The second is also how far it may slide when it is laid onto the surfaces.
+    tightenings
+        Further rounds, in which bundles are laid onto the surfaces from where they are, without a search.
+    min_gap_m
+        Travelled length between two visits of a robot to a place [m].
     search_points, match_points
         Hits of a bundle used in a search, and in the fit.
     min_matched, max_violated, max_ambiguity, min_determined
-        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, no
-        place as good elsewhere, and is determined along its weakest direction; see `tbmslam.loop_closing`.
+        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, and
+        no place as good elsewhere; a direction whose curvature is a smaller share of the other's than the last is left
+        open; see `tbmslam.loop_closing`.
+    sure_matched, doubtful_weight
+        With less of its bundle on surfaces than it takes to close a loop of one robot, a closure between robots counts
+        for a share only: things were moved, or the fit is none.
     min_closures
         With fewer the alignment stays rigid.
     step_m, step_rad, crossing_m, crossing_rad
-        Standard deviations of a drive's own motion from keyframe to keyframe, and between places where it comes near
-        its own way again [m, rad].
+        Standard deviations of the motion from keyframe to keyframe, and between places where a drive comes near its
+        own way again [m, rad], for drives of which only the poses are known.
     stiffness_step_m, stiffness_reach_m
         How often the latter are taken, and how near is near [m].
     closure_m, closure_rad
@@ -295,10 +303,14 @@ class JointConfig(_Config):
     bundle_m: Annotated[float, Field(ge=0.0)] = 1.5
     first_shift_m: Metres = 0.8
     last_shift_m: Metres = 0.3
+    tightenings: Annotated[int, Field(ge=0)] = 2
+    min_gap_m: Metres = 12.0
     turn_rad: Annotated[float, Field(gt=0.0)] = 0.075
     search_points: Annotated[int, Field(ge=10)] = 150
     match_points: Annotated[int, Field(ge=10)] = 500
     min_matched: Share = 0.4
+    sure_matched: Share = 0.58
+    doubtful_weight: Annotated[float, Field(gt=0.0, le=1.0)] = 0.1
     max_violated: Share = 0.2
     max_ambiguity: Share = 0.9
     min_determined: Annotated[float, Field(ge=0.0)] = 0.02

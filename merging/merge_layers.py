@@ -1,6 +1,7 @@
 """The layers of a merged map: whose walls, where maps overlap and contradict each other, who drove where."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:
     """Return a drive that bears its map's name where it is the only one in it, so that both share a line."""
     if len(maps[name].drives) > 1:
         return drive
-    return Drive(name, drive.trajectory, drive.keyframes, drive.closures)
+    return replace(drive, name=name)
 
 
 def _walls(name: str, grid: TbmGrid, colour: Colour) -> Raster:

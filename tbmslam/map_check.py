@@ -92,7 +92,11 @@ def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
         if (stray := _first(np.abs(moves[:, :2]), MAX_LEVER)) is not None:
             x, y = moves[stray, :2]
             return f"a {what} of the robot lies at {x:.3g}, {y:.3g} m, more than {MAX_LEVER:.0f} m from it"
-    angles = (drive.trajectory.poses[:, 2:], keyframes.poses[:, 2:], keyframes.sensor_poses[:, 2:])
+    steps = np.zeros((0, 3)) if drive.motions is None else drive.motions.steps
+    if (stray := _first(np.abs(steps[:, :2]), MAX_DISTANCE)) is not None:
+        x, y = steps[stray, :2]
+        return f"a step of the robot is {x:.3g}, {y:.3g} m, more than {MAX_DISTANCE:.0f} m"
+    angles = (drive.trajectory.poses[:, 2:], keyframes.poses[:, 2:], keyframes.sensor_poses[:, 2:], steps[:, 2:])
     for turns in (*angles, keyframes.beam_steps[:, 2:], keyframes.beams[:, :2]):
         if (stray := _first(np.abs(turns), MAX_TURN)) is not None:
             return f"an angle is {np.abs(turns[stray]).max():.3g} rad, more than {MAX_TURN:.0f}"

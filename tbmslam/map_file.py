@@ -9,6 +9,7 @@
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
 ``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field; older files have no beam_steps
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed; older files have none
+``drive_K_motions_X``       the arrays of `DriveMotions`; older files, and drives of which none were kept, have none
 ==========================  ==========================================================================
 
 The same map gives the same bytes.
@@ -18,12 +19,12 @@ import dataclasses
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.map_check import MapFileError, check_geometry, stray_number
@@ -70,6 +71,9 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:
             dtype = _KEYFRAME_DTYPES.get(name, np.float64)
             arrays[f"drive_{number}_keyframes_{name}"] = values.astype(dtype, copy=False)
         arrays[f"drive_{number}_closures"] = drive.closures.astype(np.int64, copy=False)
+        if drive.motions is not None:
+            arrays[f"drive_{number}_motions_steps"] = drive.motions.steps.astype(np.float64, copy=False)
+            arrays[f"drive_{number}_motions_informations"] = drive.motions.informations.astype(np.float64, copy=False)
     return arrays
 
 
@@ -132,11 +136,19 @@ def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry
         if field != "beam_steps" or f"drive_{number}_keyframes_{field}" in arrays
     }
     keyframes.setdefault("beam_steps", np.zeros((len(keyframes["stamps"]), 3)))
-    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes))
+    found, closures = Keyframes(**keyframes), f"drive_{number}_closures"
+    between = arrays.read(closures, np.int64, (None, 2)) if closures in arrays else np.zeros((0, 2), dtype=np.int64)
+    drive = Drive(name, Trajectory(stamps, poses), found, between, _read_motions(arrays, number))
     if (stray := stray_number(drive, geometry)) is not None:
         raise ValueError(stray)
-    closures = f"drive_{number}_closures"
-    return replace(drive, closures=arrays.read(closures, np.int64, (None, 2))) if closures in arrays else drive
+    return drive
+
+
+def _read_motions(arrays: ArrayZip, number: int) -> DriveMotions | None:
+    steps, informations = (f"drive_{number}_motions_{name}" for name in ("steps", "informations"))
+    if steps not in arrays:
+        return None
+    return DriveMotions(arrays.read(steps, np.float64, (None, 3)), arrays.read(informations, np.float64, (None, 3, 3)))
 
 
 def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:

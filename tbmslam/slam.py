@@ -12,6 +12,7 @@ from tbmslam.config import SlamConfig
 from tbmslam.deskew import deskewed
 from tbmslam.drive_memory import DriveMemory
 from tbmslam.drive_monitor import DriveMonitor
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
 from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
@@ -29,7 +30,7 @@ from tbmslam.sensor_model import beam_factors
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tile_maps import TileMaps
-from tbmslam.tracked_keyframe import TrackedKeyframe, chain, packed
+from tbmslam.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
@@ -79,6 +80,7 @@ class Slam:
         self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
         self._variances = np.zeros(3)
         self._closures = np.zeros((0, 2), dtype=np.int64)
+        self._measured: DriveMotions | None = None
         continuity = self.config.continuity
         if not isinstance(self.config.tracker, SurfelTrackerConfig):  # whose scores alone tell that the robot got lost
             continuity = continuity.model_copy(update={"enabled": False})
@@ -143,7 +145,8 @@ class Slam:
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
         _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
-        return TbmMap(grid, (Drive(self.name, trajectory, keyframes, self._closures),), dict(provenance or {}))
+        drive = Drive(self.name, trajectory, keyframes, self._closures, self._measured)
+        return TbmMap(grid, (drive,), dict(provenance or {}))
 
     def _placed(self, reading: Reading, prediction: Prediction) -> tuple[LaserScan, ScanMatch]:
         """Return the scan without the motion of the robot while the laser turned, and where the laser was."""
@@ -242,6 +245,7 @@ class Slam:
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(keyframes) >= 2:
             closed, closures = self._closed(self._closer, part, keyframes, self._watch)
+            self._measured = motions(part.keyframes)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         return poses if closed is None else part.corrected(poses, closed)
 
@@ -250,7 +254,7 @@ class Slam:
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the poses (K, 3) of the laser at keyframes after closing loops, and the closures."""
         tracked = np.array([k.match.T_map_sensor for k in part.keyframes])
-        return closer.close(tracked, keyframes, chain(part.keyframes), watch)
+        return closer.close(tracked, keyframes, chain(motions(part.keyframes)), watch)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
@@ -26,19 +27,27 @@ class Drive:
         Scans at poses, from which the grid can be rendered again.
     closures
         Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
+    motions
+        What was measured from each keyframe to the next; None where only the poses are known.
     """
 
     name: str
     trajectory: Trajectory
     keyframes: Keyframes
     closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    motions: DriveMotions | None = None
 
     def __post_init__(self) -> None:
-        """Check that closures are between keyframes."""
+        """Check that closures and motions are between keyframes."""
         if self.closures.ndim != 2 or self.closures.shape[1] != 2:
             raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
         if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):
             raise ValueError(f"closures must be between the {len(self.keyframes)} keyframes")
+        steps = max(len(self.keyframes) - 1, 0)
+        if self.motions is not None and len(self.motions) != steps:
+            raise ValueError(
+                f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+            )
 
     def transformed(self, T_new_old: SE2) -> "Drive":
         """Return the same drive in another frame."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge
@@ -81,14 +82,14 @@ def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes
     )
 
 
-def chain(keyframes: Sequence[TrackedKeyframe]) -> list[MotionEdge]:
+def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
     """Return the tracked motions between consecutive keyframes.
 
     Combines what the surfaces and the odometry know of a step. Both know the pose in the map's frame; an edge says it
     in the later keyframe's. A floor stands for what laying scans onto surfaces gets wrong systematically.
     """
     if len(keyframes) < 2:
-        return []
+        return DriveMotions(np.zeros((0, 3)), np.zeros((0, 3, 3)))
     poses = np.array([k.match.T_map_sensor for k in keyframes])
     steps = compose(inverse(poses[:-1]), poses[1:])
     seen = np.array([np.zeros((3, 3)) if k.match.information is None else k.match.information for k in keyframes[1:]])
@@ -103,7 +104,12 @@ def chain(keyframes: Sequence[TrackedKeyframe]) -> list[MotionEdge]:
     position, heading = 0.002 + 0.004 * distance, 0.001 + 0.004 * turn
     floor = np.column_stack((position, position, heading))[:, :, None] ** 2 * np.eye(3)
     covariances = np.swapaxes(rotations, 1, 2) @ np.linalg.inv(known) @ rotations + floor
+    return DriveMotions(steps, np.linalg.inv(covariances))
+
+
+def chain(measured: DriveMotions, first: int = 0) -> list[MotionEdge]:
+    """Return motions as edges between consecutive poses of a graph, beginning at one."""
     return [
-        MotionEdge(number, number + 1, SE2(*step), information)
-        for number, (step, information) in enumerate(zip(steps.tolist(), np.linalg.inv(covariances), strict=True))
+        MotionEdge(first + number, first + number + 1, SE2(*step), information)
+        for number, (step, information) in enumerate(zip(measured.steps.tolist(), measured.informations, strict=True))
     ]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
@@ -29,6 +30,9 @@ def drive(name, scans=2):
         trajectory,
         Keyframes.from_scans([scan(7 + index) for index in range(scans)], poses, [SE2(0.3, 0, 1)] * scans),
         np.array([(0, scans - 1)] if scans else [], dtype=np.int64).reshape(-1, 2),
+        DriveMotions(np.full((scans - 1, 3), 0.1), np.tile(np.diag([1e4, 2e4, 1e6]), (scans - 1, 1, 1)))
+        if scans
+        else None,
     )
 
 
@@ -58,6 +62,11 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
             for name, values in vars(getattr(wanted, part)).items():
                 np.testing.assert_array_equal(getattr(getattr(found, part), name), values, err_msg=name)
         np.testing.assert_array_equal(found.closures, wanted.closures)
+    measured, none = (found.motions for found in read.drives)
+    assert none is None
+    assert measured is not None
+    np.testing.assert_array_equal(measured.steps, tbm_map.drives[0].motions.steps)
+    np.testing.assert_array_equal(measured.informations, tbm_map.drives[0].motions.informations)
 
 
 def test_a_file_without_closures_is_read_all_the_same(tbm_map, tmp_path):
@@ -85,6 +94,20 @@ def test_a_map_from_before_beams_had_moments_of_their_own_is_read(tbm_map, tmp_p
     for drive in read_map_file(tmp_path / "old.npz").drives:
         assert drive.keyframes.beam_steps.shape == (len(drive.keyframes), 3)
         assert not drive.keyframes.beam_steps.any()
+
+
+def test_a_map_from_before_motions_were_kept_is_read(tbm_map, tmp_path):
+    arrays = {k: v for k, v in arrays_of(tbm_map, tmp_path / "map.npz").items() if "_motions_" not in k}
+    write_npz(tmp_path / "old.npz", arrays)
+    assert [drive.motions for drive in read_map_file(tmp_path / "old.npz").drives] == [None, None]
+
+
+def test_motions_that_are_none_are_refused(tbm_map, tmp_path):
+    arrays = arrays_of(tbm_map, tmp_path / "map.npz")
+    arrays["drive_0_motions_informations"] = -arrays["drive_0_motions_informations"]
+    write_npz(tmp_path / "bad.npz", arrays)
+    with pytest.raises(MapFileError, match="informations must be symmetric and positive definite"):
+        read_map_file(tmp_path / "bad.npz")
 
 
 def test_numpy_alone_can_use_it(tbm_map, tmp_path):
@@ -147,6 +170,8 @@ def moved(name, column, value):
             "a laser of the robot lies at 1e[+]09, 0 m, more than 1000 m",
         ),
         (moved("drive_0_keyframes_beam_steps", 1, 1e9), "a beam of the robot lies at 0, 1e[+]09 m, more than 1000 m"),
+        (moved("drive_0_motions_steps", 1, 1e9), "a step of the robot is .*, 1e[+]09 m, more than 10000 m"),
+        (moved("drive_0_motions_steps", 2, 1e9), "an angle is 1e[+]09 rad, more than 1000"),
         (moved("drive_0_keyframes_beams", 1, -1e6), "an angle is 1e[+]06 rad"),
         (set_value("provenance", "{"), "Expecting property name"),
         (set_value("provenance", "[1]"), "provenance is no JSON object"),

@@ -11,7 +11,7 @@ from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
 from tbmslam.config import SlamConfig, config_from_dict, preset
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.se2 import SE2
+from tbmslam.se2 import SE2, compose, inverse
 from tbmslam.slam import Slam
 from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.trajectory_errors import absolute_errors
@@ -50,6 +50,13 @@ def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(
     poses = drive.keyframes.poses[drive.closures]
     assert np.hypot(*(poses[:, 0] - poses[:, 1])[:, :2].T).max() < 6.0
     assert 0.0 < slam.correction_m < 0.5
+    assert drive.motions is not None
+    assert len(drive.motions) == len(drive.keyframes) - 1
+    lasers = drive.keyframes.all_sensor_poses()
+    steps = compose(inverse(lasers[:-1]), lasers[1:])
+    assert (
+        0.0 < np.hypot(*(steps - drive.motions.steps)[:, :2].T).max() < 0.05
+    )  # loops bend a drive, a little everywhere
 
 
 def test_it_needs_no_odometry(drive_in):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
@@ -32,6 +33,12 @@ def test_closures_are_between_keyframes_of_the_drive():
         Drive("robot_0", *nowhere, np.array([(0, 1)]))
     with pytest.raises(ValueError, match=r"closures must have shape \(C, 2\), got \(3, 1\)"):
         Drive("robot_0", *nowhere, np.zeros((3, 1), dtype=np.int64))
+
+
+def test_motions_are_between_keyframes_of_the_drive():
+    nowhere = Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])
+    with pytest.raises(ValueError, match=r"motions must be one less than the 0 keyframes, got 2"):
+        Drive("robot_0", *nowhere, motions=DriveMotions(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))))
 
 
 def test_a_map_may_be_nothing_but_a_grid():

@@ -6,7 +6,7 @@ from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
-from tbmslam.tracked_keyframe import TrackedKeyframe, chain, packed
+from tbmslam.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 
@@ -20,7 +20,7 @@ def test_a_step_knows_what_surfaces_and_odometry_know():
     """Surfaces that only tell y in the map leave x to the odometry; in the turned keyframe's frame both swap."""
     before = keyframe(SE2(1.0, 2.0, np.pi / 2), None, [1.0, 1.0, 1.0])
     after = keyframe(SE2(1.0, 2.5, np.pi / 2), np.diag([0.0, 1e6, 1e4]), [0.01, 0.01, 0.04])
-    (edge,) = chain([before, after])
+    (edge,) = chain(motions([before, after]))
     np.testing.assert_allclose(edge.T_source_target, (0.5, 0.0, 0.0), atol=1e-12)
     covariance = np.linalg.inv(edge.information)
     floor = 0.004**2
@@ -30,7 +30,12 @@ def test_a_step_knows_what_surfaces_and_odometry_know():
 
 
 def test_one_keyframe_has_no_steps():
-    assert chain([keyframe(SE2.identity(), None, [1.0, 1.0, 1.0])]) == []
+    assert chain(motions([keyframe(SE2.identity(), None, [1.0, 1.0, 1.0])])) == []
+
+
+def test_a_drive_in_a_larger_graph_begins_at_its_first_pose():
+    three = [keyframe(SE2(x, 0.0, 0.0), None, [1.0, 1.0, 1.0]) for x in (0.0, 1.0, 2.0)]
+    assert [(edge.source, edge.target) for edge in chain(motions(three), 7)] == [(7, 8), (8, 9)]
 
 
 def test_scans_are_kept_in_half_the_memory():
