@@ -103,7 +103,8 @@ def parser() -> argparse.ArgumentParser:
     )
     limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
     for command in (slam, scaling, align, merge, split, strangers, limits):
-        command.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
+        more_of_json = "; strangers met there already are not tried again" if command is strangers else ""
+        command.add_argument("--json", type=Path, metavar="FILE", help=f"write all figures here too{more_of_json}")
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

@@ -2,10 +2,13 @@
 
 import argparse
 import dataclasses
+import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
@@ -22,7 +25,9 @@ from datasets.synthetic.map_pairs import (
     room_of,
 )
 from merging import align
+from merging.config import MergeConfig
 from tbmslam.atomic_file import write_text
+from tbmslam.errors import TbmSlamError
 from tbmslam.worker_pool import worker_pool
 from tools.machine import describe_machine
 from tools.pair_files import KnownPair
@@ -38,7 +43,12 @@ HEAD = ("pairs", "", "tried", "accepted wrongly", "rate %", "95 % interval", "re
 
 _WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
 _PAIRS_A_BUILDING = 8
+_SAVED_EVERY = 16
 _SMALLEST_M2, _LARGEST_M2 = 40.0, 400.0
+
+
+class EarlierRunError(TbmSlamError):
+    """A file holds another run than the one that shall go on."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +59,8 @@ class Encounter:
     ----------
     kind
         Of `KINDS`.
+    number
+        Of the pair among those of its kind and seed.
     name
         Of the pair; it tells the seeds.
     is_wrong
@@ -60,6 +72,7 @@ class Encounter:
     """
 
     kind: str
+    number: int
     name: str
     is_wrong: bool
     is_ambiguous: bool
@@ -67,18 +80,27 @@ class Encounter:
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:
-    """Align as many pairs as asked for and print the rates."""
+    """Align as many pairs as asked for and print the rates; what `--json` holds already is not tried again."""
+    what = {"seed": args.seed, "judge": _judge()}
+    done = _tried_before(args.json, what)
+    kinds = list(KINDS)
+    tasks = [(kinds[index % len(KINDS)], index // len(KINDS), args.seed) for index in range(args.pairs)]
+    left = [task for task in tasks if task[:2] not in done]
     machine = describe_machine()
-    encounters = sorted(_meet_all(args.pairs, args.seed, args.workers), key=lambda one: (one.kind, one.name))
+    for met, one in enumerate(tqdm(_meet_all(left, args.workers), total=len(left), disable=None), start=1):
+        done[one.kind, one.number] = one
+        if args.json and (met % _SAVED_EVERY == 0 or met == len(left)):
+            write_text(
+                args.json,
+                json.dumps({"machine": machine, **what, "encounters": [*map(dataclasses.asdict, done.values())]}),
+            )
+    encounters = sorted((done[task[:2]] for task in tasks), key=lambda one: (one.kind, one.number))
     rows = [_row(kind, about, [one for one in encounters if one.kind == kind]) for kind, about in KINDS.items()]
     print(text_table(HEAD, [*rows, _row("all", "", encounters)]))
     for one in encounters:
         if one.is_wrong:
             print(f"wrongly accepted: {one.name}, confidence {one.confidence:.3f}")
     print(", ".join(f"{key} {value}" for key, value in machine.items()))
-    if args.json:
-        record = {"machine": machine, "encounters": [dataclasses.asdict(one) for one in encounters]}
-        write_text(args.json, json.dumps(record, indent=2) + "\n")
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
@@ -86,18 +108,45 @@ def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
     pair = KnownPair.of(_pair(kind, number_of_pair, seed))
     found = align(pair.target, pair.source)
     is_wrong = found.accepted and not pair.is_right(found.T_target_source)
-    return Encounter(kind, f"{pair.name}_{number_of_pair}", is_wrong, found.ambiguous, found.confidence)
+    return Encounter(kind, number_of_pair, f"{pair.name}_{number_of_pair}", is_wrong, found.ambiguous, found.confidence)
 
 
-def _meet_all(pairs: int, seed: int, workers: int) -> Iterable[Encounter]:
-    kinds = list(KINDS)
-    tasks = [(kinds[index % len(kinds)], index // len(kinds), seed) for index in range(pairs)]
-    if workers == 1:
-        return [meet(*task) for task in tqdm(tasks, disable=None)]
+def _judge() -> str:
+    """Return what tells one judge of alignments from another, so that answers of two are never counted together."""
+    model = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
+    return hashlib.sha256((model + MergeConfig().model_dump_json()).encode()).hexdigest()[:16]
+
+
+def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[str, int], Encounter]:
+    """Return the encounters of an earlier run, by kind and number.
+
+    Raises
+    ------
+    EarlierRunError
+        If the file holds something else.
+    """
+    if path is None or not path.exists():
+        return {}
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        found = [Encounter(**one) for one in record["encounters"]]
+        same = all(record[key] == value for key, value in what.items())
+    except (OSError, ValueError, TypeError, KeyError):
+        same = False
+    if not same:
+        raise EarlierRunError(
+            f"{path}: is no earlier run with this seed and this judge: name another file or remove it"
+        )
+    return {(one.kind, one.number): one for one in found}
+
+
+def _meet_all(tasks: list[tuple[str, int, int]], workers: int) -> Iterator[Encounter]:
+    if workers == 1 or not tasks:
+        yield from (meet(*task) for task in tasks)
+        return
     with worker_pool(workers) as pool:
         # Neighbouring tasks share a building, so a worker gets many of them at a time.
-        done = pool.map(meet, *zip(*tasks, strict=True), chunksize=len(KINDS) * _PAIRS_A_BUILDING)
-        return list(tqdm(done, total=pairs, disable=None))
+        yield from pool.map(meet, *zip(*tasks, strict=True), chunksize=len(KINDS) * _PAIRS_A_BUILDING)
 
 
 def _pair(kind: str, index: int, seed: int) -> MapPair:

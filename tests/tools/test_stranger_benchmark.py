@@ -2,16 +2,43 @@ import json
 
 import pytest
 
+from tools import stranger_benchmark
 from tools.benchmark import main
 from tools.stranger_benchmark import KINDS, Encounter, _row, meet
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
-    none = [Encounter("unrelated", str(index), False, index < 3, 0.1) for index in range(100)]
+    none = [Encounter("unrelated", index, str(index), False, index < 3, 0.1) for index in range(100)]
     assert _row("unrelated", "", none)[2:] == ["100", "0", "0.00", "0.00 to 3.62", "3"]
-    some = [*none[:-1], Encounter("unrelated", "x", True, False, 0.9)]
+    some = [*none[:-1], Encounter("unrelated", 0, "x", True, False, 0.9)]
     assert _row("unrelated", "", some)[3:5] == ["1", "1.00"]
     assert _row("unrelated", "", [])[2:] == ["0", "0", "-", "-", "0"]
+
+
+def test_a_run_goes_on_where_another_stopped(tmp_path, capsys, monkeypatch):
+    tried = []
+
+    def met(kind, number, seed):
+        tried.append((kind, number, seed))
+        return Encounter(kind, number, f"{kind}_{number}", number == 2, False, 0.9)
+
+    monkeypatch.setattr(stranger_benchmark, "meet", met)
+    run = ["strangers", "--seed", "7", "--workers", "1", "--json", str(tmp_path / "so-far.json")]
+    assert main([*run, "--pairs", "8"]) == 0
+    assert main([*run, "--pairs", "12"]) == 0
+    assert len(tried) == len(set(tried)) == 12
+    printed = capsys.readouterr().out.split("| pairs ")[-1]
+    assert "wrongly accepted: unrelated_2, confidence 0.900" in printed
+    assert "| all " in printed
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"seed": 8, "judge": "", "encounters": []}', '{"encounters": [1]}'])
+def test_another_run_is_not_gone_on_with(tmp_path, capsys, content):
+    path = tmp_path / "other.json"
+    path.write_text(content)
+    assert main(["strangers", "--pairs", "4", "--seed", "7", "--json", str(path)]) == 1
+    assert "other.json: is no earlier run with this seed and this judge" in capsys.readouterr().err
+    assert path.read_text() == content
 
 
 @pytest.mark.slow
