@@ -40,5 +40,5 @@ def test_there_are_commands_and_every_link_leads_somewhere():
     for link in links:
         assert link.startswith("https://") or (ROOT / link).is_file()
     targets = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"make ([a-z][\w./-]*)", README):
+    for target in re.findall(r"(?:^|`)make ([a-z][\w./-]*)", README, re.MULTILINE):
         assert f"\n{target}:" in targets
