@@ -194,9 +194,9 @@ class VerificationConfig(_Config):
         How far from every wall of the other map a wall on its free space must lie to contradict it [m].
     front_m
         How far before a wall the other robot must have seen free space to have seen the wall [m].
-    conflict_weight, unseen_weight
-        What a metre of contradicting wall, and of wall that should have been seen, costs when candidates are chosen, in
-        metres of agreeing wall.
+    other_weight
+        What a metre of wall that the other robot should have seen where it is, and did not, costs when candidates are
+        chosen, in metres of agreeing wall.
     min_confidence
         Least probability of an alignment that is accepted.
     min_overlap_m2
@@ -209,8 +209,7 @@ class VerificationConfig(_Config):
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3
     front_m: Metres = 0.3
-    conflict_weight: Annotated[float, Field(ge=0.0)] = 1.5
-    unseen_weight: Annotated[float, Field(ge=0.0)] = 0.5
+    other_weight: Annotated[float, Field(ge=0.0)] = 0.6
     min_confidence: Share = 0.8
     min_overlap_m2: Annotated[float, Field(ge=0.0)] = 2.0
     min_ambiguous_wall_m: Annotated[float, Field(ge=0.0)] = 8.0

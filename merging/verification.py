@@ -74,8 +74,9 @@ def support_m(
     `limit` is the number of walls of each map that are held against the other; None takes all.
     """
     forth, back = _sums(target, source, motions, config, limit)
-    against = config.conflict_weight * (forth + back)[:, CONFLICTING] + config.unseen_weight * (forth + back)[:, UNSEEN]
-    return np.asarray(((forth + back)[:, AGREED] - against) / 2.0)
+    agreed = (forth + back)[:, AGREED]
+    others = (forth + back)[:, COMPARED] - agreed + (forth + back)[:, UNSEEN]
+    return np.asarray((agreed - config.other_weight * others) / 2.0)
 
 
 def examine(target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig) -> Evidence:
