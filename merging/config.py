@@ -357,7 +357,9 @@ class MergeConfig(_Config):
         others are `merging.baselines`.
     rule
         How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
-        `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`.
+        `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`. None
+        renders the merged map anew from all scans where the drives were straightened together, the coverage is
+        `union`, every map is believed and all were rendered alike; elsewhere it is `disjunctive`.
     coverage
         `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
     reliability
@@ -371,7 +373,7 @@ class MergeConfig(_Config):
     """
 
     method: Method = "correlation"
-    rule: Rule = "disjunctive"
+    rule: Rule | None = None
     coverage: Coverage = "union"
     reliability: dict[str, Share] = {}
     resolution: Metres | None = None

@@ -7,8 +7,10 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion, fuse
 from merging.joint_refinement import JointRefinement, refine_jointly
 from merging.map_graph import Group
+from merging.redrawing import drawn_alike, redraw
 from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -25,7 +27,7 @@ class MergedGroup:
     poses
         T_merged_map of every map that went into it.
     fusion
-        The merged cells with their conflict.
+        The merged cells; and their conflict and how many saw them, which the maps' own cells say.
     joint
         What straightening the drives together did; None where the maps stayed as they were.
     """
@@ -45,6 +47,8 @@ def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, w
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
     with watch.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
+        if joint is not None and _may_be_drawn(joint, config):
+            fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry))
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
 
@@ -55,7 +59,20 @@ def _fused(
         lattice = lattice._replace(resolution=config.merged_resolution)
     layers = [warp(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
     trusts = [config.reliability.get(name, 1.0) for name in poses]
-    return fuse(layers, config.rule, config.coverage, trusts)
+    return fuse(layers, config.rule or "disjunctive", config.coverage, trusts)
+
+
+def _may_be_drawn(joint: JointRefinement, config: MergeConfig) -> bool:
+    """Tell whether all scans may go into one grid: nothing else is asked for, and the maps were rendered alike."""
+    asked = config.rule is not None or config.coverage != "union" or any(t < 1.0 for t in config.reliability.values())
+    return not asked and drawn_alike(list(joint.maps.values()))
+
+
+def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
+    """Render the scans of all drives into one grid, as if one robot had taken them."""
+    maps = list(joint.maps.values())
+    drawn = redraw([drive.keyframes for one in maps for drive in one.drives], maps[0])
+    return resample(drawn, SE2.identity(), canvas)
 
 
 def _merged(

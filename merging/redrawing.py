@@ -17,6 +17,12 @@ def redraw(drives: Sequence[Keyframes], one: TbmMap) -> TbmGrid:
     return render(drives, how)
 
 
+def drawn_alike(maps: Sequence[TbmMap]) -> bool:
+    """Tell whether maps say that they were rendered in one way, in cells of one size."""
+    ways = [(_map_config(one), one.grid.geometry.resolution) for one in maps]
+    return all(way == ways[0] for way in ways)
+
+
 def _map_config(one: TbmMap) -> MapConfig:
     """Return how a map says that it was rendered; the default where it does not say."""
     settings = one.provenance.get("config")

@@ -171,7 +171,11 @@ def _parser() -> argparse.ArgumentParser:
     features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
     features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
     fusing = parser.add_argument_group("how cells are fused")
-    fusing.add_argument("--rule", choices=RULES, help="default: disjunctive")
+    fusing.add_argument(
+        "--rule",
+        choices=RULES,
+        help="default: all scans drawn anew where the drives were straightened together, disjunctive elsewhere",
+    )
     fusing.add_argument(
         "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
     )
