@@ -336,6 +336,8 @@ class StretchConfig(_Config):
         Travelled length of a stretch, about [m]: short enough to be straight, long enough to be told from others.
     most
         Stretches of a map at the most; those of longer drives are longer.
+    doubtful
+        So many stretches that agree are enough where none of them is accepted.
     drift, turn_drift
         How far two stretches may say that the map bent between them, by the way from one to the other [m/m, rad/m].
     """
@@ -343,6 +345,7 @@ class StretchConfig(_Config):
     enabled: bool = True
     length_m: Metres = 25.0
     most: Annotated[int, Field(ge=2)] = 12
+    doubtful: Annotated[int, Field(ge=2)] = 3
     drift: Annotated[float, Field(ge=0.0)] = 0.03
     turn_drift: Annotated[float, Field(ge=0.0)] = 0.006
 

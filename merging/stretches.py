@@ -79,7 +79,10 @@ def stretches_of(one: TbmMap, config: StretchConfig) -> list[Stretch]:
 def elect(
     stretches: Sequence[Stretch], found: Sequence[Alignment], graph: GraphConfig, config: StretchConfig
 ) -> Election | None:
-    """Return the place that most speaks for: two stretches at least, one of them accepted, and none that is elsewhere.
+    """Return the place that most speaks for, if it is enough.
+
+    Two stretches at least must agree on it, one of them accepted; or more, none of which is, as long as no other place
+    has nearly as much for it: where a building repeats itself, doubtful stretches agree on several.
 
     Parameters
     ----------
@@ -90,33 +93,25 @@ def elect(
     graph
         What a confirmation is worth and how much must speak for a place, as between maps.
     config
-        How far stretches may differ.
+        How far stretches may differ, and how many doubtful ones are enough.
 
     Returns
     -------
     None where there is no such place.
     """
     offers = [offers_of(("target", str(index)), one, graph) for index, one in enumerate(found)]
-    best: tuple[float, dict[int, Offer]] | None = None
-    for index, own in enumerate(offers):
-        for offer in (one for one in own if one.accepted):
-            agreeing = {index: offer}
-            for other, theirs in enumerate(offers):
-                near = [
-                    one
-                    for one in theirs
-                    if _agree(stretches, (index, other), (offer.motion, one.motion), config, graph)
-                ]
-                if near and other != index:
-                    agreeing[other] = max(near, key=lambda one: one.odds)
-            support = _support(offer, agreeing, offers, graph)
-            if len(agreeing) > 1 and support >= graph.min_support and (best is None or support > best[0]):
-                best = support, agreeing
+    places = [
+        _Place(_support(offer, agreeing, offers, graph), index, offer, agreeing)
+        for index, own in enumerate(offers)
+        for offer in own
+        for agreeing in [_agreeing(stretches, index, offer, offers, config, graph)]
+    ]
+    best = _best(places, stretches, config, graph)
     if best is None:
         return None
-    before = np.vstack([stretches[index].points for index in best[1]])
-    after = np.vstack([one.motion.apply(stretches[index].points) for index, one in best[1].items()])
-    return Election(fit_rigid(after, before)[0], {index: one.motion for index, one in sorted(best[1].items())})
+    before = np.vstack([stretches[index].points for index in best.agreeing])
+    after = np.vstack([one.motion.apply(stretches[index].points) for index, one in best.agreeing.items()])
+    return Election(fit_rigid(after, before)[0], {index: one.motion for index, one in sorted(best.agreeing.items())})
 
 
 def laid_in_stretches(one: TbmMap, stretches: Sequence[Stretch], place: Election) -> TbmMap:
@@ -135,7 +130,55 @@ def laid_in_stretches(one: TbmMap, stretches: Sequence[Stretch], place: Election
     return TbmMap(redraw([drive.keyframes for drive in drives], one), tuple(drives), one.provenance)
 
 
-def _support(offer: Offer, agreeing: dict[int, Offer], offers: Sequence[Sequence[Offer]], graph: GraphConfig) -> float:
+@dataclass(frozen=True)
+class _Place:
+    """A place that a stretch offers: how much speaks for it, and what each of those that agree says."""
+
+    support: float
+    index: int
+    offer: Offer
+    agreeing: Mapping[int, Offer]
+
+
+def _best(
+    places: Sequence[_Place], stretches: Sequence[Stretch], config: StretchConfig, graph: GraphConfig
+) -> _Place | None:
+    enough = [place for place in places if place.support >= graph.min_support]
+    sure = [place for place in enough if place.offer.accepted and len(place.agreeing) > 1]
+    if sure:
+        return max(sure, key=lambda place: place.support)
+    doubtful = [place for place in enough if len(place.agreeing) >= config.doubtful]
+    if not doubtful:
+        return None
+    best = max(doubtful, key=lambda place: place.support)
+    elsewhere = [
+        place.support
+        for place in places
+        if not _agree(stretches, (best.index, place.index), (best.offer.motion, place.offer.motion), config, graph)
+    ]
+    return best if best.support - max(elsewhere, default=0.0) >= graph.min_support else None
+
+
+def _agreeing(
+    stretches: Sequence[Stretch],
+    index: int,
+    offer: Offer,
+    offers: Sequence[Sequence[Offer]],
+    config: StretchConfig,
+    graph: GraphConfig,
+) -> dict[int, Offer]:
+    """Return what each stretch says that agrees with the offer of one."""
+    agreeing = {index: offer}
+    for other, theirs in enumerate(offers):
+        near = [one for one in theirs if _agree(stretches, (index, other), (offer.motion, one.motion), config, graph)]
+        if near and other != index:
+            agreeing[other] = max(near, key=lambda one: one.odds)
+    return agreeing
+
+
+def _support(
+    offer: Offer, agreeing: Mapping[int, Offer], offers: Sequence[Sequence[Offer]], graph: GraphConfig
+) -> float:
     """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere."""
     confirming = sum(max(one.odds, graph.confirmation) for one in agreeing.values() if one is not offer)
     elsewhere = (one for index, own in enumerate(offers) if index not in agreeing for one in own if one.accepted)

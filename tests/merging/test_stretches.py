@@ -86,6 +86,17 @@ def test_doubtful_stretches_alone_elect_nothing():
     assert elected(along(0.0, 25.0), found(HERE, 0.4), found(HERE, 0.4)) is None
 
 
+def test_three_doubtful_stretches_elect_what_nothing_speaks_against():
+    answers = [found(HERE @ SE2(0.1 * number, 0.0, 0.0), 0.1) for number in range(3)]
+    place = elected(along(0.0, 25.0, 50.0, 75.0), *answers, found(ELSEWHERE, 0.1))
+    assert list(place.motions) == [0, 1, 2]
+
+
+def test_doubtful_stretches_that_agree_on_several_places_elect_none():
+    answers = [found(HERE, 0.2, others=[ELSEWHERE]) for _ in range(3)]
+    assert elected(along(0.0, 25.0, 50.0), *answers) is None
+
+
 def test_an_accepted_stretch_elsewhere_outweighs_a_doubtful_second():
     assert elected(along(0.0, 25.0, 50.0), found(HERE, 0.9), found(HERE, 0.1), found(ELSEWHERE, 0.999)) is None
 
