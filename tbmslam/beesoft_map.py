@@ -47,7 +47,7 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
         check_geometry(path, geometry)
         free: FloatArray = np.array(text[size.end() :].split(), dtype=np.float64)
     except ValueError as error:
-        raise MapFileError(f"{path}: holds what is no number ({error}): it is damaged") from None
+        raise MapFileError(f"{path}: holds what is no number ({str(error)[:120]}): it is damaged") from None
     if len(free) != lines * columns or not np.isfinite(free).all() or free.max() > 1.0:
         raise MapFileError(
             f"{path}: must hold {lines} x {columns} probabilities, it has {len(free)} numbers up to "

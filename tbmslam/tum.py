@@ -70,7 +70,7 @@ def _numbers(place: str, line: str) -> list[float]:
     try:
         numbers = [float(field) for field in fields]
     except ValueError as error:
-        raise TumError(f"{place}: {error}") from None
+        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
     if not all(map(math.isfinite, numbers)):
         raise TumError(f"{place}: has a number that is not finite: leave the line out")
     return numbers
