@@ -24,9 +24,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileNotWrittenError
-        The folder or the file cannot be written; the temporary file is gone.
+        The folder or the file cannot be written; the temporary file is gone. Or at the place stands something else
+        than a file, such as a device, which would be gone.
     """
     target = Path(path)
+    if not target.name:
+        raise FileNotWrittenError(f"{str(path)!r} names no file: name one")
+    _check_place(target)
     # The suffix stays last: some writers choose their format by it.
     temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
     try:
@@ -57,6 +61,17 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Names of files that are no text appear with their bytes written out.
     """
     write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def _check_place(target: Path) -> None:
+    """Refuse to put a file in the place of a device, a pipe or a link to one; a folder cannot be replaced anyway."""
+    try:
+        is_taken = target.exists() and not (target.is_file() or target.is_dir())
+    except OSError:  # a folder on the way may not be entered; writing will say so
+        return
+    # /dev/stdout may be a link to a file, and be needed all the same.
+    if is_taken or target.absolute().parent == Path(os.devnull).parent:
+        raise FileNotWrittenError(f"{target}: is a device or a pipe and stays as it is: name a file")
 
 
 def _remove_leftovers(target: Path) -> None:

@@ -19,7 +19,8 @@ MAX_COORDINATE = 1e8
 """Coordinates [m] beyond which a file is not believed: they exceed any on Earth and their fractions lose digits."""
 
 MAX_DISTANCE = 10_000.0
-"""Distance [m] from its map at which no robot is believed to have been, and whose steps would be walked for ever."""
+"""Distance [m] at which no robot is believed to have been from its map, nor to have seen anything; it would be walked
+step by step for ever."""
 
 MAX_TURN = 1000.0
 """Angle [rad] beyond which a file is not believed."""
@@ -92,6 +93,9 @@ def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
         if (stray := _first(np.abs(moves[:, :2]), MAX_LEVER)) is not None:
             x, y = moves[stray, :2]
             return f"a {what} of the robot lies at {x:.3g}, {y:.3g} m, more than {MAX_LEVER:.0f} m from it"
+    lengths = np.abs(keyframes.ranges)
+    if (far := lengths[np.isfinite(lengths) & (lengths > MAX_DISTANCE)]).size:
+        return f"a beam is {far[0]:.3g} m long, more than {MAX_DISTANCE:.0f} m"
     steps = np.zeros((0, 3)) if drive.motions is None else drive.motions.steps
     if (stray := _first(np.abs(steps[:, :2]), MAX_DISTANCE)) is not None:
         x, y = steps[stray, :2]

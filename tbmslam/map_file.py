@@ -104,6 +104,17 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
         raise MapFileError(f"{path}: is no map of this program or is damaged: {error}: make the map anew") from error
 
 
+def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:
+    """Return names of a map's drives and how many poses each has; none where the file is no map."""
+    try:
+        with ArrayZip(path) as arrays:
+            names = arrays.read("drives", np.str_, (None,)).tolist()
+            sizes = [arrays.shape(f"drive_{number}_stamps", np.float64, (None,))[0] for number in range(len(names))]
+    except (NpzError, ValueError):
+        return []
+    return list(zip(names, sizes, strict=True))
+
+
 def _require_version(path: str | os.PathLike[str], arrays: ArrayZip) -> None:
     version = int(arrays.read("format_version", np.int64, ()))
     if version != FORMAT_VERSION:

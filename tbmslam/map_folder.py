@@ -2,17 +2,18 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tbmslam.beesoft_map import read_beesoft_map
 from tbmslam.grid import TbmGrid
 from tbmslam.map_check import MapFileError
-from tbmslam.map_file import read_map_file, write_map_file
+from tbmslam.map_file import drive_lengths, read_map_file, write_map_file
 from tbmslam.map_pictures import PICTURE_NAMES, write_pictures
 from tbmslam.ros_map import read_ros_map, write_ros_map
+from tbmslam.ros_map_header import read_ros_map_header
 from tbmslam.tbm_dump import read_tbm_dump
-from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.tbm_map import TbmMap
 from tbmslam.tum import write_tum
 
 _GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
@@ -22,13 +23,15 @@ _GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
 }
 _PICTURES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 _LONGEST_NAME = 100
+FIXED_NAMES = ("map.npz", "map.yaml", "map.pgm", *(f"{name}.png" for name in PICTURE_NAMES), "pignistic.pgw")
+"""Files of every map's folder; there are trajectories, too."""
 
 
 def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     """Write a map's folder, made if need be: map.npz, map.yaml and map.pgm, trajectories, pictures.
 
-    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum;
-    other trajectories of these names belong to an older map and are removed.
+    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum; those
+    of an older map in the folder are removed.
 
     Raises
     ------
@@ -40,28 +43,23 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     if not tbm_map.grid.masses.size:
         raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
     folder = Path(folder)
-    trajectories = _trajectory_files(tbm_map.drives)
+    older = _trajectories_in(folder)
+    lengths = [(drive.name, len(drive.trajectory)) for drive in tbm_map.drives]
+    trajectories = _trajectory_files(lengths)
     write_map_file(folder / "map.npz", tbm_map)
     write_ros_map(folder / "map", tbm_map.grid)
-    for name, drive in trajectories.items():
-        write_tum(folder / name, drive.trajectory)
+    for name, number in trajectories.items():
+        write_tum(folder / name, tbm_map.drives[number].trajectory)
     write_pictures(folder, tbm_map.grid)
-    for old in folder.glob("trajectory*.tum"):
-        if old.name not in trajectories:
-            old.unlink(missing_ok=True)
+    for old in older:
+        if old not in trajectories:
+            (folder / old).unlink(missing_ok=True)
 
 
 def map_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files in a folder that are called as `save_map` calls those it writes."""
-    names = (
-        "map.npz",
-        "map.yaml",
-        "map.pgm",
-        "trajectory*.tum",
-        *(f"{name}.png" for name in PICTURE_NAMES),
-        "pignistic.pgw",
-    )
-    return [file for name in names for file in sorted(Path(folder).glob(name))]
+    """Return the files in a folder that are called as `save_map` calls those it wrote there, or would write."""
+    names = (*FIXED_NAMES, *sorted(_trajectories_in(Path(folder))))
+    return [Path(folder, name) for name in names if os.path.lexists(Path(folder, name))]
 
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
@@ -113,20 +111,41 @@ def _map_in(folder: Path) -> Path:
     )
 
 
-def _trajectory_files(drives: tuple[Drive, ...]) -> dict[str, Drive]:
-    """Return the trajectories' file names; a drive without poses gets none, since evo reads no empty file."""
-    files: dict[str, Drive] = {}
+def files_of_map(path: str | os.PathLike[str]) -> list[Path]:
+    """Return the files that `load_map` reads.
+
+    Raises
+    ------
+    MapFileError
+        If there is no map.
+    """
+    path = _map_in(Path(path)) if Path(path).is_dir() else Path(path)
+    is_yaml = path.name.lower().endswith((".yaml", ".yml")) and path.is_file()
+    return [path, read_ros_map_header(path).image] if is_yaml else [path]
+
+
+def _trajectories_in(folder: Path) -> set[str]:
+    """Return the names of the trajectories that belong to the map in a folder; other people's may lie beside them."""
+    return set(_trajectory_files(drive_lengths(folder / "map.npz"))) if (folder / "map.npz").is_file() else set()
+
+
+def _trajectory_files(lengths: Sequence[tuple[str, int]]) -> dict[str, int]:
+    """Return a file name for each drive, given names and poses, and which drive it is for.
+
+    A drive without poses gets none, since evo reads no empty file.
+    """
+    files: dict[str, int] = {}
     taken = set()
-    for drive in drives:
-        if not len(drive.trajectory):
+    for number, (drive, length) in enumerate(lengths):
+        if not length:
             continue
-        plain = re.sub(r"[^\w.-]+", "_", drive.name)[:_LONGEST_NAME]
-        stem = name = "trajectory" if len(drives) == 1 else f"trajectory_{plain}"
-        number = 1
+        plain = re.sub(r"[^\w.-]+", "_", drive)[:_LONGEST_NAME]
+        stem = name = "trajectory" if len(lengths) == 1 else f"trajectory_{plain}"
+        repeated = 1
         # Names may differ only in what a file name cannot hold, or in case, which some disks do not tell apart.
         while name.lower() in taken:
-            number += 1
-            name = f"{stem}_{number}"
+            repeated += 1
+            name = f"{stem}_{repeated}"
         taken.add(name.lower())
-        files[f"{name}.tum"] = drive
+        files[f"{name}.tum"] = number
     return files

@@ -4,6 +4,7 @@ Source of the metric: Kuemmerle et al., "On measuring the accuracy of SLAM algor
 motions are compared, so that an error is charged where it happened and not to all that follows.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import matching_stamps
@@ -64,12 +66,17 @@ def read_relations(path: Path) -> Relations:
     RelationsError
         When the file cannot be read or has other columns.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe or a device might never end
+        raise RelationsError(f"{path}: is no file but a device or a pipe: give a file of relations")
     try:
-        values = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)
+        with warnings.catch_warnings(action="ignore"):  # that there is nothing in it is told below
+            values = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)
     except (OSError, ValueError) as error:
         raise RelationsError(f"{path}: cannot be read as relations (t1 t2 x y z roll pitch yaw): {error}") from None
     if values.shape[1:] != (8,) or not np.isfinite(values).all() or not len(values):
         raise RelationsError(f"{path}: expected lines of eight finite numbers t1 t2 x y z roll pitch yaw")
+    if not np.abs(values[:, 2:4]).max() <= FARTHEST_PLACE:
+        raise RelationsError(f"{path}: a relation reaches over more than {FARTHEST_PLACE:.0e} m: leave it out")
     return Relations(values[:, :2], values[:, [2, 3, 7]])
 
 

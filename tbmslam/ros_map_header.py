@@ -9,7 +9,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import yaml
 
-from tbmslam.map_check import MapFileError
+from tbmslam.map_check import MAX_TURN, MapFileError
 from tbmslam.se2 import SE2, wrap_angle
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -61,6 +61,8 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapFileError(f"{path}: origin must be [x, y, yaw], it is {reprlib.repr(origin)}: correct it")
     x, y, yaw = (_number(path, "origin", value) for value in origin)
+    if abs(yaw) > MAX_TURN:
+        raise MapFileError(f"{path}: the yaw of {yaw:.3g} rad in origin is no angle: correct it")
     resolution = _number(path, "resolution", values["resolution"])
     if resolution <= 0.0:
         raise MapFileError(f"{path}: the resolution must be positive, it says {resolution}: correct it")

@@ -118,8 +118,14 @@ def _passed(stamps: FloatArray) -> FloatArray:
 def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:
     """Return indices of the first pose and of every pose that is the first at least one step after the last one."""
     ends = [0] if len(progress) else []
-    while ends and (following := int(np.searchsorted(progress, progress[ends[-1]] + step))) < len(progress):
-        ends.append(following)
+    while ends:
+        following = int(np.searchsorted(progress, progress[ends[-1]] + step))
+        if following >= len(progress):
+            break
+        ends.append(max(following, ends[-1] + 1))  # a step may be too short to be a number's last digit
+        if ends[-1] >= len(progress):
+            ends.pop()
+            break
     return np.array(ends, dtype=np.intp)
 
 

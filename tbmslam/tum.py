@@ -8,6 +8,7 @@ import numpy as np
 
 from tbmslam.atomic_file import write_text
 from tbmslam.errors import TbmSlamError
+from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import FloatArray, wrap_angles
 from tbmslam.trajectory import Trajectory
 
@@ -53,6 +54,8 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 def _pose_lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines that should hold a pose, with their numbers from 1."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe or a device might never end
+        raise TumError(f"{path}: is no file but a device or a pipe: give a trajectory's file")
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -73,4 +76,6 @@ def _numbers(place: str, line: str) -> list[float]:
         raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
     if not all(map(math.isfinite, numbers)):
         raise TumError(f"{place}: has a number that is not finite: leave the line out")
+    if not max(map(abs, numbers[1:4])) <= FARTHEST_PLACE:
+        raise TumError(f"{place}: lies more than {FARTHEST_PLACE:.0e} m away: leave the line out")
     return numbers

@@ -11,6 +11,8 @@ from typing import Any
 
 from tools.console import one_line
 
+_FARTHEST = 1e8
+
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
       ATE and RPE over steps of 1 m, and the drive coloured by its error
@@ -20,7 +22,7 @@ EXAMPLES = """examples:
       --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
       the share of cells that are as in the world, where the trajectories say that the map lies
 
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 
@@ -105,6 +107,14 @@ def main(argv: list[str] | None = None) -> int:
             raise
         sys.stderr.write(f"evaluate: {one_line(error)}\n")
         return 1
+    except MemoryError:
+        if args.debug:
+            raise
+        sys.stderr.write("evaluate: memory has run out: crop the maps, or use coarser cells\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("evaluate: interrupted\n")
+        return 130
     print_report(report, as_json=args.json)
     return 0
 
@@ -113,6 +123,8 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if args.command == "map":
         if not 0.0 <= args.min_evidence < 1.0:
             grammar.error("--min-evidence must lie within [0, 1)")
+        if args.transform and not all(abs(number) <= _FARTHEST for number in args.transform):
+            grammar.error(f"--transform must be finite and within {_FARTHEST:.0e} m")
         return
     for option in ("step_m", "step_s"):
         if getattr(args, option) is not None and not getattr(args, option) > 0.0:

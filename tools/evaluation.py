@@ -159,12 +159,11 @@ def _given_transform(args: argparse.Namespace) -> SE2:
 
 def _load_truth(path: Path) -> World | TbmGrid:
     """Read a world or a map: both may be .npz."""
-    if path.suffix == ".npz":
+    if path.suffix == ".npz" and path.is_file():
         try:
             return load_world(path)
         except WorldError:
-            if not path.is_file():
-                raise
+            pass
     return load_map(path).grid
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from tbmslam.report.making import Making
     from tbmslam.tbm_map import TbmMap
     from tools.configuration import Configuration
+
+logger = logging.getLogger("merge")
 
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
@@ -121,8 +124,10 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
 
 def _lies_in(path: Path, folder: Path) -> bool:
     """Tell whether a map would be overwritten by one saved into a folder."""
-    own = path if path.is_dir() else path.parent
-    return own.resolve() == folder.resolve() and (path.is_dir() or path.stem == "map")
+    if path.is_dir():
+        return path.resolve() == folder.resolve()
+    file = Path(os.path.realpath(path))  # a link in a circle is no error here
+    return file.parent == folder.resolve() and file.stem == "map"
 
 
 def _naming_parts(path: Path) -> tuple[str, ...]:
@@ -236,12 +241,31 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
     if strangers := [name for name in config.reliability if name not in named]:
         raise ConfigError(f"--reliability: {strangers[0]!r} is none of the maps, which are {', '.join(named)}")
+    _check_files(options.maps, options.out)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
         result = merge(maps, config, options.workers, watch, options.scheduler)
         _save(options, result, maps, config, Making(command, watch.seconds))
     _tell(result, options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
+
+
+def _check_files(paths: Sequence[Path], out: Path) -> None:
+    """Refuse to write over a picture that a yaml among the maps names, and tell of maps that are given twice."""
+    from tbmslam.map_folder import FIXED_NAMES, files_of_map
+    from tools.output_folder import OutputError
+
+    ours, seen = {*FIXED_NAMES, "overlay.png", "contradictions.png"}, set()
+    for path in paths:
+        file, *pictures = (Path(os.path.realpath(each)) for each in files_of_map(path))
+        if file in seen:
+            logger.warning("%s: is given twice, and counts as two robots that saw the same", path)
+        seen.add(file)
+        for picture in pictures:
+            if picture.name in ours and picture.parent == out.resolve():
+                raise OutputError(
+                    f"{picture}: belongs to {path} and would be overwritten: choose another folder with -o"
+                )
 
 
 def _save(

@@ -12,6 +12,8 @@ from tbmslam.atomic_file import replacing
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry
+from tbmslam.laser_scan import FARTHEST_PLACE
+from tbmslam.map_check import MAX_CELLS
 from tbmslam.se2 import SE2, FloatArray
 
 Labels = npt.NDArray[np.uint8]
@@ -42,11 +44,13 @@ class World:
     places: FloatArray
 
     def __post_init__(self) -> None:
-        """Check the arrays' shapes."""
+        """Check the arrays' shapes, and that places are some."""
         if self.walls.ndim != 2 or self.walls.shape[1] != 4 or not len(self.walls):
             raise ValueError(f"walls must be segments (N, 4), N > 0, got shape {self.walls.shape}")
         if self.places.ndim != 2 or self.places.shape[1] != 2 or not len(self.places):
             raise ValueError(f"places must be points (M, 2), M > 0, got shape {self.places.shape}")
+        if not all((np.abs(points) <= FARTHEST_PLACE).all() for points in (self.walls, self.places)):
+            raise ValueError(f"walls and places must lie within {FARTHEST_PLACE:.0e} m")
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (min_x, min_y, max_x, max_y) of the walls [m]."""
@@ -73,6 +77,11 @@ class World:
         labels
             (rows, cols) of `tbmslam.belief`'s OCCUPIED where a surface passes through the cell, FREE where the rest
             belongs to the inside, UNKNOWN elsewhere.
+
+        Raises
+        ------
+        WorldError
+            The world and the cells together are too large, as they are far from each other.
         """
         T_grid_world = SE2.identity() if T_world_grid is None else T_world_grid.inverse()
         walls = T_grid_world.apply(self.walls.reshape(-1, 2, 2)).reshape(-1, 4)
@@ -81,6 +90,11 @@ class World:
         (min_x, min_y), (max_x, max_y) = ends.min(axis=0), ends.max(axis=0)
         # Free space may be connected through parts that the asked cells do not show.
         whole = _covering((float(min_x), float(min_y), float(max_x), float(max_y)), geometry, geometry.resolution)
+        if whole.rows * whole.cols > MAX_CELLS:
+            raise WorldError(
+                f"the world {self.name} and the map reach together over {whole.rows} x {whole.cols} cells: say where "
+                "the map lies in it, or use coarser cells"
+            )
         labels = np.full((whole.rows, whole.cols), UNKNOWN, dtype=np.uint8)
         occupied = _cells_with_walls(walls, whole)
         regions, _ = ndimage.label(~occupied)

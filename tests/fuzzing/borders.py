@@ -22,10 +22,14 @@ from merging.config import MergeConfig
 from tbmslam.config import config_from_dict
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
 from tbmslam.map_folder import load_map, save_map
 from tbmslam.relations import read_relations
+from tbmslam.se2 import SE2
 from tbmslam.tbm_dump import write_tbm_dump
-from tbmslam.tbm_map import TbmMap
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
 from tbmslam.tum import read_tum
 from tests.fuzzing import bag_layers, seed_bags
 
@@ -109,12 +113,18 @@ free_thresh: 0.196
 """
 
 
+def _drive() -> Drive:
+    scan = LaserScan(1.0, -1.0, 0.5, 0.1, 30.0, np.array([1.0, 2.0, np.inf, np.nan]))
+    keyframes = Keyframes.from_scans([scan, scan], [SE2.identity()] * 2, [SE2.identity()] * 2)
+    return Drive("robot", Trajectory(np.array([1.0]), np.zeros((1, 3))), keyframes, np.array([(0, 1)]))
+
+
 def _saved(name: str) -> Callable[[], list[bytes]]:
     def seeds() -> list[bytes]:
         masses = np.random.default_rng(3).dirichlet(np.ones(4), size=(3, 4)).astype(np.float32)
         grid = TbmGrid(GridGeometry(0.1, -0.2, 0.3, 3, 4), masses)
         with tempfile.TemporaryDirectory() as folder:
-            save_map(folder, TbmMap(grid, (), {"seed": 1}))
+            save_map(folder, TbmMap(grid, (_drive(),), {"seed": 1}))
             write_tbm_dump(Path(folder) / "slam.tbm_map", grid, "slam")
             write_tbm_dump(Path(folder) / "merging.tbm_map", grid, "merging")
             return [path.read_bytes() for path in sorted(Path(folder).glob(name))]

@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from tbmslam.atomic_file import FileNotWrittenError, replacing, write_bytes, write_text
@@ -68,3 +70,19 @@ def test_what_a_killed_writer_left_goes_with_the_next_file(tmp_path):
 def test_names_that_are_no_text_are_written_out(tmp_path):
     write_text(tmp_path / "a.txt", "drive \udcff \u00fc")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "drive \\udcff \u00fc"
+
+
+@pytest.mark.parametrize("name", ["", ".", "/"])
+def test_a_name_that_is_none_is_refused(name):
+    with pytest.raises(FileNotWrittenError, match="names no file: name one"):
+        write_text(name, "new")
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    for place in (tmp_path / "pipe", tmp_path / "link", "/dev/null", "/dev/stdout"):
+        with pytest.raises(FileNotWrittenError, match="is a device or a pipe and stays as it is: name a file"):
+            write_text(place, "new")
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "link").is_symlink()

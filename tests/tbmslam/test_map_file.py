@@ -173,6 +173,10 @@ def moved(name, column, value):
         (moved("drive_0_motions_steps", 1, 1e9), "a step of the robot is .*, 1e[+]09 m, more than 10000 m"),
         (moved("drive_0_motions_steps", 2, 1e9), "an angle is 1e[+]09 rad, more than 1000"),
         (moved("drive_0_keyframes_beams", 1, -1e6), "an angle is 1e[+]06 rad"),
+        (
+            lambda arrays: arrays["drive_0_keyframes_ranges"].put(3, -3e38),
+            "a beam is 3e[+]38 m long, more than 10000 m",
+        ),
         (set_value("provenance", "{"), "Expecting property name"),
         (set_value("provenance", "[1]"), "provenance is no JSON object"),
         (set_value("provenance", "[" * 200_000), "recursion"),

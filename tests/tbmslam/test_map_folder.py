@@ -17,7 +17,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.map_check import MapFileError
-from tbmslam.map_folder import load_map, save_map
+from tbmslam.map_folder import files_of_map, load_map, map_files, remove_map, save_map
 from tbmslam.se2 import SE2
 from tbmslam.tbm_dump import write_tbm_dump
 from tbmslam.tbm_map import Drive, TbmMap
@@ -190,3 +190,20 @@ def test_a_map_without_cells_is_a_wrong_argument(tmp_path):
     with pytest.raises(ValueError, match="tbm_map must have cells, got GridGeometry"):
         save_map(tmp_path / "out", TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 0, 0))))
     assert not (tmp_path / "out").exists()
+
+
+def test_trajectories_of_other_people_stay(tmp_path):
+    (tmp_path / "trajectory_truth.tum").write_text("1 0 0 0 0 0 0 1\n")
+    (tmp_path / "map.npz").write_bytes(b"no map")
+    save_map(tmp_path, some_map(some_drive("a"), some_drive("b")))
+    assert tmp_path / "trajectory_truth.tum" not in map_files(tmp_path)
+    remove_map(tmp_path)
+    assert names(tmp_path) == {"trajectory_truth.tum"}
+
+
+def test_the_files_that_are_read_of_a_map_are_known(tmp_path):
+    save_map(tmp_path, some_map())
+    assert files_of_map(tmp_path) == [tmp_path / "map.npz"]
+    assert files_of_map(tmp_path / "map.yaml") == [tmp_path / "map.yaml", tmp_path / "map.pgm"]
+    (tmp_path / "map.npz").unlink()
+    assert files_of_map(tmp_path) == [tmp_path / "map.yaml", tmp_path / "map.pgm"]

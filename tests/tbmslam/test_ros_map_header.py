@@ -62,6 +62,7 @@ def test_a_relative_path_to_the_yaml_is_kept(tmp_path, monkeypatch):
         ({"resolution": "true"}, "resolution must hold finite numbers, it says True"),
         ({"origin": "[0, 0]"}, r"origin must be \[x, y, yaw\], it is \[0, 0\]"),
         ({"origin": "0"}, r"origin must be \[x, y, yaw\], it is 0"),
+        ({"origin": "[0, 0, 1e300]"}, r"the yaw of 1e\+300 rad in origin is no angle: correct it"),
         ({"origin": "[0, 0, .nan]"}, "origin must hold finite numbers, it says nan"),
         ({"origin": "[0, .inf, 0]"}, "origin must hold finite numbers, it says inf"),
         ({"negate": "2"}, "negate must be 0 or 1, it is 2"),

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -167,3 +168,55 @@ def test_help_loads_nothing_heavy():
     out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout  # noqa: S603 - a fixed command
     assert "--relations intel.relations" in out
     assert out.endswith("False\n")
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "said"),
+    [(KeyboardInterrupt, 130, "interrupted"), (MemoryError, 1, "memory has run out: crop the maps")],
+)
+def test_ctrl_c_and_too_little_memory_are_one_line(tmp_path, monkeypatch, capsys, raised, code, said):
+    def give_up(_):
+        raise raised
+
+    monkeypatch.setattr("tools.evaluation.evaluate_map", give_up)
+    assert main(["map", str(tmp_path), "--truth", str(tmp_path)]) == code
+    assert capsys.readouterr().err.startswith(f"evaluate: {said}")
+
+
+def test_what_is_no_trajectory_map_or_world_is_one_line(files, tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "far.tum").write_text("1 1e9 0 0 0 0 0 1\n")
+    (tmp_path / "far.relations").write_text("1 2 1e9 0 0 0 0 0\n")
+    (tmp_path / "empty.relations").write_text("")
+    with np.load(files / "world.npz") as arrays:
+        np.savez(tmp_path / "world.npz", **(dict(arrays) | {"walls": np.full((1, 4), np.nan)}))
+    pipe, estimate, own_map = tmp_path / "pipe.npz", files / "est.tum", files / "map"
+    for arguments, said in (
+        (("trajectory", pipe, "--truth", estimate), "is no file but a device or a pipe: give a trajectory's file"),
+        (("trajectory", estimate, "--relations", pipe), "is no file but a device or a pipe: give a file of relations"),
+        (("trajectory", tmp_path / "far.tum", "--truth", estimate), "lies more than 1e+08 m away: leave the line out"),
+        (("trajectory", estimate, "--relations", tmp_path / "far.relations"), "reaches over more than 1e+08 m"),
+        (("trajectory", estimate, "--relations", tmp_path / "empty.relations"), "expected lines of eight finite"),
+        (("map", own_map, "--truth", pipe), "is no file but a device or a pipe: give a map's folder or file"),
+        (("map", own_map, "--truth", tmp_path / "world.npz"), "world.npz: "),
+        (("map", own_map, "--truth", files / "world.npz", "--transform", 1e7, 0, 0), "say where the map lies in it"),
+    ):
+        assert run(*arguments) == 1
+        line = capsys.readouterr().err
+        assert said in line
+        assert line.startswith("evaluate: ")
+        assert line.count("\n") == 1
+
+
+def test_a_step_as_short_as_no_number_ends_at_each_pose(files, capsys):
+    assert run("trajectory", files / "est.tum", "--truth", files / "gt.tum", "--step-m", 1e-300, "--json") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["rpe"]["steps"] == figures["poses"] - figures["unmatched"] - 1
+
+
+def test_a_transform_that_is_no_place_is_wrong_usage(files, capsys):
+    for number in ("nan", "inf", "1e300"):
+        with pytest.raises(SystemExit) as left:
+            run("map", files / "map", "--truth", files / "map", "--transform", 0, number, 0)
+        assert left.value.code == 2
+        assert "--transform must be finite and within 1e+08 m" in capsys.readouterr().err

@@ -108,6 +108,31 @@ def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
     ]
 
 
+def test_a_link_to_a_map_does_not_let_it_be_overwritten(folders, tmp_path, capsys):
+    (tmp_path / "link.npz").symlink_to(folders / "here" / "map.npz")
+    with pytest.raises(SystemExit):
+        merge.main([str(tmp_path / "link.npz"), str(folders / "there"), "-o", str(folders / "here")])
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+
+
+def test_the_picture_of_a_map_is_not_overwritten(folders, tmp_path, capsys):
+    shutil.copy(folders / "here" / "map.pgm", tmp_path)
+    before = (tmp_path / "map.pgm").read_bytes()
+    (tmp_path / "hall.yaml").write_text((folders / "here" / "map.yaml").read_text())
+    assert merge.main([str(tmp_path / "hall.yaml"), str(folders / "there"), "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert re.search(
+        r"merge: .*map\.pgm: belongs to .*hall\.yaml and would be overwritten: choose another folder", said
+    )
+    assert (tmp_path / "map.pgm").read_bytes() == before
+    assert not (tmp_path / "map.npz").exists()
+
+
+def test_a_map_that_is_given_twice_is_told(folders, tmp_path, caplog):
+    merge.main([str(folders / "empty"), str(folders / "empty" / "map.npz"), "-o", str(tmp_path / "merged")])
+    assert "map.npz: is given twice, and counts as two robots that saw the same" in caplog.text
+
+
 @pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
 def test_a_merge_never_overwrites_its_maps(folders, capsys, given):
     before = (folders / "here" / "map.npz").read_bytes()
@@ -249,8 +274,10 @@ def test_links_in_a_circle_lead_nowhere(folders, tmp_path, capsys):
     loop.symlink_to(loop)
     assert merge.main([str(folders / "here"), str(loop), "-o", str(tmp_path / "out")]) == 1
     assert re.match(r"merge: \S+: does not exist: give a map's folder or file\n$", capsys.readouterr().err)
+    assert merge.main([str(folders / "here"), str(loop / "robot_0"), "-o", str(tmp_path / "out")]) == 1
+    assert re.match(r"merge: \S+: does not exist: give a map's folder or file\n$", capsys.readouterr().err)
     with pytest.raises(SystemExit) as stopped:
-        merge.main([str(folders / "here"), str(loop / "robot_0"), "-o", str(tmp_path / "out")])
+        merge.main([str(folders / "here"), str(folders / "there"), "-o", str(loop / "out")])
     assert stopped.value.code == 2
     assert "the maps cannot be listed: Symlink loop" in capsys.readouterr().err
 
