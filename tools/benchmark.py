@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tools.console import one_line
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -31,7 +32,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots that do not know of each other, mapped, merged, and held against itself uncut
 
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 
@@ -121,11 +122,14 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error(str(error))
     try:
         _run(args)
-    except TbmSlamError as error:
+    except (TbmSlamError, OSError) as error:
         if args.debug:
             raise
-        sys.stderr.write(f"benchmark: {error}\n")
+        sys.stderr.write(f"benchmark: {one_line(error)}\n")
         return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("benchmark: interrupted\n")
+        return 130
     return 0
 
 
@@ -141,13 +145,15 @@ def _check(args: argparse.Namespace) -> None:
         args.method = _pair_methods(args.method)
     elif args.command == "merge":
         args.areas = [float(area) for area in args.areas.split(",")]
-        if min(*args.areas, args.resolution) <= 0.0 or min(args.repeat, args.workers) < 1 or args.robots < 0:
-            raise ValueError("--areas, --resolution, --repeat and --workers must be positive, --robots not negative")
+        if min(args.repeat, args.workers) < 1 or args.robots < 0:
+            raise ValueError("--repeat and --workers must be positive, --robots not negative")
+        if not all(1.0 <= area <= 1e7 for area in args.areas) or not 1e-3 <= args.resolution <= 100.0:
+            raise ValueError("--areas must lie within 1 and 1e7 m2, --resolution within 0.001 and 100 m")
     elif args.command == "split":
         _check_split(args)
     elif args.command == "limits":
-        if not 0.0 < args.share <= 1.0:
-            raise ValueError(f"--share must lie above 0 and not above 1, got {args.share}")
+        if not 1e-4 <= args.share <= 1.0:
+            raise ValueError(f"--share must lie within 0.0001 and 1, got {args.share}")
     elif args.command == "strangers":
         if min(args.pairs, args.workers) < 1 or args.seed < 0:
             raise ValueError("--pairs and --workers must be positive, --seed not negative")
@@ -178,8 +184,8 @@ def _check_drives(args: argparse.Namespace) -> None:
             raise ValueError(f"--preset: there is no {name!r}; there are {', '.join(PRESETS)}")
     if args.command == "scaling":
         args.lengths = [float(length) for length in args.lengths.split(",")]
-        if not all(length > 0.0 for length in args.lengths) or args.beams < 1:
-            raise ValueError("--lengths and --beams must be positive")
+        if not all(1.0 <= length <= 1e7 for length in args.lengths) or args.beams < 1:
+            raise ValueError("--lengths must lie within 1 and 1e7 m, --beams be positive")
         return
     args.recordings = [parse_recording_spec(text) for text in args.recordings]
     if not args.recordings and not args.world:

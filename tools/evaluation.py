@@ -16,6 +16,7 @@ from tbmslam.error_statistics import ErrorStatistics
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.map_agreement import Labels, cell_labels, map_agreement
+from tbmslam.map_check import MapFileError
 from tbmslam.map_folder import load_map
 from tbmslam.map_refinement import refine_map_transform
 from tbmslam.relations import read_relations, relation_errors
@@ -162,8 +163,12 @@ def _load_truth(path: Path) -> World | TbmGrid:
     if path.suffix == ".npz" and path.is_file():
         try:
             return load_world(path)
-        except WorldError:
-            pass
+        except WorldError as error:
+            no_world = error
+        try:
+            return load_map(path).grid
+        except MapFileError as error:
+            raise EvaluationError(f"{error}; and {no_world}") from None
     return load_map(path).grid
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from datasets.synthetic.map_pairs import MapPair
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.map_check import check_geometry
 from tbmslam.occupancy import masses_from_probability
 from tbmslam.se2 import SE2, wrap_angle
 from tbmslam.tbm_map import TbmMap
@@ -89,7 +90,11 @@ def load_pair(path: Path) -> KnownPair:
     ------
     PairFileError
         If the file holds something else.
+    MapFileError
+        If one of the maps has no cells, too many, or cells of no size.
     """
+    if path.exists() and not path.is_file():  # reading a pipe might never end
+        raise PairFileError(f"{path} is no file but a folder, a device or a pipe: give a folder of pairs")
     try:
         with np.load(path, allow_pickle=False) as arrays:
             resolution, label = float(arrays["resolution"]), int(arrays["label"])
@@ -98,6 +103,13 @@ def load_pair(path: Path) -> KnownPair:
             overlap = float(arrays["overlap"])
     except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise PairFileError(f"{path} is not a pair of maps: {error}; see datasets/synthetic/map_pairs.py") from error
+    for one in maps:
+        check_geometry(path, one.grid.geometry)
+    faults = [one.grid.fault() for one in maps]
+    if label and not (motion.shape == (3, 3) and np.isfinite(motion).all()):
+        faults.append("T_ab is no finite matrix (3, 3)")
+    if fault := next(filter(None, faults), None):
+        raise PairFileError(f"{path} is not a pair of maps: {fault}; see datasets/synthetic/map_pairs.py")
     return KnownPair(path.stem, maps[0], maps[1], SE2.from_matrix(motion) if label else None, overlap)
 
 

@@ -98,7 +98,8 @@ class World:
         labels = np.full((whole.rows, whole.cols), UNKNOWN, dtype=np.uint8)
         occupied = _cells_with_walls(walls, whole)
         regions, _ = ndimage.label(~occupied)
-        at_places = [regions[whole.cell_at(float(x), float(y))] for x, y in places]
+        cells = [whole.cell_at(float(x), float(y)) for x, y in places]
+        at_places = [regions[row, col] for row, col in cells if 0 <= row < whole.rows and 0 <= col < whole.cols]
         inside = np.bincount(at_places, minlength=2)[1:].argmax() + 1  # region 0 is the walls
         labels[regions == inside] = FREE
         labels[occupied] = OCCUPIED

@@ -121,8 +121,11 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["slam", "--world", "office:1:good", "--seeds", "0"], "--seeds must be at least 1, got 0"),
         (["slam", "--world", "office"], "--world must look like office:1:good, got 'office'"),
         (["slam", "--world", "castle:1:good"], "invalid choice: 'castle'"),
-        (["merge", "--areas", "0"], "--areas, --resolution, --repeat and --workers must be positive"),
-        (["scaling", "--lengths", "0"], "--lengths and --beams must be positive"),
+        (["merge", "--areas", "0"], "--areas must lie within 1 and 1e7 m2"),
+        (["merge", "--areas", "4900,nan"], "--areas must lie within 1 and 1e7 m2"),
+        (["merge", "--resolution", "nan"], "--resolution within 0.001 and 100 m"),
+        (["merge", "--workers", "0"], "--repeat and --workers must be positive"),
+        (["scaling", "--lengths", "0"], "--lengths must lie within 1 and 1e7 m, --beams be positive"),
     ],
 )
 def test_wrong_usage_is_exit_2(capsys, arguments, message):
@@ -138,3 +141,12 @@ def test_help_loads_nothing_heavy():
     out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout  # noqa: S603 - a fixed command
     assert "--world office:1:good" in out
     assert out.endswith("False\n")
+
+
+def test_ctrl_c_is_one_line(monkeypatch, capsys):
+    def give_up(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tools.limits_benchmark.benchmark_limits", give_up)
+    assert main(["limits"]) == 130
+    assert capsys.readouterr().err == "benchmark: interrupted\n"

@@ -1,10 +1,12 @@
 import json
+import os
 
 import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
 from merging.confidence import FEATURES, MEASURES
+from tbmslam.errors import TbmSlamError
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.pair_benchmark import PairResult, calibration_table, comparison, details, summary
@@ -83,6 +85,29 @@ def test_another_file_is_no_pair(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     with pytest.raises(PairFileError, match="is not a pair of maps"):
         load_pair(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"T_ab": np.full((3, 3), np.nan)}, "T_ab is no finite matrix"),
+        ({"T_ab": np.eye(2)}, "T_ab is no finite matrix"),
+        ({"occ_a": np.full((5, 5), 120, np.int8)}, "a mass is -"),
+        ({"resolution": np.array(np.nan)}, "resolution must be positive"),
+        ({"occ_b": np.zeros((0, 5), np.int8)}, "0 x 5 cells holds nothing"),
+    ],
+)
+def test_a_pair_that_cannot_be_is_refused(folder, tmp_path, changes, said):
+    with np.load(next(folder.glob("*_050.npz"))) as arrays:
+        np.savez(tmp_path / "pair.npz", **(dict(arrays) | changes))
+    with pytest.raises(TbmSlamError, match=said):
+        load_pair(tmp_path / "pair.npz")
+
+
+def test_a_pipe_is_no_pair(tmp_path):
+    os.mkfifo(tmp_path / "pair.npz")
+    with pytest.raises(PairFileError, match="is no file but a folder, a device or a pipe: give a folder of pairs"):
+        load_pair(tmp_path / "pair.npz")
 
 
 def test_right_is_within_half_a_metre_and_two_degrees(folder):

@@ -93,6 +93,25 @@ def test_wrong_shapes_are_refused():
         World("x", 0, BOX, np.zeros((0, 2)))
 
 
+@pytest.mark.parametrize("place", [np.nan, 1e300])
+def test_a_wall_or_place_that_is_nowhere_is_refused(place):
+    for walls, places in ((BOX * place, np.zeros((1, 2))), (BOX, np.full((1, 2), place))):
+        with pytest.raises(ValueError, match=r"walls and places must lie within 1e\+08 m"):
+            World("x", 0, walls, places)
+
+
+def test_a_place_outside_the_walls_says_nothing():
+    world = World("x", 0, BOX, np.array([[1e7, 0.0], [-1e7, 0.0], BOX.reshape(-1, 2).mean(axis=0)]))
+    inside = World("x", 0, BOX, BOX.reshape(-1, 2).mean(axis=0, keepdims=True))
+    np.testing.assert_array_equal(world.occupancy(world.grid(0.1)), inside.occupancy(world.grid(0.1)))
+
+
+def test_cells_too_far_from_a_world_are_refused():
+    world = World("hall", 0, BOX, np.zeros((1, 2)))
+    with pytest.raises(WorldError, match=r"reach together over .* say where the map lies in it"):
+        world.occupancy(world.grid(0.05), SE2(1e8, 1e8, 0.0))
+
+
 def test_the_grid_holds_all_walls():
     world = make_world("wings", 2)
     min_x, min_y, max_x, max_y = world.grid(0.05, margin=0.5).bounds()
