@@ -6,11 +6,11 @@ A score tells which of two places of one pair has more to say for itself, the lo
 
 The candidates of a pair and "none of them" compete (a conditional logit, McFadden 1974)::
 
-    P(candidate i) = exp(l_i) / (1 + sum over j of exp(l_j)),    l = bias + sum of weights * features
+    P(candidate i) = exp(l_i) / (1 + sum over j of exp(l_j)),    l = bias + sum of weights * features + margin
 
 so that two places equally good share the probability, however good they are, and a sum far below 1 says that the maps
-show different places. What tells most is the margin of the score over chance: over the best places of the source's
-mirror image (`merging.decoys`) and over all but the best places of the source itself. Maps of unlike size, style and
+show different places. The margin is that of the score over chance: over the best places of the source's mirror image
+(`merging.decoys`) and over all but the best places of the source itself. Maps of unlike size, style and
 repetitiveness are measured by their own chance in this way. `tools/calibrate_merging.py` fits all weights and writes
 `confidence_model.json`.
 """
@@ -58,6 +58,24 @@ def _beyond_chance(evidence: Evidence) -> float:
     return max(agreed - doubtful, 0.0) / (agreed + doubtful + 0.5)
 
 
+_CHANCE_DOUBTFUL = 0.3
+"""So large a share of the walls does not agree at the best false places of self-similar buildings; elsewhere more."""
+
+
+def _surprise(evidence: Evidence) -> float:
+    """Return how unlikely so few doubtful walls are by chance: a length of wall times the information of each metre.
+
+    It grows with the walls, whereas logarithms of lengths hardly tell a large place that fits well from others.
+    """
+    doubtful = _doubtful_m(evidence)
+    length = evidence.agreed_wall_m + doubtful
+    if doubtful >= _CHANCE_DOUBTFUL * length:
+        return 0.0
+    share = doubtful / length
+    for_doubtful = share * math.log(share / _CHANCE_DOUBTFUL) if share > 0.0 else 0.0
+    return length * (for_doubtful + (1.0 - share) * math.log((1.0 - share) / (1.0 - _CHANCE_DOUBTFUL)))
+
+
 MEASURES = {
     "agreeing wall": Measure(1, 1.0, lambda e: e.agreed_wall_m),
     "other wall": Measure(-1, 1.0, lambda e: e.compared_wall_m - e.agreed_wall_m),
@@ -65,12 +83,13 @@ MEASURES = {
     "wall against sliding": Measure(1, 1.0, lambda e: e.weakest_wall_m),
     "corners beyond chance": Measure(1, 1.0, lambda e: e.pieces.corners * _beyond_chance(e)),
     "overlap beyond chance": Measure(1, 5.0, lambda e: e.overlap_m2 * _beyond_chance(e)),
+    "surprise": Measure(1, 1.0, _surprise),
 }
 """What the score weighs, in m and m^2. How near the agreeing walls lie is left out: it tells how maps were bent, not
 where they belong. Where much overlaps, much agrees by chance."""
 
-SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1, "margin": 1}
-"""What the logit weighs, and whether it can only speak for (1) or against (-1) a candidate.
+SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1}
+"""What the logit weighs beside the margin, and whether it can only speak for (1) or against (-1) a candidate.
 
 The larger the maps, the more places there are for chance; logarithms are of one plus the number."""
 FEATURES = tuple(SIGNS)
@@ -113,7 +132,9 @@ class ConfidenceModel:
 
     def probabilities(self, candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
         """Return the probability (K,) of each candidate of a pair; together 1 at the most."""
-        logits = np.append(features(candidates, decoys, self.score) @ self.weights + self.bias, 0.0)
+        own = measured(candidates)
+        margins = own @ self.score - by_chance(own, measured(decoys), self.score) @ self.score
+        logits = np.append(features(candidates) @ self.weights + margins + self.bias, 0.0)
         shares = np.exp(logits - logits.max())
         return np.asarray(shares[:-1] / shares.sum())
 
@@ -132,22 +153,24 @@ def measured(places: Sequence[Evidence]) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, len(MEASURES))
 
 
-def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence], score: FloatArray) -> FloatArray:
-    """Return the numbers (K, F) that the logit weighs, in the order of `FEATURES`, for the candidates of one pair.
+def by_chance(candidates: FloatArray, decoys: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the measures (M,) of the best that chance achieves in a pair; zeros where it achieves nothing.
 
     Parameters
     ----------
-    candidates
-        What speaks for and against the places where the source may lie.
-    decoys
-        The same for places of its mirror image.
+    candidates, decoys
+        Measures (K, M) of the places where the source may lie, and (D, M) of places of its mirror image.
     score
         The score's weights (M,).
     """
-    own, chance = measured(candidates) @ score, measured(decoys) @ score
-    by_chance = max([0.0, *np.sort(own)[::-1][_CHANCE : _CHANCE + 1], *chance])
-    rows = [[*_features(evidence), margin] for evidence, margin in zip(candidates, own - by_chance, strict=True)]
-    return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
+    ranked = np.argsort(-(candidates @ score), kind="stable")
+    rivals = np.vstack((np.zeros((1, len(MEASURES))), decoys, candidates[ranked[_CHANCE : _CHANCE + 1]]))
+    return np.asarray(rivals[int((rivals @ score).argmax())])
+
+
+def features(candidates: Sequence[Evidence]) -> FloatArray:
+    """Return the numbers (K, F) that the logit weighs, in the order of `FEATURES`."""
+    return np.array([_features(evidence) for evidence in candidates], dtype=np.float64).reshape(-1, len(FEATURES))
 
 
 def _features(evidence: Evidence) -> list[float]:

@@ -29,6 +29,10 @@ SIMULATED = 0.3
 """What a pair of simulated buildings counts for beside a real one, which is what users have."""
 
 
+STRANGERS_SEED = 1
+"""No run of `benchmark strangers` with this seed says anything of the model fitted."""
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = _parser().parse_args(argv)
@@ -54,6 +58,10 @@ def _parser() -> argparse.ArgumentParser:
         "--simulated", nargs="*", type=Path, default=[], metavar="FOLDER",
         help=f"more pairs to fit on, each of which counts for {SIMULATED:g}",
     )  # fmt: skip
+    grammar.add_argument(
+        "--strangers", type=int, default=0, metavar="N",
+        help=f"besides, so many pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
+    )  # fmt: skip
     grammar.add_argument("--ask", nargs="*", type=Path, default=[], metavar="FOLDER", help="pairs to ask about only")
     grammar.add_argument("-o", "--out", type=Path, metavar="FILE", help="where the fitted model goes")
     grammar.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
@@ -72,6 +80,8 @@ def _run(args: argparse.Namespace) -> None:
     config = MergeConfig()
     by_folder = {folder: trials_of(folder, config) for folder in args.pairs}
     by_folder |= {folder: trials_of(folder, config, SIMULATED) for folder in args.simulated}
+    if args.strangers:
+        by_folder[Path("strangers")] = strangers(args.strangers, config)
     trials = [trial for folder in by_folder.values() for trial in folder]
     judged = held_out(trials)
     in_order = iter(judged)
@@ -104,6 +114,17 @@ def trials_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "list
     found = [Trial.of(pair, config, weight if shows_part(pair.name) else WHOLE * weight) for pair in pairs]
     if not found:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
+    return [one for one in found if one is not None]
+
+
+def strangers(count: int, config: "MergeConfig") -> "list[Trial]":
+    """Return the candidates of so many pairs that do not belong together."""
+    from tools.confidence_fit import Trial
+    from tools.stranger_benchmark import UNKNOWN_TO_EACH_OTHER, make_pair
+
+    kinds = UNKNOWN_TO_EACH_OTHER
+    pairs = (make_pair(kinds[i % len(kinds)], i // len(kinds), STRANGERS_SEED) for i in range(count))
+    found = (Trial.of(pair, config, SIMULATED) for pair in pairs)
     return [one for one in found if one is not None]
 
 

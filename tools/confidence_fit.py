@@ -2,23 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
+from scipy import optimize
 
 from merging.aligner import view_of
 from merging.candidates import find_candidates
-from merging.confidence import MEASURES, SIGNS, ConfidenceModel, features, measured
+from merging.confidence import MEASURES, SIGNS, ConfidenceModel, by_chance, features, measured
 from merging.config import MergeConfig
 from merging.decoys import find_decoys
 from merging.verification import Evidence
+from tbmslam.se2 import FloatArray
 from tools.calibration_table import Judgement
-from tools.conditional_logit import BoolArray, Choice, fit
 from tools.pair_files import KnownPair
 from tools.pair_floors import floors_of
 
+BoolArray = npt.NDArray[np.bool_]
+
 _PENALTY = 0.001
+"""On the squares of the weights of standardised numbers, by pair."""
 _MOST_PARTS = 12
 """The buildings are left out in so many parts, one by one where there are no more."""
+_F = len(SIGNS)
+_SIGNS = [*SIGNS.values(), *(one.sign for one in MEASURES.values())]
 
 
 @dataclass(frozen=True)
@@ -61,21 +69,46 @@ class Trial:
     def judged(self, model: ConfidenceModel) -> Judgement:
         """Return what a model says of it."""
         p = model.probabilities(self.candidates, self.decoys)
-        best = int(p.argmax()) if len(p) else None
-        if best is None:
+        if len(p) == 0:
             return Judgement(self.name, 0.0, right=False)
-        return Judgement(self.name, float(p[best]), bool(self.right[best]))
+        return Judgement(self.name, float(p.max()), bool(self.right[int(p.argmax())]))
+
+    @cached_property
+    def numbers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Features (K, F) and measures (K, M) of the candidates, and measures (D, M) of the decoys."""
+        return features(self.candidates), measured(self.candidates), measured(self.decoys)
 
 
 def fit_model(trials: Sequence[Trial]) -> ConfidenceModel:
-    """Return the model of greatest likelihood: first the score that puts the truth before all else, then the logit."""
-    signs = [one.sign for one in MEASURES.values()]
-    score = fit([_ranking(one) for one in trials if one.near.any()], signs, _PENALTY, none=False).weights
-    choices = [
-        Choice(one.name, features(one.candidates, one.decoys, score), one.right, one.weight, one.near) for one in trials
-    ]
-    logit = fit(choices, list(SIGNS.values()), _PENALTY)
-    return ConfidenceModel(score, logit.bias, logit.weights)
+    """Return the model of greatest likelihood, less a penalty on the squares of its weights."""
+    everything = np.vstack([np.hstack(one.numbers[:2]) for one in trials])
+    strength = _PENALTY * sum(one.weight for one in trials) * (everything.std(axis=0) + 1e-9) ** 2
+
+    def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
+        model = ConfidenceModel(parameters[1 + _F :], float(parameters[0]), parameters[1 : 1 + _F])
+        value, slope = float(strength @ parameters[1:] ** 2), np.append(0.0, 2.0 * strength * parameters[1:])
+        for one in trials:
+            surprise, of_it = _surprise(one, model)
+            value, slope = value + one.weight * surprise, slope + one.weight * of_it
+        return value, slope
+
+    begin = np.array([-3.0, *(0.5 * sign for sign in _SIGNS)])
+    bounds = [(None, None), *((0.0 if sign > 0 else None, 0.0 if sign < 0 else None) for sign in _SIGNS)]
+    found = optimize.minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
+    return ConfidenceModel(found[1 + _F :], float(found[0]), found[1 : 1 + _F])
+
+
+def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
+    """Return minus the logarithm of the truth's probability, and its slopes (1 + F + M,) by bias and weights."""
+    own_features, own, decoys = trial.numbers
+    beyond = own - by_chance(own, decoys, model.score)
+    logits = np.append(own_features @ model.weights + beyond @ model.score + model.bias, 0.0)
+    shares = np.exp(logits - logits.max())
+    shares /= shares.sum()
+    true = np.append(trial.near, not trial.near.any())
+    likely = max(float(shares @ true), 1e-300)
+    change = (shares - shares * true / likely)[:-1]
+    return -float(np.log(likely)), np.concatenate(([change.sum()], change @ own_features, change @ beyond))
 
 
 def held_out(trials: Sequence[Trial]) -> list[Judgement]:
@@ -90,10 +123,3 @@ def held_out(trials: Sequence[Trial]) -> list[Judgement]:
         model = next(model for part, model in zip(parts, models, strict=True) if first in part)
         judged.append(one.judged(model))
     return judged
-
-
-def _ranking(trial: Trial) -> Choice:
-    """Return the choice among all places of a pair, those of the mirror image, which are wrong, among them."""
-    wrong = np.zeros(len(trial.decoys), np.bool_)
-    places = measured([*trial.candidates, *trial.decoys])
-    return Choice(trial.name, places, np.concatenate((trial.near, wrong)), trial.weight)

@@ -53,6 +53,10 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument(
         "--floor", nargs="+", default=[], metavar="NAME=PATH", help="real maps: a pair's first one (.npz), or any map"
     )
+    what.add_argument(
+        "--lattice", type=float, metavar="M2",
+        help="besides, floors of like blocks and niches, so large, one of each seed; alone without --world",
+    )  # fmt: skip
     what.add_argument("--area", type=float, metavar="M2", help="take only so much of each building (all of it)")
     what.add_argument("--parts", type=int, default=0, metavar="N", help="besides, its mirror image and N parts of it")
     what.add_argument(
@@ -65,10 +69,12 @@ def _parser() -> argparse.ArgumentParser:
 
 def _write(args: argparse.Namespace) -> int:
     from datasets.synthetic.floors import pairs_of, variants_of
-    from datasets.synthetic.map_pairs import building_of_world, room_of
+    from datasets.synthetic.map_pairs import building_of_area, building_of_world, room_of
 
-    kinds = args.world or (() if args.floor else KINDS)
+    kinds = args.world or (() if args.floor or args.lattice else KINDS)
     buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in kinds]
+    if args.lattice:
+        buildings += [building_of_area(args.lattice, seed) for seed in args.seeds]
     buildings += [_floor(*floor.split("=", 1)) for floor in args.floor]
     if args.area is not None:
         buildings = [room_of(building, args.area, 1) for building in buildings]

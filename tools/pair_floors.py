@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-_CROP = re.compile(r"crop_(?P<building>.+?)(_\d+)?_\d{3}")
+_OF_ONE = re.compile(r"(crop_(?P<building>.+?)(_\d+)?_\d{3})|(negs_(?P<same>[a-z].*?)_\d+)")
 _VARIANT = r"(part\d+)?(mir|sym)*"
 """A part of a building, and the building as a mirror shows it, are no other building."""
 
@@ -11,12 +11,12 @@ _VARIANT = r"(part\d+)?(mir|sym)*"
 def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
     """Return for each pair's name the buildings that it shows, one or two.
 
-    Buildings are known by the names of the pairs that show one place, `crop_BUILDING_OVERLAP` or
-    `crop_BUILDING_SEED_OVERLAP`; a pair of two places is held to show every building that its name names.
+    Buildings are known by the names of the pairs of one building, `crop_BUILDING_OVERLAP`, `crop_BUILDING_SEED_OVERLAP`
+    and `negs_BUILDING_SEED`; a pair of two places is held to show every building that its name names.
     """
     names = list(names)
-    crops = [found["building"] for found in map(_CROP.fullmatch, names) if found]
-    floors = {re.sub(_VARIANT + "$", "", _plain(building)) for building in crops}
+    named = [found["building"] or found["same"] for found in map(_OF_ONE.fullmatch, names) if found]
+    floors = {re.sub(_VARIANT + "$", "", _plain(building)) for building in named}
     shown = {floor: re.compile(f"-{re.escape(floor)}{_VARIANT}-") for floor in sorted(floors)}
     return {
         name: frozenset(floor for floor, pattern in shown.items() if pattern.search(f"-{_plain(name)}-"))

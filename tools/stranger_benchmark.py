@@ -39,6 +39,8 @@ KINDS = {
     "far ends": "two ends of a building that share nothing",
     "self-similar": "two parts of a corridor that looks the same everywhere; a place other than the true one counts",
 }
+UNKNOWN_TO_EACH_OTHER = ("unrelated", "mirrored", "far ends")
+"""Those kinds of which no place at all is right."""
 HEAD = ("pairs", "", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
 
 _WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
@@ -105,10 +107,15 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
     """Make a pair and align it; the same numbers make the same pair."""
-    pair = KnownPair.of(_pair(kind, number_of_pair, seed))
+    pair = make_pair(kind, number_of_pair, seed)
     found = align(pair.target, pair.source)
     is_wrong = found.accepted and not pair.is_right(found.T_target_source)
     return Encounter(kind, number_of_pair, f"{pair.name}_{number_of_pair}", is_wrong, found.ambiguous, found.confidence)
+
+
+def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
+    """Make a pair of maps; the same numbers make the same pair."""
+    return KnownPair.of(_pair(kind, number_of_pair, seed))
 
 
 def _judge() -> str:

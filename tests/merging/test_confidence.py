@@ -4,7 +4,7 @@ from importlib import resources
 
 import numpy as np
 
-from merging.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel, confidences, features, measured
+from merging.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel, by_chance, confidences, features, measured
 from merging.pieces import Pieces
 from merging.verification import Evidence
 
@@ -72,10 +72,21 @@ def test_a_large_overlap_half_of_which_agrees_speaks_for_nothing():
     """So it is by chance: of a ring of rooms laid on its mirror image much agrees, and as much does not."""
     ring = replace(GOOD, overlap_m2=500.0, compared_wall_m=160.0, agreed_wall_m=80.0, pieces=Pieces(90, 50, 180, 30))
     found = dict(zip(MEASURES, measured([ring])[0], strict=True))
-    assert found["overlap beyond chance"] == found["corners beyond chance"] == 0.0
-    score = np.ones(len(MEASURES))
-    score[list(MEASURES).index("other wall")] = -1.0
-    assert features([GOOD], [ring], score)[0, -1] > 0.0
+    assert found["overlap beyond chance"] == found["corners beyond chance"] == found["surprise"] == 0.0
+
+
+def test_a_larger_overlap_that_fits_worse_does_not_hide_a_place_that_fits():
+    """Floors of equal rooms lie on their mirror images with three quarters of their walls."""
+    true = replace(
+        GOOD, overlap_m2=460.0, compared_wall_m=412.0, agreed_wall_m=388.0, unseen_wall_m=12.0, weakest_wall_m=180.0,
+        larger_wall_m=1020.0, pieces=Pieces(408.0, 10.0, 438.0, 108.0),
+    )  # fmt: skip
+    mirrored = replace(
+        true, overlap_m2=540.0, compared_wall_m=560.0, agreed_wall_m=415.0, unseen_wall_m=23.0, unbroken_m=13.0,
+        pieces=Pieces(420.0, 100.0, 565.0, 90.0),
+    )  # fmt: skip
+    assert confidences([true, *[mirrored] * 9], [mirrored])[0] > 0.9
+    assert max(confidences([mirrored] * 9, [mirrored])) < 0.1
 
 
 def test_a_better_decoy_never_helps():
@@ -94,17 +105,21 @@ def test_nothing_found_is_no_probability():
     assert 0.0 < confidences([GOOD], [])[0] < 1.0
 
 
-def test_every_feature_has_its_number():
-    score = np.ones(len(MEASURES))
-    assert features([GOOD, CHANCE], DECOYS, score).shape == (2, len(FEATURES))
-    assert features([], DECOYS, score).shape == (0, len(FEATURES))
+def test_every_number_has_its_place():
+    assert features([GOOD, CHANCE]).shape == (2, len(FEATURES))
+    assert measured([GOOD, CHANCE]).shape == (2, len(MEASURES))
+    assert features([]).shape == (0, len(FEATURES))
     assert measured([]).shape == (0, len(MEASURES))
 
 
-def test_a_candidate_like_all_others_has_no_margin():
-    score, margin = np.ones(len(MEASURES)), FEATURES.index("margin")
-    assert not features([CHANCE] * 10, DECOYS, score)[:, margin].any()
-    assert features([GOOD, *[CHANCE] * 9], DECOYS, score)[0, margin] > 0.5
+def test_chance_is_the_best_decoy_or_the_third_candidate():
+    score = np.ones(len(MEASURES))
+    good, chance = measured([GOOD]), measured([CHANCE])
+    nothing = np.zeros((0, len(MEASURES)))
+    np.testing.assert_array_equal(by_chance(good, nothing, score), 0.0)
+    np.testing.assert_array_equal(by_chance(good, chance, score), chance[0])
+    np.testing.assert_array_equal(by_chance(measured([GOOD, GOOD, CHANCE]), nothing, score), chance[0])
+    np.testing.assert_array_equal(by_chance(chance, np.vstack((chance, good)), score), good[0])
 
 
 def test_the_model_keeps_its_weights():

@@ -141,7 +141,7 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert "all that were left out" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
-    assert written["weights"]["log of all walls"] <= 0.0 <= written["weights"]["margin"]
+    assert written["weights"]["log of all walls"] <= 0.0 <= written["weights"]["agreement"]
     assert set(written["score"]) == set(MEASURES)
 
 
@@ -149,6 +149,13 @@ def test_large_pairs_are_not_written(tmp_path, capsys):
     kind = ["--world", "store", "--area", "40", "--overlap", "50"]
     assert make_map_pairs.main(["-o", str(tmp_path), *kind, "--largest", "1"]) == 0
     assert capsys.readouterr().out.startswith("0 pairs")
+
+
+def test_pairs_are_cut_from_floors_of_like_blocks(tmp_path):
+    out = ["-o", str(tmp_path), "--lattice", "900", "--seeds", "3", "4", "--overlap", "50"]
+    assert make_map_pairs.main(out) == 0
+    names = {path.stem.split("_")[0] + "_" + path.stem.split("_")[1] for path in tmp_path.iterdir()}
+    assert {"crop_lattice3", "crop_lattice4", "negs_lattice3", "negd_lattice3"} <= names
 
 
 def test_pairs_are_cut_from_a_real_floor(folder, tmp_path, capsys):
