@@ -36,7 +36,7 @@ from tools.text_table import number, text_table
 
 HEAD = (
     *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),
-    *("or beside %", "undivided turned %", "merging CPU s"),
+    *("or beside %", "undivided turned %", "undivided again %", "merging CPU s"),
 )
 
 NOTES = """\
@@ -44,7 +44,8 @@ Each recording is cut into robots by build_maps, in frames that no other knows, 
 quarter of the smaller map's free space or more; near enough: of these, pairs whose relative pose is within 0.2 m, in
 the middle of the second map, and 1 degree of truth.json. as undivided: share of the cells known to the merged map and
 to that of the whole recording that both call the same; or beside: a neighbour counts too. undivided turned: share of
-the cells in which the undivided map is like itself when drawn again on the merged map's cells."""
+the cells in which the undivided map is like itself when drawn again on the merged map's cells. undivided again: that in
+which it is like the map that the whole recording gives in the odometry's frame, where numbers round otherwise."""
 
 _SHARED = 0.25
 _NEAR_M, _NEAR_DEG = 0.2, 1.0
@@ -69,6 +70,8 @@ class SplitRun:
         Shares of cells that are as in the undivided map, see `tbmslam.map_agreement`; None where nothing was merged.
     turned
         The share for the undivided map itself, drawn again on the merged map's cells.
+    again
+        The share for a second map of the whole recording, in the odometry's frame.
     merge_cpu_s
         CPU time of the merge [s].
     """
@@ -81,6 +84,7 @@ class SplitRun:
     agree: float | None
     agree_nearby: float | None
     turned: float | None
+    again: float
     merge_cpu_s: float
 
 
@@ -88,13 +92,15 @@ def benchmark_split(args: argparse.Namespace) -> None:
     """Run what the arguments ask for and print the table."""
     runs = []
     with tempfile.TemporaryDirectory() as folder:
-        for text in args.recordings:
-            for robots in (1, *args.robots):
+        for number, text in enumerate(args.recordings):
+            parts = Path(folder) / str(number)
+            in_fresh_process(cut, text, 1, parts / "1")
+            in_fresh_process(cut, f"{text},frames=odometry", 1, parts / "again")
+            again = in_fresh_process(agreement_of, parts / "again" / "robot_0", parts / "1" / "robot_0")
+            for robots in args.robots:
                 sys.stderr.write(f"benchmark: {text}, {robots} robots\n")
-                out = Path(folder) / f"{args.recordings.index(text)}" / str(robots)
-                in_fresh_process(cut, text, robots, out)
-                if robots > 1:
-                    runs.append(in_fresh_process(run_split, text, out, out.parent / "1" / "robot_0"))
+                in_fresh_process(cut, text, robots, parts / str(robots))
+                runs.append(in_fresh_process(run_split, text, parts / str(robots), parts / "1" / "robot_0", again))
     print(text_table(HEAD, [_row(run) for run in runs]))
     for run in runs:
         for name, reason in run.left_out.items():
@@ -123,8 +129,16 @@ def cut(text: str, robots: int, out: Path) -> None:
         raise MeasurementError(said.getvalue().strip().splitlines()[-1])
 
 
-def run_split(text: str, folder: Path, undivided: Path) -> SplitRun:
-    """Merge the maps of a folder that build_maps wrote, and hold the result against truth.json and an undivided map."""
+def agreement_of(again: Path, undivided: Path) -> float:
+    """Return the share of cells in which one map of the whole recording is like another."""
+    return _agreements(load_map(again), load_map(undivided))[0].agree
+
+
+def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRun:
+    """Merge the maps of a folder that build_maps wrote, and hold the result against truth.json and an undivided map.
+
+    `again` is kept as it is, see `SplitRun`.
+    """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["robots"]
     poses = {name: SE2(*one["T_reference_map"]) for name, one in truth.items()}
     maps = {name: load_map(folder / name) for name in poses}
@@ -141,6 +155,7 @@ def run_split(text: str, folder: Path, undivided: Path) -> SplitRun:
         agree=None if merged is None else merged.agree,
         agree_nearby=None if merged is None else merged.agree_nearby,
         turned=None if turned is None else turned.agree,
+        again=again,
         merge_cpu_s=seconds,
     )
 
@@ -202,6 +217,6 @@ def _row(run: SplitRun) -> list[str]:
         str(len(run.pairs)),
         str(near),
         *(number(value, digits) for value, digits in zip(worst, (3, 2), strict=True)),
-        *(number(share and 100.0 * share, 1) for share in (run.agree, run.agree_nearby, run.turned)),
+        *(number(share and 100.0 * share, 1) for share in (run.agree, run.agree_nearby, run.turned, run.again)),
         number(run.merge_cpu_s, 1),
     ]

@@ -40,6 +40,7 @@ def test_a_recording_is_cut_and_merged_again(tmp_path, capsys):
         assert degrees < 1.0
     assert 0.9 < run["agree"] <= run["agree_nearby"] <= 1.0
     assert 0.9 < run["turned"] <= 1.0
+    assert 0.9 < run["again"] <= 1.0
 
 
 def test_a_recording_that_is_not_there_is_one_line(tmp_path, capsys):
