@@ -33,6 +33,8 @@ exit codes: 0 done, 1 something is wrong (one line says what; what was finished 
 MOST_ROBOTS = 10_000
 OUT_OF_MEMORY = "memory has run out: use a coarser map.resolution, a smaller map.max_cells or fewer --workers"
 
+INTERRUPTED_TEXT = "interrupted: run the same again to go on, finished robots are kept"
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
@@ -100,7 +102,7 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     _check_usage(grammar, args)
-    with loading():
+    with loading(f"build_maps: {INTERRUPTED_TEXT}"):
         from tbmslam.errors import TbmSlamError
         from tools.configuration import whole_text
         from tools.console import one_line, print_anything
@@ -121,7 +123,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.write(f"build_maps: {OUT_OF_MEMORY if isinstance(error, MemoryError) else one_line(error)}\n")
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write("build_maps: interrupted: run the same again to go on, finished robots are kept\n")
+        sys.stderr.write(f"build_maps: {INTERRUPTED_TEXT}\n")
         return 130
     return 0
 

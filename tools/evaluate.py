@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.console import one_line
+from tools.loading import loading
 
 _FARTHEST = 1e8
 
@@ -97,8 +98,9 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     _check(grammar, args)
-    from tbmslam.errors import TbmSlamError
-    from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
+    with loading("evaluate: interrupted"):
+        from tbmslam.errors import TbmSlamError
+        from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
 
     try:
         report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)

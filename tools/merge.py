@@ -12,6 +12,7 @@ from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
 from tools.console import one_line
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
+from tools.loading import loading
 from tools.map_listing import list_maps
 from tools.typed_command import typed_command
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("merge")
 
+_INTERRUPTED = "merge: interrupted: run the same again"
 DONE, FAILED, NOTHING_MERGED = 0, 1, 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
@@ -67,7 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
         parser.error(f"the maps cannot be listed: {error}")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
-    from tools.configuration import whole_text
+    with loading(_INTERRUPTED):
+        from tools.configuration import whole_text
 
     try:
         config = _configuration(parser, options)
@@ -87,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("merge: memory has run out: merge fewer maps, or with a coarser --resolution", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print("merge: interrupted: run the same again", file=sys.stderr)
+        print(_INTERRUPTED, file=sys.stderr)
         return 130
 
 
@@ -229,12 +232,13 @@ def _given(**values: object) -> dict[str, object]:
 
 
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
-    from merging.merger import merge
-    from tbmslam.map_folder import load_map
-    from tbmslam.parameters import ConfigError
-    from tbmslam.report.making import Making
-    from tools.output_folder import output_folder
-    from tools.progress import ProgressBars
+    with loading(_INTERRUPTED):
+        from merging.merger import merge
+        from tbmslam.map_folder import load_map
+        from tbmslam.parameters import ConfigError
+        from tbmslam.report.making import Making
+        from tools.output_folder import output_folder
+        from tools.progress import ProgressBars
 
     check_extra_files(options)
     watch = ProgressBars()

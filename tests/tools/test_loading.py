@@ -1,4 +1,6 @@
 import gc
+import os
+import signal
 import sys
 
 import pytest
@@ -35,3 +37,25 @@ def test_a_module_that_fails_leaves_all_as_it_was():
     with pytest.raises(ModuleNotFoundError), loading():
         __import__("there_is_no_such_module")
     assert gc.isenabled()
+
+
+def test_ctrl_c_while_modules_load_ends_the_program_with_its_line(monkeypatch, capsys):
+    codes = []
+    monkeypatch.setattr(os, "_exit", codes.append)
+    with loading("merge: interrupted"):
+        signal.raise_signal(signal.SIGINT)
+    assert codes == [130]
+    assert capsys.readouterr().err == "merge: interrupted\n"
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_whoever_hears_ctrl_c_otherwise_goes_on_to():
+    heard = []
+    before = signal.signal(signal.SIGINT, lambda *_: heard.append(True))
+    try:
+        with loading("merge: interrupted"):
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert heard == [True]
