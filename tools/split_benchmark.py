@@ -45,7 +45,7 @@ quarter of the smaller map's free space or more; near enough: of these, pairs wh
 the middle of the second map, and 1 degree of truth.json. as undivided: share of the cells known to the merged map and
 to that of the whole recording that both call the same; or beside: a neighbour counts too. undivided turned: share of
 the cells in which the undivided map is like itself when drawn again on the merged map's cells. undivided again: that in
-which it is like the map that the whole recording gives in the odometry's frame, where numbers round otherwise."""
+which it is like the map that the whole recording gives in the odometry's frame, where cells lie otherwise."""
 
 _SHARED = 0.25
 _NEAR_M, _NEAR_DEG = 0.2, 1.0
