@@ -192,6 +192,8 @@ class VerificationConfig(_Config):
         How near to a wall of the other map, seen from the same side, a wall must lie to agree [m].
     conflict_distance_m
         How far from every wall of the other map a wall on its free space must lie to contradict it [m].
+    bent_m
+        A wall farther than this from every wall is not there because a map bent [m].
     front_m
         How far before a wall the other robot must have seen free space to have seen the wall [m].
     other_weight
@@ -208,6 +210,7 @@ class VerificationConfig(_Config):
 
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3
+    bent_m: Metres = 0.6
     front_m: Metres = 0.3
     other_weight: Annotated[float, Field(ge=0.0)] = 0.6
     min_confidence: Share = 0.8
@@ -220,6 +223,10 @@ class VerificationConfig(_Config):
         """Return the distances as the kernels take them."""
         return Limits(self.agreement_distance_m, self.conflict_distance_m, self.front_m, FACING)
 
+    def bent_limits(self) -> Limits:
+        """Return the same, with contradiction only where no bend explains it."""
+        return self.limits()._replace(conflict=max(self.bent_m, self.conflict_distance_m))
+
 
 class GraphConfig(_Config):
     """How maps are joined to groups.
@@ -229,7 +236,8 @@ class GraphConfig(_Config):
     same_m, same_rad
         Alignments nearer to each other than this name one place.
     min_confidence
-        Least probability of a refused alignment, or of an alternative, that may confirm others.
+        Least probability of an alternative that may confirm others. The best place of a refused alignment always may:
+        of the many places that chance could have chosen, it chose the one that others lead to.
     confirmation
         Log odds that a place gains at least when another alignment, however doubtful, leads to it too.
     min_support

@@ -118,16 +118,16 @@ def groups_of(
 
 
 def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
-    """Return the places that an alignment of a pair offers, its alternatives among them."""
+    """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives."""
     if found.T_target_source is None:
         return []
     confidence = max(found.confidence, 0.9) if found.accepted else found.confidence
     places = [(found.T_target_source, confidence, found.agreed_wall_m, found.accepted)]
-    places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in found.alternatives]
+    likely = (one for one in found.alternatives if one.confidence >= config.min_confidence)
+    places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in likely]
     return [
         Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
         for motion, confidence, wall_m, accepted in places
-        if accepted or confidence >= config.min_confidence
     ]
 
 

@@ -11,7 +11,6 @@ from merging.pieces import Pieces, count_pieces
 from merging.structure import Structure
 from merging.unbroken import unbroken_m
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.wall_limits import Limits
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
 
 _MANY_CELLS = 4000
@@ -47,7 +46,7 @@ class Evidence:
     larger_wall_m
         All walls of the map that has more of them [m].
     unbroken_m
-        The unbroken stretches of wall that contradict (`merging.unbroken`) [m].
+        The unbroken stretches of wall that contradict, farther from all walls than maps bend (`merging.unbroken`) [m].
     pieces
         The same by separate pieces of wall.
     """
@@ -89,8 +88,7 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
     means = np.mean(_sums(target, source, motions, config, None), axis=0)
     larger_m = max(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
     return [
-        _evidence(target, source, motion, mean, larger_m, config.limits())
-        for motion, mean in zip(motions, means, strict=True)
+        _evidence(target, source, motion, mean, larger_m, config) for motion, mean in zip(motions, means, strict=True)
     ]
 
 
@@ -112,7 +110,7 @@ def _sums(
 
 
 def _evidence(
-    target: Structure, source: Structure, motion: SE2, mean: FloatArray, larger_m: float, limits: Limits
+    target: Structure, source: Structure, motion: SE2, mean: FloatArray, larger_m: float, config: VerificationConfig
 ) -> Evidence:
     compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
     weakest = np.linalg.eigvalsh([[mean[XX], mean[XY]], [mean[XY], mean[YY]]])[0]
@@ -127,8 +125,8 @@ def _evidence(
         agreement=agreed / compared if compared > 0.0 else 0.0,
         conflict=float(mean[CONFLICTING]) / compared if compared > 0.0 else 0.0,
         larger_wall_m=larger_m,
-        unbroken_m=unbroken_m(target, source, motion, limits),
-        pieces=count_pieces(target, source, motion, limits),
+        unbroken_m=unbroken_m(target, source, motion, config.bent_limits()),
+        pieces=count_pieces(target, source, motion, config.limits()),
     )
 
 
