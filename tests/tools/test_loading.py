@@ -39,6 +39,15 @@ def test_a_module_that_fails_leaves_all_as_it_was():
     assert gc.isenabled()
 
 
+@pytest.fixture
+def hears_ctrl_c():
+    """As on a terminal; what a shell starts behind itself does not hear it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("hears_ctrl_c")
 def test_ctrl_c_while_modules_load_ends_the_program_with_its_line(monkeypatch, capsys):
     codes = []
     monkeypatch.setattr(os, "_exit", codes.append)
