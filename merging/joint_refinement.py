@@ -78,11 +78,12 @@ def refine_jointly(
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))
     rigid = np.vstack([track.sensors for track in tracks])
     chain = [edge for track, start in zip(tracks, starts, strict=False) for edge in track.chain(int(start), config)]
+    owners = [track.map_name for track in tracks for _ in range(len(track.sensors))]
     moved, closures = rigid, list[MotionEdge]()
     for shift in (config.first_shift_m, config.last_shift_m, *[0.0] * config.tightenings):
         found = find_closures(tracks, starts, moved, shift, config, watch or Watch())
-        closures = _between_maps(tracks, found)
-        if len(closures) < config.min_closures or not _reach_all(tracks, closures):
+        closures = [edge for edge in found if owners[edge.source] != owners[edge.target]]
+        if len(closures) < config.min_closures or not _reach_all(owners, closures):
             logger.info("%d closures between robots are too few: the alignment stays rigid", len(closures))
             return None
         moved = optimise(moved, chain, found, config.robust_width)
@@ -106,18 +107,11 @@ def nearest_rigid(before: TbmMap, after: TbmMap) -> SE2:
     return fit_rigid(new, old)[0]
 
 
-def _between_maps(tracks: list[Track], closures: list[MotionEdge]) -> list[MotionEdge]:
-    """Return the closures between different maps' keyframes."""
-    owner = [track.map_name for track in tracks for _ in range(len(track.sensors))]
-    return [edge for edge in closures if owner[edge.source] != owner[edge.target]]
-
-
-def _reach_all(tracks: list[Track], closures: list[MotionEdge]) -> bool:
-    """Tell whether closures connect all maps."""
-    owner = [track.map_name for track in tracks for _ in range(len(track.sensors))]
-    group = {name: name for name in owner}
+def _reach_all(owners: list[str], closures: list[MotionEdge]) -> bool:
+    """Tell whether closures connect all maps that own keyframes."""
+    group = {name: name for name in owners}
     for edge in closures:
-        joined, absorbed = group[owner[edge.source]], group[owner[edge.target]]
+        joined, absorbed = group[owners[edge.source]], group[owners[edge.target]]
         group = {name: joined if there == absorbed else there for name, there in group.items()}
     return len(set(group.values())) == 1
 
