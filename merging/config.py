@@ -2,10 +2,11 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
-from tbmslam.submap import SubmapConfig
+from merging.bending_config import JointConfig, StretchConfig
+from merging.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
 
 Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]
@@ -22,15 +23,9 @@ Rule = Literal[
     "entropy-filter",
 ]
 Coverage = Literal["union", "overlap"]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Metres = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class _Config(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class FeatureConfig(_Config):
+class FeatureConfig(FrozenConfig):
     """Keypoints and how they are matched: the paper's numbers, and OpenCV's where the paper is silent.
 
     Parameters
@@ -46,15 +41,15 @@ class FeatureConfig(_Config):
         ORB's pyramid and corner detector.
     """
 
-    keypoints: Annotated[int, Field(ge=1)] = 1000
+    keypoints: Count = 1000
     descriptor: Descriptor = "concatenated"
     ratio: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
     pyramid_step: Annotated[float, Field(gt=1.0)] = 1.2
-    pyramid_levels: Annotated[int, Field(ge=1)] = 8
+    pyramid_levels: Count = 8
     fast_threshold: Annotated[int, Field(ge=0)] = 20
 
 
-class ConsensusConfig(_Config):
+class ConsensusConfig(FrozenConfig):
     """The rigid motion that most matches agree on.
 
     Parameters
@@ -77,11 +72,11 @@ class ConsensusConfig(_Config):
     min_inliers: Annotated[int, Field(ge=2)] = 5
     min_baseline_m: Metres = 1.0
     max_scale_deviation: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
-    trials: Annotated[int, Field(ge=1)] = 4000
+    trials: Count = 4000
     seed: int = 0
 
 
-class StructureConfig(_Config):
+class StructureConfig(FrozenConfig):
     """What counts as wall and as free space when alignments are judged.
 
     Parameters
@@ -113,7 +108,7 @@ class StructureConfig(_Config):
     hollow_m: Metres = 0.45
 
 
-class CorrelationConfig(_Config):
+class CorrelationConfig(FrozenConfig):
     """The search through all rotations and shifts.
 
     Parameters
@@ -150,15 +145,15 @@ class CorrelationConfig(_Config):
     penalty: Annotated[float, Field(ge=0.0)] = 0.5
     wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
     turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
-    most_turns: Annotated[int, Field(ge=1)] = 220
+    most_turns: Count = 220
     min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
-    peaks_per_rotation: Annotated[int, Field(ge=1)] = 30
-    proposals: Annotated[int, Field(ge=1)] = 600
+    peaks_per_rotation: Count = 30
+    proposals: Count = 600
     semifinalists: Annotated[int, Field(ge=2)] = 40
     finalists: Annotated[int, Field(ge=2)] = 20
 
 
-class RefinementConfig(_Config):
+class RefinementConfig(FrozenConfig):
     """How an alignment is made exact.
 
     Parameters
@@ -183,7 +178,7 @@ class RefinementConfig(_Config):
     many_walls: Annotated[int, Field(ge=3)] = 2500
 
 
-class VerificationConfig(_Config):
+class VerificationConfig(FrozenConfig):
     """When an alignment is believed.
 
     Parameters
@@ -228,7 +223,7 @@ class VerificationConfig(_Config):
         return self.limits()._replace(conflict=max(self.bent_m, self.conflict_distance_m))
 
 
-class GraphConfig(_Config):
+class GraphConfig(FrozenConfig):
     """How maps are joined to groups.
 
     Parameters
@@ -258,107 +253,7 @@ class GraphConfig(_Config):
     robust_width: Annotated[float, Field(gt=0.0)] = 3.0
 
 
-class JointConfig(_Config):
-    """How drives of several robots are straightened together.
-
-    Parameters
-    ----------
-    enabled
-        Whether it is tried where maps carry keyframes.
-    submap
-        How stretches of a drive become submaps.
-    step
-        Travelled length between keyframes that are laid onto other robots' submaps [m].
-    reach_m, submaps_per_step
-        How near a keyframe must be to a submap's way [m], and how many of the nearest are tried.
-    bundle_m
-        Keyframes within this length before and after join a bundle [m].
-    first_shift_m, last_shift_m, turn_rad
-        How far a bundle is searched from where it is expected, in the first round and in the second [m], and how far
-        turned [rad]. The second is also how far it may slide when it is laid onto the surfaces.
-    tightenings
-        Further rounds, in which bundles are laid onto the surfaces from where they are, without a search.
-    min_gap_m
-        Travelled length between two visits of a robot to a place [m].
-    search_points, match_points
-        Hits of a bundle used in a search, and in the fit.
-    min_matched, max_violated, max_ambiguity, min_determined
-        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, and
-        no place as good elsewhere; a direction whose curvature is a smaller share of the other's than the last is left
-        open; see `tbmslam.loop_closing`.
-    sure_matched, doubtful_weight
-        With less of its bundle on surfaces than it takes to close a loop of one robot, a closure between robots counts
-        for a share only: things were moved, or the fit is none.
-    min_closures
-        With fewer the alignment stays rigid.
-    step_m, step_rad, crossing_m, crossing_rad
-        Standard deviations of the motion from keyframe to keyframe, and between places where a drive comes near its
-        own way again [m, rad], for drives of which only the poses are known.
-    stiffness_step_m, stiffness_reach_m
-        How often the latter are taken, and how near is near [m].
-    closure_m, closure_rad
-        Accuracy of a closure at best [m, rad].
-    robust_width
-        Deviations at which a closure begins to lose its say.
-    """
-
-    enabled: bool = True
-    submap: SubmapConfig = SubmapConfig()
-    step: Metres = 1.0
-    reach_m: Metres = 4.0
-    submaps_per_step: Annotated[int, Field(ge=1)] = 2
-    bundle_m: Annotated[float, Field(ge=0.0)] = 1.5
-    first_shift_m: Metres = 0.8
-    last_shift_m: Metres = 0.3
-    tightenings: Annotated[int, Field(ge=0)] = 2
-    min_gap_m: Metres = 12.0
-    turn_rad: Annotated[float, Field(gt=0.0)] = 0.075
-    search_points: Annotated[int, Field(ge=10)] = 150
-    match_points: Annotated[int, Field(ge=10)] = 500
-    min_matched: Share = 0.4
-    sure_matched: Share = 0.58
-    doubtful_weight: Annotated[float, Field(gt=0.0, le=1.0)] = 0.1
-    max_violated: Share = 0.2
-    max_ambiguity: Share = 0.9
-    min_determined: Annotated[float, Field(ge=0.0)] = 0.02
-    min_closures: Annotated[int, Field(ge=1)] = 5
-    step_m: Metres = 0.01
-    step_rad: Annotated[float, Field(gt=0.0)] = 0.003
-    crossing_m: Metres = 0.05
-    crossing_rad: Annotated[float, Field(gt=0.0)] = 0.01
-    stiffness_step_m: Metres = 2.0
-    stiffness_reach_m: Metres = 3.0
-    closure_m: Metres = 0.02
-    closure_rad: Annotated[float, Field(gt=0.0)] = 0.004
-    robust_width: Annotated[float, Field(gt=0.0)] = 2.0
-
-
-class StretchConfig(_Config):
-    """How a map that was left out is tried once more, its drives in stretches; see `merging.bent_maps`.
-
-    Parameters
-    ----------
-    enabled
-        Whether it is tried where maps carry keyframes.
-    length_m
-        Travelled length of a stretch, about [m]: short enough to be straight, long enough to be told from others.
-    most
-        Stretches of a map at the most; those of longer drives are longer.
-    doubtful
-        So many stretches that agree are enough where none of them is accepted.
-    drift, turn_drift
-        How far two stretches may say that the map bent between them, by the way from one to the other [m/m, rad/m].
-    """
-
-    enabled: bool = True
-    length_m: Metres = 25.0
-    most: Annotated[int, Field(ge=2)] = 12
-    doubtful: Annotated[int, Field(ge=2)] = 3
-    drift: Annotated[float, Field(ge=0.0)] = 0.03
-    turn_drift: Annotated[float, Field(ge=0.0)] = 0.006
-
-
-class MergeConfig(_Config):
+class MergeConfig(FrozenConfig):
     """How maps are merged.
 
     Parameters
@@ -386,7 +281,7 @@ class MergeConfig(_Config):
     method: Method = "correlation"
     rule: Rule | None = None
     coverage: Coverage = "union"
-    reliability: dict[str, Share] = {}
+    reliability: dict[str, Share] = Field(default_factory=dict)
     resolution: Metres | None = None
     merged_resolution: Metres | None = None
     features: FeatureConfig = FeatureConfig()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from merging.config import JointConfig
+from merging.bending_config import JointConfig
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
 from tbmslam.pose_graph import MotionEdge, relative_pose

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.config import JointConfig
+from merging.bending_config import JointConfig
 from merging.consensus import fit_rigid
 from merging.joint_closures import Track, find_closures
 from merging.redrawing import redraw

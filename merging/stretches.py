@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.alignment import Alignment
-from merging.config import GraphConfig, StretchConfig
+from merging.bending_config import StretchConfig
+from merging.config import GraphConfig
 from merging.consensus import fit_rigid
 from merging.map_graph import Offer, offers_of
 from merging.redrawing import redraw

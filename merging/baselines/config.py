@@ -7,18 +7,12 @@ limits. How long the methods search, and Carpin's penalty, were settled after a 
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Metres = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
+from merging.frozen_config import Count, FrozenConfig, Metres, Share
 
 
-class _Config(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class BirkCarpinConfig(_Config):
+class BirkCarpinConfig(FrozenConfig):
     """Adaptive random walk on the image similarity.
 
     Parameters
@@ -49,7 +43,7 @@ class BirkCarpinConfig(_Config):
     seed: int = 0
 
 
-class CarpinConfig(_Config):
+class CarpinConfig(FrozenConfig):
     """Hough spectra.
 
     Parameters
@@ -68,7 +62,7 @@ class CarpinConfig(_Config):
     max_index: Share = 0.045
 
 
-class LiConfig(_Config):
+class LiConfig(FrozenConfig):
     """Occupancy likelihood, maximised by a genetic algorithm.
 
     Parameters
@@ -93,7 +87,7 @@ class LiConfig(_Config):
     seed: int = 0
 
 
-class SaeediConfig(_Config):
+class SaeediConfig(FrozenConfig):
     """Probabilistic generalised Voronoi diagrams.
 
     Parameters
@@ -115,7 +109,7 @@ class SaeediConfig(_Config):
     min_gain: Share = 0.94
 
 
-class TrehardConfig(_Config):
+class TrehardConfig(FrozenConfig):
     """Consistency of masses by the disjunctive operator.
 
     Parameters
@@ -140,7 +134,7 @@ class TrehardConfig(_Config):
     min_consistency: Share = 0.72
 
 
-class BaselinesConfig(_Config):
+class BaselinesConfig(FrozenConfig):
     """The related work.
 
     Parameters

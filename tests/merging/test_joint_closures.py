@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from merging.config import JointConfig
+from merging.bending_config import JointConfig
 from merging.joint_closures import Track
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.keyframes import Keyframes

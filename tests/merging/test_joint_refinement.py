@@ -7,7 +7,7 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.laser import SimulatedLaser
-from merging.config import JointConfig
+from merging.bending_config import JointConfig
 from merging.joint_refinement import refine_jointly
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, TbmGrid

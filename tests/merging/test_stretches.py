@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from merging.alignment import Alignment, Alternative
-from merging.config import GraphConfig, StretchConfig
+from merging.bending_config import StretchConfig
+from merging.config import GraphConfig
 from merging.stretches import Stretch, elect, stretches_of
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
