@@ -4,9 +4,10 @@ import numpy as np
 
 from merging.config import MergeConfig
 from merging.correlation import propose
+from merging.distinct_poses import distinct
 from merging.structure import Structure
 from merging.verification import Evidence, examine_all, support_m
-from tbmslam.se2 import SE2, FloatArray, wrap_angles
+from tbmslam.se2 import SE2, FloatArray, compose
 from tbmslam.wall_limits import FACING
 from tbmslam.walls import slide
 
@@ -31,10 +32,10 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
     slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
     supports = support_m(target, source, slid, config.verification, how.some_walls)
-    best = distinct(slid, supports, source, config.correlation.semifinalists)
+    best = _elsewhere(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
     supports = support_m(target, source, finalists, config.verification, how.many_walls)
-    finalists = distinct(finalists, supports, source, config.correlation.finalists)
+    finalists = _elsewhere(finalists, supports, source, config.correlation.finalists)
     return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
 
 
@@ -46,19 +47,8 @@ def refine_all(target: Structure, source: Structure, motions: list[SE2], config:
     return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
 
 
-def distinct(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
+def _elsewhere(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
     """Return the best motions, none of which puts the source where a better one puts it already."""
-    poses = np.array(motions, dtype=np.float64).reshape(-1, 3)
-    x, y = source.points.mean(axis=0)
-    turns = poses[:, 2]
-    centres = poses[:, :2] + np.column_stack(
-        (np.cos(turns) * x - np.sin(turns) * y, np.sin(turns) * x + np.cos(turns) * y)
-    )
-    ranked = np.argsort(-scores, kind="stable")
-    kept: list[SE2] = []
-    while len(ranked) and len(kept) < count:
-        best = ranked[0]
-        kept.append(motions[best])
-        apart = np.linalg.norm(centres[ranked] - centres[best], axis=1) > _ELSEWHERE_M
-        ranked = ranked[apart | (np.abs(wrap_angles(turns[ranked] - turns[best])) > _ELSEWHERE_RAD)]
-    return kept
+    middle = np.append(source.points.mean(axis=0), 0.0)
+    centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), middle)
+    return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]

@@ -19,9 +19,10 @@ import numpy.typing as npt
 import scipy.fft
 
 from merging.config import CorrelationConfig
+from merging.distinct_poses import distinct
 from merging.structure import Structure
 from tbmslam.kernels.turned_images import draw_turned, multiply
-from tbmslam.se2 import SE2, FloatArray, wrap_angle, wrap_angles
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
 _Complex = npt.NDArray[np.complex128]
@@ -105,8 +106,9 @@ def propose(target: Structure, source: Structure, config: CorrelationConfig) -> 
         values, rows, cols = _peaks(search.scores(float(theta)), config.peaks_per_rotation)
         shifts = ((cols - search.size[1] // 2) + 1j * (rows - search.size[0] // 2)) * cell
         peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
-    distinct = _distinct(np.concatenate(peaks), 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
-    return [_motion(search.fixed.centre, search.moving.centre, x + 1j * y, theta) for _, x, y, theta in distinct]
+    places = np.concatenate(peaks)
+    best = distinct(places[:, 1:], places[:, 0], 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
+    return [_motion(search.fixed.centre, search.moving.centre, x + 1j * y, theta) for x, y, theta in places[best, 1:]]
 
 
 @dataclass(frozen=True)
@@ -216,20 +218,6 @@ def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, Fl
     within = flat[best].argmax(axis=1)
     rows, cols = best // across * _BLOCK + within // _BLOCK, best % across * _BLOCK + within % _BLOCK
     return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
-
-
-def _distinct(peaks: FloatArray, apart_m: float, apart_rad: float, count: int) -> FloatArray:
-    """Return the best peaks (K, 4) of which none lies near a better one."""
-    ranked = peaks[np.argsort(-peaks[:, 0], kind="stable")]
-    kept: list[FloatArray] = []
-    while len(ranked) and len(kept) < count:
-        best = ranked[0]
-        kept.append(best)
-        near = np.hypot(ranked[:, 1] - best[1], ranked[:, 2] - best[2]) < apart_m
-        near &= np.abs(wrap_angles(ranked[:, 3] - best[3])) < apart_rad
-        near[0] = True
-        ranked = ranked[~near]
-    return np.array(kept).reshape(-1, 4)
 
 
 def _motion(target_centre: complex, source_centre: complex, shift: complex, theta: float) -> SE2:

@@ -1,10 +1,9 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 
-from merging.candidates import distinct, find_candidates, refine_all
+from merging.candidates import find_candidates, refine_all
 from merging.config import MergeConfig, StructureConfig
 from merging.structure import Structure
 from merging.warping import warp
@@ -62,12 +61,6 @@ def test_the_true_place_comes_first_and_every_other_is_elsewhere(rooms):
     for (first, _), (second, _) in itertools.combinations(candidates, 2):
         turn = abs((first.inverse() @ second).theta)
         assert math.dist(first.apply(centre), second.apply(centre)) > 1.0 or turn > 0.15
-
-
-def test_the_best_of_places_close_together_is_kept(rooms):
-    motions = [SE2(0.0, 0.0, 0.0), SE2(0.5, 0.0, 0.0), SE2(9.0, 0.0, 0.0)]
-    kept = distinct(motions, np.array([1.0, 2.0, 0.5]), structure(rooms(1)), 5)
-    assert kept == [motions[1], motions[2]]
 
 
 def test_few_turns_are_enough_where_many_walls_tell_which(rooms):
