@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from datasets.errors import DatasetError
+from tbmslam.special_file import is_device_or_pipe
 
 _FILES = (".bag", ".db3", ".mcap", ".log", ".clf")
 _PACKED = (".gz", ".bz2", ".xz")
@@ -18,7 +19,7 @@ def check_is_file(path: Path) -> None:
     DatasetError
         It is such a thing. What does not exist passes.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if is_device_or_pipe(path):
         raise DatasetError(f"{path}: is no file but a device or a pipe: give a recording's file or folder")
 
 
@@ -55,7 +56,7 @@ def _is_ros2_bag(directory: Path) -> bool:
 
 
 def _is_recording(file: Path) -> bool:
-    if file.exists() and not file.is_file():
+    if is_device_or_pipe(file):
         return False
     name = file.name.lower()
     for ending in _PACKED:

@@ -8,6 +8,7 @@ from glob import escape
 from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.special_file import is_device_or_pipe
 
 
 class FileNotWrittenError(TbmSlamError):
@@ -66,7 +67,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def _check_place(target: Path) -> None:
     """Refuse to put a file in the place of a device, a pipe or a link to one; a folder cannot be replaced anyway."""
     try:
-        is_taken = target.exists() and not (target.is_file() or target.is_dir())
+        is_taken = is_device_or_pipe(target)
     except OSError:  # a folder on the way may not be entered; writing will say so
         return
     # /dev/stdout may be a link to a file, and be needed all the same.

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.map_check import MapFileError, check_size
+from tbmslam.special_file import is_device_or_pipe
 
 # Magic, width, height and maximum, with comments between them; a single space ends the header.
 _SEPARATOR = rb"(?:\s|#[^\n]*\n)+"
@@ -54,7 +55,7 @@ def read_image(path: Path) -> MapImage:
     MapFileError
         If the file is missing, damaged, too large, or no picture of 8 or 16 bits.
     """
-    if path.exists() and not path.is_file():
+    if path.is_dir() or is_device_or_pipe(path):
         raise MapFileError(f"{path}: the map's image is no file but a folder or a device: name a picture")
     try:
         with path.open("rb") as file:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.special_file import is_device_or_pipe
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import matching_stamps
 
@@ -66,7 +67,7 @@ def read_relations(path: Path) -> Relations:
     RelationsError
         When the file cannot be read or has other columns.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe or a device might never end
+    if is_device_or_pipe(path):
         raise RelationsError(f"{path}: is no file but a device or a pipe: give a file of relations")
     try:
         with warnings.catch_warnings(action="ignore"):  # that there is nothing in it is told below

@@ -10,6 +10,7 @@ from tbmslam.atomic_file import write_text
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import FloatArray, wrap_angles
+from tbmslam.special_file import is_device_or_pipe
 from tbmslam.trajectory import Trajectory
 
 
@@ -54,7 +55,7 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 def _pose_lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines that should hold a pose, with their numbers from 1."""
-    if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe or a device might never end
+    if is_device_or_pipe(path):
         raise TumError(f"{path}: is no file but a device or a pipe: give a trajectory's file")
     try:
         text = path.read_text(encoding="utf-8")

@@ -10,6 +10,7 @@ from merging.config import MergeConfig
 from tbmslam.config import ConfigError, SlamConfig, preset
 from tbmslam.config_text import config_text
 from tbmslam.parameters import changed, parse_setting
+from tbmslam.special_file import is_device_or_pipe
 
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
 
@@ -82,7 +83,7 @@ def merging_text(config: MergeConfig) -> str:
 
 
 def _read(path: Path) -> Mapping[str, object]:
-    if path.exists() and not path.is_file():  # reading a device or a pipe might never end
+    if path.is_dir() or is_device_or_pipe(path):
         raise ConfigError(f"{path}: cannot be read as TOML: it is no file")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))

@@ -1,0 +1,13 @@
+import os
+
+from tbmslam.special_file import is_device_or_pipe
+
+
+def test_only_devices_and_pipes_are_told_and_so_are_links_to_them(tmp_path):
+    file, pipe, link, broken = (tmp_path / name for name in ("file", "pipe", "link", "broken"))
+    file.write_text("x")
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/null")
+    broken.symlink_to(tmp_path / "nothing")
+    assert [is_device_or_pipe(path) for path in (pipe, link)] == [True, True]
+    assert not any(is_device_or_pipe(path) for path in (file, tmp_path, broken, tmp_path / "nothing"))
