@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.console import one_line
+from tools.loading import INTERRUPTED
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -129,7 +130,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("benchmark: interrupted\n")
-        return 130
+        return INTERRUPTED
     return 0
 
 

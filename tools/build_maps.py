@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from tools.configuration_options import add_configuration_options
 from tools.extra_files import add_extra_files
-from tools.loading import loading
+from tools.loading import INTERRUPTED, loading
 from tools.recording_options import add_recording_options, given_options
 from tools.viewer_option import add_viewer_option
 
@@ -124,7 +124,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         sys.stderr.write(f"build_maps: {INTERRUPTED_TEXT}\n")
-        return 130
+        return INTERRUPTED
     return 0
 
 

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
+from tools.loading import INTERRUPTED
+
 if TYPE_CHECKING:
     from datasets.known_recordings import KnownRecording
 
@@ -57,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("download: interrupted: run the same again to go on\n")
-        return 130
+        return INTERRUPTED
     return 0
 
 

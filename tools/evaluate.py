@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.console import one_line
-from tools.loading import loading
+from tools.loading import INTERRUPTED, loading
 
 _FARTHEST = 1e8
 
@@ -116,7 +116,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("evaluate: interrupted\n")
-        return 130
+        return INTERRUPTED
     print_report(report, as_json=args.json)
     return 0
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 
 INTERRUPTED = 130
+"""Exit code of a program that Ctrl-C ended, as shells tell it: 128 and the signal's number."""
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
 from tools.console import one_line
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
-from tools.loading import loading
+from tools.loading import INTERRUPTED, loading
 from tools.map_listing import list_maps
 from tools.typed_command import typed_command
 
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILED
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
-        return 130
+        return INTERRUPTED
 
 
 def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -16,8 +16,8 @@ from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import ProgramRun, run_program
 from tools.fault_cases.waiting_child import Moment, State
 from tools.fault_cases.written_maps import WrittenMaps, contents
+from tools.loading import INTERRUPTED
 
-_INTERRUPTED = 130
 _STATES: tuple[State, ...] = ("empty", "half", "whole", "named")
 _FULL_AT = 10_000
 """Size at which the disk is full [B]: a picture of the maps is smaller, a map larger."""
@@ -139,7 +139,7 @@ CASES = (
     ),
     FaultCase(
         "Ctrl-C while maps are written",
-        partial(_stopped, send=signal.SIGINT, code=_INTERRUPTED, states=("half",)),
+        partial(_stopped, send=signal.SIGINT, code=INTERRUPTED, states=("half",)),
         quick=True,
     ),
     FaultCase(
@@ -147,7 +147,7 @@ CASES = (
         partial(
             _stopped,
             send=signal.SIGINT,
-            code=_INTERRUPTED,
+            code=INTERRUPTED,
             states=("half", "named"),
             words=("--workers", "2", "--redo"),
         ),
