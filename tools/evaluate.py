@@ -12,7 +12,7 @@ from typing import Any
 from tools.console import one_line
 from tools.loading import INTERRUPTED, loading
 
-_FARTHEST = 1e8
+_INTERRUPTED = "evaluate: interrupted"
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -98,7 +98,7 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     _check(grammar, args)
-    with loading("evaluate: interrupted"):
+    with loading(_INTERRUPTED):
         from tbmslam.errors import TbmSlamError
         from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
 
@@ -115,7 +115,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.write("evaluate: memory has run out: crop the maps, or use coarser cells\n")
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write("evaluate: interrupted\n")
+        sys.stderr.write(f"{_INTERRUPTED}\n")
         return INTERRUPTED
     print_report(report, as_json=args.json)
     return 0
@@ -125,8 +125,8 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if args.command == "map":
         if not 0.0 <= args.min_evidence < 1.0:
             grammar.error("--min-evidence must lie within [0, 1)")
-        if args.transform and not all(abs(number) <= _FARTHEST for number in args.transform):
-            grammar.error(f"--transform must be finite and within {_FARTHEST:.0e} m")
+        if args.transform:
+            _check_transform(grammar, args.transform)
         return
     for option in ("step_m", "step_s"):
         if getattr(args, option) is not None and not getattr(args, option) > 0.0:
@@ -137,6 +137,14 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
         grammar.error("--max-stamp-difference must not be negative")
     if args.map and not args.picture:
         grammar.error("--map is drawn beneath the trajectory: add --picture")
+
+
+def _check_transform(grammar: argparse.ArgumentParser, numbers: list[float]) -> None:
+    with loading(_INTERRUPTED):
+        from tbmslam.laser_scan import FARTHEST_PLACE
+
+    if not all(abs(number) <= FARTHEST_PLACE for number in numbers):
+        grammar.error(f"--transform must be finite and within {FARTHEST_PLACE:.0e} m")
 
 
 if __name__ == "__main__":
