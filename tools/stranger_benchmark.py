@@ -25,8 +25,8 @@ from datasets.synthetic.map_pairs import (
     room_of,
 )
 from merging import align
-from merging.config import MergeConfig
 from tbmslam.atomic_file import write_text
+from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
 from tbmslam.worker_pool import worker_pool
 from tools.machine import describe_machine
@@ -119,9 +119,10 @@ def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
 
 
 def _judge() -> str:
-    """Return what tells one judge of alignments from another, so that answers of two are never counted together."""
+    """Return what tells one judge of alignments, and one maker of pairs, from another: their answers never mix."""
     model = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
-    return hashlib.sha256((model + MergeConfig().model_dump_json()).encode()).hexdigest()[:16]
+    code = code_digest("tbmslam", "merging", building_of_world.__module__.rpartition(".")[0])
+    return hashlib.sha256((model + code).encode()).hexdigest()[:16]
 
 
 def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[str, int], Encounter]:

@@ -41,6 +41,15 @@ def test_another_run_is_not_gone_on_with(tmp_path, capsys, content):
     assert path.read_text() == content
 
 
+def test_other_code_is_another_judge(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(stranger_benchmark, "meet", lambda *numbers: Encounter(*numbers[:2], "x", False, False, 0.1))
+    run = ["strangers", "--pairs", "4", "--workers", "1", "--json", str(tmp_path / "earlier.json")]
+    assert main(run) == 0
+    monkeypatch.setattr(stranger_benchmark, "code_digest", lambda *_: "of another day")
+    assert main(run) == 1
+    assert "earlier.json: is no earlier run with this seed and this judge" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_strangers_are_told_apart_by_any_number_of_workers(tmp_path, capsys):
     figures = [tmp_path / f"{workers}.json" for workers in (1, 2)]
