@@ -164,7 +164,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _check_split(args: argparse.Namespace) -> None:
     """Turn the texts of `split` into what they mean; see `_check`."""
-    from tools.recording_spec import parse_recording_spec
+    from tools.benchmarks.recording_spec import parse_recording_spec
 
     args.robots = [int(count) for count in args.robots.split(",")]
     if min(args.robots) < 2:
@@ -176,8 +176,8 @@ def _check_split(args: argparse.Namespace) -> None:
 def _check_drives(args: argparse.Namespace) -> None:
     """Turn the texts of `slam` and `scaling` into what they mean; see `_check`."""
     from tbmslam.config import PRESETS
-    from tools.recording_spec import parse_recording_spec
-    from tools.simulated_recording import SimulatedRecording
+    from tools.benchmarks.recording_spec import parse_recording_spec
+    from tools.benchmarks.simulated_recording import SimulatedRecording
 
     args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
     for name in args.preset:
@@ -207,31 +207,31 @@ def _pair_methods(text: str) -> list[str]:
 
 def _run(args: argparse.Namespace) -> None:
     if args.command == "slam":
-        from tools.slam_benchmark import benchmark_slam
+        from tools.benchmarks.slam import benchmark_slam
 
         benchmark_slam(args)
     elif args.command == "align":
-        from tools.pair_benchmark import benchmark_pairs
+        from tools.benchmarks.align import benchmark_pairs
 
         benchmark_pairs(args)
     elif args.command == "merge":
-        from tools.merge_benchmark import benchmark_merge
+        from tools.benchmarks.merge import benchmark_merge
 
         benchmark_merge(args)
     elif args.command == "split":
-        from tools.split_benchmark import benchmark_split
+        from tools.benchmarks.split import benchmark_split
 
         benchmark_split(args)
     elif args.command == "limits":
-        from tools.limits_benchmark import benchmark_limits
+        from tools.benchmarks.limits import benchmark_limits
 
         benchmark_limits(args)
     elif args.command == "strangers":
-        from tools.stranger_benchmark import benchmark_strangers
+        from tools.benchmarks.strangers import benchmark_strangers
 
         benchmark_strangers(args)
     else:
-        from tools.scaling_benchmark import benchmark_scaling
+        from tools.benchmarks.scaling import benchmark_scaling
 
         benchmark_scaling(args)
 

@@ -72,10 +72,10 @@ def _parser() -> argparse.ArgumentParser:
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.atomic_file import write_bytes, write_text
+    from tools.benchmarks.align import BINS
     from tools.calibration_plot import draw_calibration
     from tools.calibration_table import calibration_table, worth
     from tools.confidence_fit import fit_model, held_out
-    from tools.pair_benchmark import BINS
 
     config = MergeConfig()
     by_folder = {folder: trials_of(folder, config) for folder in args.pairs}
@@ -119,8 +119,8 @@ def trials_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "list
 
 def strangers(count: int, config: "MergeConfig") -> "list[Trial]":
     """Return the candidates of so many pairs that do not belong together."""
+    from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
     from tools.confidence_fit import Trial
-    from tools.stranger_benchmark import UNKNOWN_TO_EACH_OTHER, make_pair
 
     kinds = UNKNOWN_TO_EACH_OTHER
     pairs = (make_pair(kinds[i % len(kinds)], i // len(kinds), STRANGERS_SEED) for i in range(count))

@@ -23,8 +23,8 @@ from tbmslam.atomic_file import write_text
 from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
+from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.machine import describe_machine
-from tools.measured_process import in_fresh_process, peak_memory_mb
 from tools.pair_files import KnownPair, grid_of
 from tools.text_table import number, text_table
 

@@ -7,7 +7,7 @@ from merging.baselines import howard
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-from tools.pair_encounters import encounters_of
+from tools.benchmarks.pair_encounters import encounters_of
 from tools.pair_files import KnownPair
 
 TRUE = SE2(1.0, 0.5, 0.4)

@@ -7,7 +7,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tools import benchmark, make_world
-from tools.split_benchmark import overlap_share
+from tools.benchmarks.split import overlap_share
 
 
 def free_square(side):

@@ -9,7 +9,7 @@ from merging.confidence import FEATURES, MEASURES
 from tbmslam.errors import TbmSlamError
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
-from tools.pair_benchmark import PairResult, calibration_table, comparison, details, summary
+from tools.benchmarks.align import PairResult, calibration_table, comparison, details, summary
 from tools.pair_files import PairFileError, load_pair
 
 

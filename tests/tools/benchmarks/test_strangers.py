@@ -2,9 +2,9 @@ import json
 
 import pytest
 
-from tools import stranger_benchmark
 from tools.benchmark import main
-from tools.stranger_benchmark import KINDS, Encounter, _row, meet
+from tools.benchmarks import strangers
+from tools.benchmarks.strangers import KINDS, Encounter, _row, meet
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
@@ -22,7 +22,7 @@ def test_a_run_goes_on_where_another_stopped(tmp_path, capsys, monkeypatch):
         tried.append((kind, number, seed))
         return Encounter(kind, number, f"{kind}_{number}", number == 2, False, 0.9)
 
-    monkeypatch.setattr(stranger_benchmark, "meet", met)
+    monkeypatch.setattr(strangers, "meet", met)
     run = ["strangers", "--seed", "7", "--workers", "1", "--json", str(tmp_path / "so-far.json")]
     assert main([*run, "--pairs", "8"]) == 0
     assert main([*run, "--pairs", "12"]) == 0
@@ -42,10 +42,10 @@ def test_another_run_is_not_gone_on_with(tmp_path, capsys, content):
 
 
 def test_other_code_is_another_judge(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(stranger_benchmark, "meet", lambda *numbers: Encounter(*numbers[:2], "x", False, False, 0.1))
+    monkeypatch.setattr(strangers, "meet", lambda *numbers: Encounter(*numbers[:2], "x", False, False, 0.1))
     run = ["strangers", "--pairs", "4", "--workers", "1", "--json", str(tmp_path / "earlier.json")]
     assert main(run) == 0
-    monkeypatch.setattr(stranger_benchmark, "code_digest", lambda *_: "of another day")
+    monkeypatch.setattr(strangers, "code_digest", lambda *_: "of another day")
     assert main(run) == 1
     assert "earlier.json: is no earlier run with this seed and this judge" in capsys.readouterr().err
 

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tools.benchmark import main
-from tools.merge_benchmark import MergeRun, run_crew
+from tools.benchmarks.merge import MergeRun, run_crew
 
 
 @pytest.mark.slow

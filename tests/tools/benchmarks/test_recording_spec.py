@@ -4,7 +4,7 @@ import pytest
 
 from datasets import RecordingOptions
 from tbmslam.se2 import SE2
-from tools.recording_spec import beside, parse_recording_spec
+from tools.benchmarks.recording_spec import beside, parse_recording_spec
 
 
 def test_a_path_alone_is_read_as_it_is():

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from tbmslam.atomic_file import write_text
+from tools.benchmarks.measured_process import in_fresh_process
+from tools.benchmarks.recording_spec import RecordingSpec
+from tools.benchmarks.slam_run import SlamRun, run_slam
+from tools.benchmarks.warm_up import WARM_UP_SCANS
 from tools.machine import describe_machine
-from tools.measured_process import in_fresh_process
-from tools.recording_spec import RecordingSpec
-from tools.slam_run import SlamRun, run_slam
 from tools.text_table import number, text_table
-from tools.warm_up import WARM_UP_SCANS
 
 HEAD = (
     *("recording", "preset", "scans", "beams", "read/s", "match/s", "insert/s", "finish/s", "scans/s", "real time"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
 from tools import make_world
-from tools.recording_spec import RecordingSpec, as_words, parse_recording_spec
+from tools.benchmarks.recording_spec import RecordingSpec, as_words, parse_recording_spec
 
 IGNORED = "ignored"
 """Odometry that the bag holds and the SLAM is not told."""

@@ -16,9 +16,9 @@ from tbmslam.timed_slam import STAGES, TimedSlam
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_errors import absolute_errors
 from tbmslam.tum import read_tum
-from tools.measured_process import peak_memory_mb
-from tools.recording_spec import RecordingSpec, beside
-from tools.warm_up import warm_up
+from tools.benchmarks.measured_process import peak_memory_mb
+from tools.benchmarks.recording_spec import RecordingSpec, beside
+from tools.benchmarks.warm_up import warm_up
 
 _BLOCK = 50  # readings between two looks at the CPU clock: a look costs a microsecond
 
@@ -34,7 +34,7 @@ class SlamRun:
     duration_s, length_m
         How long and how far the drive was.
     start_s
-        CPU time to import and to load compiled code, see `tools.warm_up`; in no other figure.
+        CPU time to import and to load compiled code, see `tools.benchmarks.warm_up`; in no other figure.
     reading_s
         CPU time to read the recording.
     mapping_s

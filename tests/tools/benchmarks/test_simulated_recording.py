@@ -1,6 +1,6 @@
 import pytest
 
-from tools.simulated_recording import SimulatedRecording, SimulationError
+from tools.benchmarks.simulated_recording import SimulatedRecording, SimulationError
 
 
 def test_the_word_comes_back():

@@ -16,11 +16,11 @@ from tbmslam.atomic_file import write_text
 from tbmslam.config import preset
 from tbmslam.timed_slam import TimedSlam
 from tbmslam.trajectory_errors import absolute_errors
+from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
+from tools.benchmarks.slam_run import CpuClock
+from tools.benchmarks.warm_up import warm_up
 from tools.machine import describe_machine
-from tools.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
-from tools.slam_run import CpuClock
 from tools.text_table import number, text_table
-from tools.warm_up import warm_up
 
 HEAD = (
     *(

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from tbmslam.relations import read_relations
-from tools.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
+from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 
 
 def test_a_call_is_made_in_another_process():

@@ -29,9 +29,9 @@ from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import align_trajectories
 from tools import build_maps
+from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
+from tools.benchmarks.recording_spec import as_words
 from tools.machine import describe_machine
-from tools.measured_process import MeasurementError, in_fresh_process
-from tools.recording_spec import as_words
 from tools.text_table import number, text_table
 
 HEAD = (

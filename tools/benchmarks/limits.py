@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from datasets.synthetic.endless_drive import Route
 from tbmslam.atomic_file import write_text
+from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
+from tools.benchmarks.scaling import ScalingRun, run_scaling
 from tools.machine import describe_machine
-from tools.measured_process import MeasurementError, in_fresh_process
-from tools.scaling_benchmark import ScalingRun, run_scaling
 from tools.text_table import number, text_table
 
 HEAD = ("what", "drive", "scans", "seen m2", "box m2", "CPU s", "peak MB", "ATE m", "within 2000 MB")

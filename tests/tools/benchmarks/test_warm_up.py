@@ -5,7 +5,7 @@ import numpy as np
 from tbmslam.config import preset
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2
-from tools import warm_up as module
+from tools.benchmarks import warm_up as module
 
 
 def test_a_loop_is_closed_and_only_the_first_scans_are_read(monkeypatch):

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tools.benchmark import main
-from tools.limits_benchmark import LIMITS
+from tools.benchmarks.limits import LIMITS
 
 
 @pytest.mark.slow

@@ -97,7 +97,7 @@ def measure(path: Path, method: str) -> PairResult:
     from merging.aligner import align
     from merging.baselines import howard
     from merging.config import MergeConfig
-    from tools.pair_encounters import encounters_of
+    from tools.benchmarks.pair_encounters import encounters_of
     from tools.pair_files import load_pair
 
     pair = load_pair(path)

@@ -1,0 +1,85 @@
+import json
+
+import pytest
+
+from tools.benchmark import main
+from tools.benchmarks.slam import Result, against_targets, median_run, over_seeds
+from tools.benchmarks.slam_run import SlamRun
+
+
+def figures(mapping_s=1.0, beams=1040, ate_m=None):
+    return SlamRun(
+        scans=1000,
+        beams=beams,
+        keyframes=10,
+        duration_s=50.0,
+        length_m=20.0,
+        start_s=2.0,
+        reading_s=0.1,
+        mapping_s=mapping_s,
+        matching_s=0.5,
+        inserting_s=0.3,
+        finishing_s=0.1,
+        closing_s=0.05,
+        wall_s=1.2,
+        start_memory_mb=200.0,
+        peak_memory_mb=300.0,
+        ate_m=ate_m,
+    )
+
+
+def test_a_simulated_drive(tmp_path, capfd):
+    path = tmp_path / "figures.json"
+    world = "office:1:good,beams=181,duration=6"
+    assert main(["slam", "--world", world, "--seeds", "2", "--json", str(path)]) == 0
+    out, err = capfd.readouterr()
+    table = [line for line in out.splitlines() if line.startswith("|")]
+    assert len({len(line) for line in table}) == 1
+    assert [line.split("|")[2].strip() for line in table[2:]] == ["default"] * 2
+    assert "office:*:good,beams=181,duration=6 default: 2 seeds, 0 lost" in out
+    assert "Warm-up:" in out
+    assert f"benchmark: {world} default" in err
+    record = json.loads(path.read_text())
+    assert record["machine"]["numba"]
+    for result in record["results"]:
+        run = result["median"]
+        assert (run["scans"], run["beams"]) == (120, 181)
+        assert run["ate_m"] < 0.1
+        assert run["translation_error_m"] is None
+        assert 0.0 < run["matching_s"] + run["inserting_s"] < run["mapping_s"]
+        assert run["closing_s"] <= run["finishing_s"] < run["mapping_s"]
+        assert 50.0 < run["start_memory_mb"] <= run["peak_memory_mb"] < 2000.0
+
+
+def test_the_median_of_each_figure_counts():
+    median = median_run([figures(1.0, ate_m=0.5), figures(9.0, ate_m=0.5), figures(2.0, ate_m=0.5)])
+    assert median.mapping_s == pytest.approx(2.0)
+    assert median.ate_m == pytest.approx(0.5)
+    assert median.translation_error_m is None
+
+
+def test_targets_count_at_their_number_of_beams_only():
+    runs = (figures(0.5),)
+    lines = against_targets(
+        [
+            Result("office", "viny", figures(0.5), runs),
+            Result("office", "viny-hc", figures(2.0), runs),
+            Result("intel", "viny", figures(0.5, beams=180), runs),
+            Result("office", "default", figures(0.5), runs),
+        ]
+    )
+    assert lines == [
+        "office viny: 2000 scans per CPU second, to be at least 1150 at 1040 beams: met",
+        "office viny-hc: 500 scans per CPU second, to be at least 775 at 1040 beams: MISSED",
+    ]
+
+
+def test_the_worst_of_several_seeds_is_named():
+    results = [
+        Result(f"office:{seed}:poor", "default", figures(ate_m=error), (), "office:*:poor")
+        for seed, error in ((1, 0.01), (2, 0.75), (3, 0.02))
+    ]
+    alone = Result("halls:1:good", "default", figures(ate_m=0.1), (), "halls:*:good")
+    assert over_seeds([*results, alone, Result("intel", "default", figures(), ())]) == [
+        "office:*:poor default: 3 seeds, 1 lost (ATE above 0.5 m), median ATE 0.0200 m, worst 0.7500 m in office:2:poor"
+    ]
