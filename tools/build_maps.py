@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from tools.configuration_options import add_configuration_options
 from tools.extra_files import add_extra_files
 from tools.loading import INTERRUPTED, loading
+from tools.mapping.viewer_option import add_viewer_option
 from tools.recording_options import add_recording_options, given_options
-from tools.viewer_option import add_viewer_option
 
 if TYPE_CHECKING:
     from tools.configuration import Configuration
@@ -106,7 +106,7 @@ def main(argv: list[str] | None = None) -> int:
         from tbmslam.errors import TbmSlamError
         from tools.configuration import whole_text
         from tools.console import one_line, print_anything
-        from tools.mapping_run import build_maps
+        from tools.mapping.run import build_maps
         from tools.typed_command import typed_command
 
     try:

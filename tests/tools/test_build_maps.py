@@ -15,7 +15,7 @@ from tbmslam.map_folder import load_map
 from tbmslam.segmentation import SegmentationError
 from tbmslam.tum import TumError, read_tum
 from tools import build_maps, make_world
-from tools.mapping_run import OutputError
+from tools.mapping.run import OutputError
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ("--no-truth",)
@@ -110,7 +110,7 @@ def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
     ],
 )
 def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
-    monkeypatch.setattr("tools.mapping_task.save_map", lambda *_: None)
+    monkeypatch.setattr("tools.mapping.task.save_map", lambda *_: None)
     assert run(bag, "-o", tmp_path, *QUICK, *arguments) == 0
     segments = [run_record(tmp_path / f"robot_{k}")["segment"] for k in range(robots)]
     assert len(list(tmp_path.glob("robot_*"))) == robots

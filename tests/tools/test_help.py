@@ -35,7 +35,7 @@ def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tools.mapping_run.plan_mapping", stop)
+    monkeypatch.setattr("tools.mapping.run.plan_mapping", stop)
     assert build_maps.main(["x.bag", "-o", str(tmp_path)]) == 130
     assert capsys.readouterr().err == (
         "build_maps: interrupted: run the same again to go on, finished robots are kept\n"
@@ -45,7 +45,7 @@ def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("program", "step", "line"),
     [
-        (build_maps, "tools.mapping_run.plan_mapping", "build_maps: memory has run out: use a coarser map.resolution"),
+        (build_maps, "tools.mapping.run.plan_mapping", "build_maps: memory has run out: use a coarser map.resolution"),
         (merge, "tbmslam.map_folder.load_map", "merge: memory has run out: merge fewer maps"),
     ],
 )

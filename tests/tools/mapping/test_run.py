@@ -33,15 +33,15 @@ def mapped(bags, tmp_path_factory):
 @pytest.fixture
 def names_mapped(monkeypatch):
     """Names of the robots that are really mapped, as it goes on."""
-    from tools import mapping_crew
+    from tools.mapping import crew
 
-    names, really = [], mapping_crew.map_robot
+    names, really = [], crew.map_robot
 
     def noting(task, shelf, watch):
         names.append(task.name)
         return really(task, shelf, watch)
 
-    monkeypatch.setattr(mapping_crew, "map_robot", noting)
+    monkeypatch.setattr(crew, "map_robot", noting)
     return names
 
 

@@ -18,7 +18,7 @@ from tbmslam.segmentation import (
 )
 from tbmslam.watch import Watch
 from tools.configuration import Configuration
-from tools.mapping_task import MappingTask, Shelf, finished
+from tools.mapping.task import MappingTask, Shelf, finished
 from tools.output_folder import OutputError
 
 

@@ -16,13 +16,13 @@ from tbmslam.watch import Watch
 from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration
 from tools.extra_files import check_extra_files, write_extra_files
-from tools.mapping_crew import map_all
-from tools.mapping_plan import plan_mapping
-from tools.mapping_task import Mapped, MappingTask, Shelf, finished
-from tools.mapping_truth import write_truth
+from tools.mapping.crew import map_all
+from tools.mapping.plan import plan_mapping
+from tools.mapping.task import Mapped, MappingTask, Shelf, finished
+from tools.mapping.truth import write_truth
+from tools.mapping.viewer_option import LIVE
 from tools.output_folder import OutputError, output_folder
 from tools.progress import ProgressBars
-from tools.viewer_option import LIVE
 
 logger = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
 from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
-from tools.mapping_task import MappingTask, Shelf
+from tools.mapping.task import MappingTask, Shelf
 
 logger = logging.getLogger(__name__)
 

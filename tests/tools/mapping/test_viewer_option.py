@@ -2,7 +2,7 @@ import argparse
 
 import pytest
 
-from tools.viewer_option import LIVE, add_viewer_option
+from tools.mapping.viewer_option import LIVE, add_viewer_option
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from tbmslam.cluster import Cluster
 from tbmslam.errors import TbmSlamError
 from tbmslam.watch import Watch
 from tbmslam.worker_pool import worker_pool
-from tools.mapping_task import Mapped, MappingTask, Shelf, map_robot
+from tools.mapping.task import Mapped, MappingTask, Shelf, map_robot
 
 logger = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ import pytest
 
 from datasets import Recording, RecordingOptions
 from tbmslam.laser_scan import LaserScan, Reading
-from tools.mapping_task import Shelf
+from tools.mapping.task import Shelf
 
 PATHS, OPTIONS = (Path("run.bag"),), RecordingOptions()
 
@@ -20,7 +20,7 @@ def opened(monkeypatch):
         counts.scans_read = counts.scans_used = 1
         yield Reading(LaserScan(1.0, 0.0, 0.1, 0.1, 30.0, np.ones(3)), None)
 
-    monkeypatch.setattr("tools.mapping_task.open_recording", lambda _paths, _options: Recording("run", stream, {}))
+    monkeypatch.setattr("tools.mapping.task.open_recording", lambda _paths, _options: Recording("run", stream, {}))
     return passes
 
 

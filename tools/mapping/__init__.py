@@ -1,0 +1,1 @@
+"""What `tools/build_maps.py` runs: robots planned from recordings, and mapped here, in processes or on a cluster."""
