@@ -1,4 +1,4 @@
-"""What the README tells people to type."""
+"""What the README, and the pages it leads to, tell people to type."""
 
 import importlib
 import re
@@ -11,7 +11,14 @@ from tbmslam.map_folder import load_map
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-COMMANDS = re.findall(r"^python (tools/\w+\.py .+)$", README.replace("\\\n", " "), re.MULTILINE)
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+COMMANDS = [
+    command
+    for page in PAGES
+    for command in re.findall(
+        r"^python (tools/\w+\.py .+)$", page.read_text("utf-8").replace("\\\n", " "), re.MULTILINE
+    )
+]
 
 pytestmark = pytest.mark.xdist_group("flat")
 
@@ -35,10 +42,13 @@ def test_the_commands_are_understood(command):
 
 def test_there_are_commands_and_every_link_leads_somewhere():
     assert len(COMMANDS) >= 8
-    links = re.findall(r"\]\(([^)]+)\)", README)
-    assert links
-    for link in links:
-        assert link.startswith("https://") or (ROOT / link).is_file()
     targets = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"(?:^|`)make ([a-z][\w./-]*)", README, re.MULTILINE):
-        assert f"\n{target}:" in targets
+    for page in PAGES:
+        for link in re.findall(r"\]\(([^)]+)\)", page.read_text("utf-8")):
+            assert link.startswith("https://") or (page.parent / link).is_file(), link
+        for target in re.findall(r"(?:^|`)make ([a-z][\w./-]*)", page.read_text("utf-8"), re.MULTILINE):
+            assert f"\n{target}:" in targets
+
+
+def test_every_page_is_led_to_from_the_readme():
+    assert all(f"](docs/{page.name})" in README for page in PAGES[1:])

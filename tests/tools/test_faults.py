@@ -12,7 +12,7 @@ from tools.fault_cases import bags, child_run, files, hostile_maps, program_run,
 from tools.fault_cases.fault_case import FaultCase, Outcome
 from tools.fault_cases.waiting_child import Moment
 
-README = Path(__file__).resolve().parents[2] / "README.md"
+ROOT = Path(__file__).resolve().parents[2]
 
 _PROGRAM = """
 from tbmslam.atomic_file import write_bytes
@@ -101,9 +101,14 @@ def test_wrong_usage_is_exit_2(capsys):
     assert left.value.code == 2
 
 
-def test_the_readme_has_the_table_that_the_program_prints():
-    rows = re.findall(
-        r"^\| ([^|]*?) +\|", README.read_text().split("## What it survives")[1].split("\n## ")[0], re.MULTILINE
-    )
+def first_cells(text):
+    """Return the first cell of each row of a table but its head."""
+    return re.findall(r"^\| ([^|]*?) +\|", text, re.MULTILINE)[1:]
+
+
+def test_the_pages_have_the_table_that_the_program_prints():
     names = [case.name for family in (bags, sensors, files) for case in family.CASES]
-    assert [row for row in rows if row in names] == names
+    assert first_cells((ROOT / "docs/faults.md").read_text("utf-8")) == names
+    section = (ROOT / "README.md").read_text("utf-8").split("## What it survives")[1].split("\n### ")[0]
+    assert sorted("; ".join(first_cells(section)).split("; ")) == sorted(names)
+    assert f"tries {len(names)} faults" in section
