@@ -46,7 +46,30 @@ def parser() -> argparse.ArgumentParser:
     )
     grammar.add_argument("-o", "--out", type=_path, default=Path("maps"), help="where the robots' folders go (maps)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
-    robots = grammar.add_argument_group("robots")
+    _add_robots(grammar.add_argument_group("robots"))
+    add_configuration_options(grammar, "map.resolution=0.1")
+    many = grammar.add_argument_group("many recordings, many machines")
+    many.add_argument("--workers", type=int, default=1, metavar="N", help="processes that map robots (1)")
+    many.add_argument(
+        "--scheduler", metavar="ADDRESS", help="have them mapped by an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
+    )
+    many.add_argument("--redo", action="store_true", help="map again what an earlier run has finished")
+    add_extra_files(grammar)
+    add_viewer_option(grammar)
+    truth = grammar.add_argument_group("truth, for evaluation only")
+    truth.add_argument(
+        "--reference",
+        type=Path,
+        nargs="+",
+        metavar="TUM",
+        help="true trajectories in one frame, one a recording; without them the whole drive is mapped as the reference",
+    )
+    truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
+    add_recording_options(grammar)
+    return grammar
+
+
+def _add_robots(robots: argparse._ArgumentGroup) -> None:
     robots.add_argument("--separate", action="store_true", help="each recording is a robot; else they are one drive")
     robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
     robots.add_argument(
@@ -75,26 +98,6 @@ def parser() -> argparse.ArgumentParser:
     robots.add_argument(
         "--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)"
     )
-    add_configuration_options(grammar, "map.resolution=0.1")
-    many = grammar.add_argument_group("many recordings, many machines")
-    many.add_argument("--workers", type=int, default=1, metavar="N", help="processes that map robots (1)")
-    many.add_argument(
-        "--scheduler", metavar="ADDRESS", help="have them mapped by an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
-    )
-    many.add_argument("--redo", action="store_true", help="map again what an earlier run has finished")
-    add_extra_files(grammar)
-    add_viewer_option(grammar)
-    truth = grammar.add_argument_group("truth, for evaluation only")
-    truth.add_argument(
-        "--reference",
-        type=Path,
-        nargs="+",
-        metavar="TUM",
-        help="true trajectories in one frame, one a recording; without them the whole drive is mapped as the reference",
-    )
-    truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
-    add_recording_options(grammar)
-    return grammar
 
 
 def main(argv: list[str] | None = None) -> int:

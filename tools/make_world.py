@@ -43,7 +43,18 @@ def parser() -> argparse.ArgumentParser:
     )
     grammar.add_argument("-o", "--out", type=Path, required=True, help="folder for everything; made when missing")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
-    world = grammar.add_argument_group("world and drives")
+    _add_world(grammar.add_argument_group("world and drives"))
+    _add_laser(grammar.add_argument_group("laser (by default MIT Stata Center's)"))
+    files = grammar.add_argument_group("files")
+    files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
+    files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
+    files.add_argument(
+        "--no-return", type=float, default=65.533, metavar="CODE", help="inf, nan or a number out of range (65.533)"
+    )
+    return grammar
+
+
+def _add_world(world: argparse._ArgumentGroup) -> None:
     world.add_argument("--world", choices=WORLDS, default="office", help="kind of building (office)")
     world.add_argument("--seed", type=int, default=0, help="of the building, the drives and all noise (0)")
     world.add_argument(
@@ -62,7 +73,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME@S[+S]",
         help="something goes wrong after so many seconds, for so many (10); may be repeated: " + ", ".join(FAULTS),
     )
-    laser = grammar.add_argument_group("laser (by default MIT Stata Center's)")
+
+
+def _add_laser(laser: argparse._ArgumentGroup) -> None:
     laser.add_argument("--beams", type=int, default=1040, help="beams a scan; 180, 181, 361 span half a turn (1040)")
     laser.add_argument("--rate", type=float, default=20.0, metavar="HZ", help="scans a second (20)")
     laser.add_argument("--range-max", type=float, default=30.0, metavar="M", help="largest range (30)")
@@ -76,13 +89,6 @@ def parser() -> argparse.ArgumentParser:
         "--sweep", type=float, default=0.0, metavar="S", help="from a scan's first beam to its last [s] (0: one moment)"
     )
     laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
-    files = grammar.add_argument_group("files")
-    files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
-    files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
-    files.add_argument(
-        "--no-return", type=float, default=65.533, metavar="CODE", help="inf, nan or a number out of range (65.533)"
-    )
-    return grammar
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -156,7 +156,21 @@ def _parser() -> argparse.ArgumentParser:
         help="a map's folder, a folder of such (what build_maps -o wrote), or a .npz, .yaml or .tbm_map",
     )
     parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="where the merged map goes")
-    finding = parser.add_argument_group("how maps find each other")
+    _add_finding(parser.add_argument_group("how maps find each other"))
+    features = parser.add_argument_group("method features (the paper's)")
+    features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
+    features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
+    features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
+    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
+    _add_fusing(parser.add_argument_group("how cells are fused"))
+    add_configuration_options(parser, "merging.verification.min_confidence=0.8")
+    add_extra_files(parser)
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
+    parser.add_argument("--debug", action="store_true", help="show where an error came from")
+    return parser
+
+
+def _add_finding(finding: argparse._ArgumentGroup) -> None:
     finding.add_argument(
         "--method",
         choices=METHODS,
@@ -173,12 +187,9 @@ def _parser() -> argparse.ArgumentParser:
     finding.add_argument(
         "--rigid", action="store_true", help="lay maps onto each other as they are; do not straighten drives together"
     )
-    features = parser.add_argument_group("method features (the paper's)")
-    features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
-    features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
-    features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
-    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
-    fusing = parser.add_argument_group("how cells are fused")
+
+
+def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
     fusing.add_argument(
         "--rule",
         choices=RULES,
@@ -197,11 +208,6 @@ def _parser() -> argparse.ArgumentParser:
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
     )
-    add_configuration_options(parser, "merging.verification.min_confidence=0.8")
-    add_extra_files(parser)
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
-    parser.add_argument("--debug", action="store_true", help="show where an error came from")
-    return parser
 
 
 def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
