@@ -38,7 +38,7 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
         msgtype = scan.schemas.get(channel.schema_id, "")
         count = int((known[:, 1] == number).sum())
         connections.append(BagConnection(number, channel.topic, msgtype, "", count))
-    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path), "cdr")
+    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path))
 
 
 class _Scan:

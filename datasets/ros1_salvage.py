@@ -45,7 +45,7 @@ def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
         connection._replace(msgcount=int((known[:, 1] == connection.id).sum()))
         for connection in scan.connections.values()
     ]
-    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path), "ros1")
+    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path))
 
 
 class _Scan:

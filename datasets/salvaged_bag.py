@@ -56,8 +56,6 @@ class SalvagedBag:
         Where something is missing.
     block
         Returns a block's bytes by its number.
-    decoding
-        "ros1" or "cdr".
     """
 
     path: Path
@@ -66,7 +64,6 @@ class SalvagedBag:
     entries: npt.NDArray[np.int64]
     holes: tuple[Hole, ...]
     block: Callable[[int], bytes]
-    decoding: str
     _kept: Callable[[int], bytes] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

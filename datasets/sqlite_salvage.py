@@ -36,7 +36,7 @@ def salvage_sqlite(path: Path, reason: str) -> SalvagedBag:
     known = table[first][np.isin(table[first, 1], list(topics))]
     connections = [topic._replace(msgcount=int((known[:, 1] == topic.id).sum())) for topic in topics.values()]
     holes = _holes(known, pages.missing)
-    return SalvagedBag(path, reason, connections, known[:, :5], holes, _Blocks(path), "cdr")
+    return SalvagedBag(path, reason, connections, known[:, :5], holes, _Blocks(path))
 
 
 def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float) -> tuple[Hole, ...]:

@@ -10,7 +10,7 @@ def bag_of(times, holes=()):
     entries = np.array([(round(time * 1e9), 1, 0, 10 * k, 10) for k, time in enumerate(times)], dtype=np.int64)
     connections = [BagConnection(1, "/scan", "x", "", len(times)), BagConnection(2, "/empty", "x", "", 0)]
     content = bytes(range(256)) * 40
-    return SalvagedBag(Path("run.bag"), "cut", connections, entries.reshape(-1, 5), holes, lambda _: content, "ros1")
+    return SalvagedBag(Path("run.bag"), "cut", connections, entries.reshape(-1, 5), holes, lambda _: content)
 
 
 def test_messages_by_time_and_as_written():
