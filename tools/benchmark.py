@@ -49,7 +49,24 @@ def parser() -> argparse.ArgumentParser:
     commands = grammar.add_subparsers(
         dest="command", required=True, metavar="slam|scaling|align|merge|split|strangers|limits"
     )
-    slam = commands.add_parser("slam", help="speed, memory and errors on recordings and simulated worlds", **more)
+    for name, about, add in (
+        ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam),
+        ("scaling", "cost of a scan against the length of the drive and the size of map", _add_scaling),
+        ("align", "how often pairs of maps are aligned rightly", _add_align),
+        ("merge", "cost of a merge against the area of the maps, and of many robots", _add_merge),
+        ("split", "recordings cut into robots, mapped and merged again", _add_split),
+        ("strangers", "how often maps that do not belong together are merged", _add_strangers),
+        ("limits", "whether a day of recording and 1 km2 of building fit into memory", _add_limits),
+    ):
+        command = commands.add_parser(name, help=about, **more)
+        add(command)
+        more_of_json = "; strangers met there already are not tried again" if name == "strangers" else ""
+        command.add_argument("--json", type=Path, metavar="FILE", help=f"write all figures here too{more_of_json}")
+        command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
+
+
+def _add_slam(slam: argparse.ArgumentParser) -> None:
     slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
         "--world",
@@ -61,9 +78,10 @@ def parser() -> argparse.ArgumentParser:
     )
     slam.add_argument("--seeds", type=int, default=1, metavar="N", help="each world with SEED and the N - 1 next ones")
     slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each, whose median counts (1)")
-    scaling = commands.add_parser(
-        "scaling", help="cost of a scan against the length of the drive and the size of map", **more
-    )
+    _add_preset(slam)
+
+
+def _add_scaling(scaling: argparse.ArgumentParser) -> None:
     scaling.add_argument(
         "--lengths",
         default="125,250,500,1000",
@@ -71,9 +89,14 @@ def parser() -> argparse.ArgumentParser:
         help="metres to drive (125,250,500,1000); 10000 reaches 1 km2 and takes long",
     )
     scaling.add_argument("--beams", type=int, default=180, help="beams of a scan (180)")
-    for command in (slam, scaling):
-        command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
-    align = commands.add_parser("align", help="how often pairs of maps are aligned rightly", **more)
+    _add_preset(scaling)
+
+
+def _add_preset(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
+
+
+def _add_align(align: argparse.ArgumentParser) -> None:
     align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
     align.add_argument(
         "--method",
@@ -83,9 +106,9 @@ def parser() -> argparse.ArgumentParser:
     )
     align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
     align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
-    merge = commands.add_parser(
-        "merge", help="cost of a merge against the area of the maps, and of many robots", **more
-    )
+
+
+def _add_merge(merge: argparse.ArgumentParser) -> None:
     merge.add_argument(
         "--areas", default="4900,8100,12100,25600", metavar="M2,...", help="canvases (4900,8100,12100,25600)"
     )
@@ -93,22 +116,21 @@ def parser() -> argparse.ArgumentParser:
     merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
     merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
     merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
-    split = commands.add_parser("split", help="recordings cut into robots, mapped and merged again", **more)
+
+
+def _add_split(split: argparse.ArgumentParser) -> None:
     split.add_argument("recordings", nargs="+", metavar="RECORDING[,option=value]...", help="bags or logs")
     split.add_argument("--robots", default="2,3,5", metavar="N,...", help="into how many each is cut (2,3,5)")
-    strangers = commands.add_parser("strangers", help="how often maps that do not belong together are merged", **more)
+
+
+def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
-    limits = commands.add_parser(
-        "limits", help="whether a day of recording and 1 km2 of building fit into memory", **more
-    )
+
+
+def _add_limits(limits: argparse.ArgumentParser) -> None:
     limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
-    for command in (slam, scaling, align, merge, split, strangers, limits):
-        more_of_json = "; strangers met there already are not tried again" if command is strangers else ""
-        command.add_argument("--json", type=Path, metavar="FILE", help=f"write all figures here too{more_of_json}")
-        command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
-    return grammar
 
 
 def main(argv: list[str] | None = None) -> int:
