@@ -22,8 +22,8 @@ def read_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
     blocks: _Blocks = Queue(_MOST_BLOCKS)
     stopped = Event()
     reader = Thread(target=_read, args=(iter(readings), blocks, stopped), name="reading ahead", daemon=True)
-    reader.start()
     try:
+        reader.start()
         while block := blocks.get():
             if isinstance(block, BaseException):
                 raise block
@@ -31,13 +31,16 @@ def read_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
     finally:
         stopped.set()
         _empty(blocks)  # the reader may wait for room
-        reader.join()
+        if reader.is_alive():  # Ctrl-C may have come while it began
+            reader.join()
 
 
 def _read(readings: Iterator[Reading], blocks: _Blocks, stopped: Event) -> None:
     """Put readings into blocks; an empty block, or what was raised, is the end."""
     block: list[Reading] = []
     end: list[Reading] | BaseException = []
+    if stopped.is_set():
+        return
     try:
         for reading in readings:
             block.append(reading)

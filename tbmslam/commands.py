@@ -1,8 +1,11 @@
 """The programs as commands of an installed tbmslam."""
 
+from tools.interruption import hear_interruption
+
 
 def build_maps() -> int:
     """Run tbm-build-maps."""
+    hear_interruption("build_maps")
     from tools.build_maps import main  # noqa: PLC0415 - each command loads its own program
 
     return main()
@@ -10,6 +13,7 @@ def build_maps() -> int:
 
 def merge() -> int:
     """Run tbm-merge."""
+    hear_interruption("merge")
     from tools.merge import main  # noqa: PLC0415
 
     return main()
@@ -17,6 +21,7 @@ def merge() -> int:
 
 def evaluate() -> int:
     """Run tbm-evaluate."""
+    hear_interruption("evaluate")
     from tools.evaluate import main  # noqa: PLC0415
 
     return main()
@@ -24,6 +29,7 @@ def evaluate() -> int:
 
 def benchmark() -> int:
     """Run tbm-benchmark."""
+    hear_interruption("benchmark")
     from tools.benchmark import main  # noqa: PLC0415
 
     return main()
@@ -31,6 +37,7 @@ def benchmark() -> int:
 
 def make_world() -> int:
     """Run tbm-make-world."""
+    hear_interruption("make_world")
     from tools.make_world import main  # noqa: PLC0415
 
     return main()
@@ -38,6 +45,7 @@ def make_world() -> int:
 
 def download() -> int:
     """Run tbm-download."""
+    hear_interruption("download")
     from tools.download import main  # noqa: PLC0415
 
     return main()

@@ -7,13 +7,17 @@ is worth. `merge` prints what a merge costs by area, beside the paper's own prog
 that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("benchmark")
+
 import argparse
 import sys
 from pathlib import Path
 from typing import Any
 
-from tools.console import one_line
-from tools.loading import INTERRUPTED
+from tools.ending import ended
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -137,23 +141,11 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = parser()
     args = grammar.parse_args(argv)
-    from tbmslam.errors import TbmSlamError
-
     try:
         _check(args)
     except ValueError as error:
         grammar.error(str(error))
-    try:
-        _run(args)
-    except (TbmSlamError, OSError) as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"benchmark: {one_line(error)}\n")
-        return 1
-    except KeyboardInterrupt:
-        sys.stderr.write("benchmark: interrupted\n")
-        return INTERRUPTED
-    return 0
+    return ended("benchmark", lambda: _run(args), debug=args.debug)
 
 
 def _check(args: argparse.Namespace) -> None:

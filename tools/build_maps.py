@@ -4,6 +4,11 @@ A recording is split into segments that stand for several robots, each robot is 
 a frame that no other robot knows.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("build_maps")
+
 import argparse
 import os
 import sys
@@ -11,8 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.configuration_options import add_configuration_options
+from tools.ending import ended
 from tools.extra_files import add_extra_files
-from tools.loading import INTERRUPTED, loading
+from tools.loading import loading
 from tools.mapping.viewer_option import add_viewer_option
 from tools.recording_options import add_recording_options, given_options
 
@@ -31,9 +37,6 @@ exit codes: 0 done, 1 something is wrong (one line says what; what was finished 
 """
 
 MOST_ROBOTS = 10_000
-OUT_OF_MEMORY = "memory has run out: use a coarser map.resolution, a smaller map.max_cells or fewer --workers"
-
-INTERRUPTED_TEXT = "interrupted: run the same again to go on, finished robots are kept"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -105,30 +108,27 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     _check_usage(grammar, args)
-    with loading(f"build_maps: {INTERRUPTED_TEXT}"):
-        from tbmslam.errors import TbmSlamError
+    return ended(
+        "build_maps",
+        lambda: _run(grammar, args, argv),
+        debug=args.debug,
+        interrupted="run the same again to go on, finished robots are kept",
+        out_of_memory="use a coarser map.resolution, a smaller map.max_cells or fewer --workers",
+    )
+
+
+def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None) -> None:
+    with loading():
         from tools.configuration import whole_text
-        from tools.console import one_line, print_anything
         from tools.mapping.run import build_maps
         from tools.typed_command import typed_command
 
-    try:
-        print_anything()
-        _check_recording_options(grammar, args)
-        config = _configuration(args)
-        if args.print_config:
-            print(whole_text(config), end="")
-        else:
-            build_maps(args, config, typed_command("build_maps", argv))
-    except (TbmSlamError, OSError, MemoryError) as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"build_maps: {OUT_OF_MEMORY if isinstance(error, MemoryError) else one_line(error)}\n")
-        return 1
-    except KeyboardInterrupt:
-        sys.stderr.write(f"build_maps: {INTERRUPTED_TEXT}\n")
-        return INTERRUPTED
-    return 0
+    _check_recording_options(grammar, args)
+    config = _configuration(args)
+    if args.print_config:
+        print(whole_text(config), end="")
+    else:
+        build_maps(args, config, typed_command("build_maps", argv))
 
 
 def _path(text: str) -> Path:

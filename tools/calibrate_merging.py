@@ -5,11 +5,18 @@ leaving out one building at a time, with its parts and its mirror image, fitting
 left out.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("calibrate_merging")
+
 import argparse
 import sys
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -21,7 +28,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
       what the model is worth on pairs that had no part in it; nothing is written but the picture
 
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 WHOLE = 3.0
 """A pair of a whole building counts for so many of a part of one, which ends where no building ends."""
@@ -36,16 +43,7 @@ STRANGERS_SEED = 1
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = _parser().parse_args(argv)
-    from tbmslam.errors import TbmSlamError
-
-    try:
-        _run(args)
-    except TbmSlamError as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"calibrate_merging: {error}\n")
-        return 1
-    return 0
+    return ended("calibrate_merging", lambda: _run(args), debug=args.debug)
 
 
 def _parser() -> argparse.ArgumentParser:

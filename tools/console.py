@@ -14,8 +14,9 @@ def print_anything() -> None:
 def one_line(error: Exception) -> str:
     """Return what an error says in one line; the system's errors, such as a name that is too long, with the name."""
     if isinstance(error, OSError):
-        name = "" if error.filename is None else f"{error.filename}: "
-        said = f"{name}{error.strerror or error}: check that name, or choose another"
+        what = error.strerror or error
+        named = f"{error.filename}: {what}: check that name, or choose another"
+        said = f"{what}: check what is read and printed" if error.filename is None else named
     else:
         said = str(error)
     return " ".join(said.splitlines())  # names of files may hold line ends

@@ -3,13 +3,18 @@
 What broke off goes on where it was; what has arrived is checked, and not downloaded again.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("download")
+
 import argparse
 import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
-from tools.loading import INTERRUPTED
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from datasets.known_recordings import KnownRecording
@@ -44,23 +49,16 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
         grammar.error("name a recording, or ask for the --list")
-    from datasets.known_recordings import known_recording
-    from tbmslam.errors import TbmSlamError
+    return ended("download", lambda: _run(args), debug=args.debug, interrupted="run the same again to go on")
 
-    try:
-        if args.list:
-            _list()
-        for recording in [known_recording(name) for name in args.names]:
-            _download(recording, args.out)
-    except TbmSlamError as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"download: {error}\n")
-        return 1
-    except KeyboardInterrupt:
-        sys.stderr.write("download: interrupted: run the same again to go on\n")
-        return INTERRUPTED
-    return 0
+
+def _run(args: argparse.Namespace) -> None:
+    from datasets.known_recordings import known_recording
+
+    if args.list:
+        _list()
+    for recording in [known_recording(name) for name in args.names]:
+        _download(recording, args.out)
 
 
 def _list() -> None:

@@ -4,15 +4,18 @@ A trajectory, anybody's in TUM format, is compared with a true one (ATE, RPE aft
 relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("evaluate")
+
 import argparse
 import sys
 from pathlib import Path
 from typing import Any
 
-from tools.console import one_line
-from tools.loading import INTERRUPTED, loading
-
-_INTERRUPTED = "evaluate: interrupted"
+from tools.ending import ended
+from tools.loading import loading
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -98,27 +101,15 @@ def main(argv: list[str] | None = None) -> int:
     grammar = parser()
     args = grammar.parse_args(argv)
     _check(grammar, args)
-    with loading(_INTERRUPTED):
-        from tbmslam.errors import TbmSlamError
+    return ended("evaluate", lambda: _run(args), debug=args.debug, out_of_memory="crop the maps, or use coarser cells")
+
+
+def _run(args: argparse.Namespace) -> None:
+    with loading():
         from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
 
-    try:
-        report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
-    except (TbmSlamError, OSError) as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"evaluate: {one_line(error)}\n")
-        return 1
-    except MemoryError:
-        if args.debug:
-            raise
-        sys.stderr.write("evaluate: memory has run out: crop the maps, or use coarser cells\n")
-        return 1
-    except KeyboardInterrupt:
-        sys.stderr.write(f"{_INTERRUPTED}\n")
-        return INTERRUPTED
+    report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
     print_report(report, as_json=args.json)
-    return 0
 
 
 def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
@@ -140,7 +131,7 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 
 
 def _check_transform(grammar: argparse.ArgumentParser, numbers: list[float]) -> None:
-    with loading(_INTERRUPTED):
+    with loading():
         from tbmslam.laser_scan import FARTHEST_PLACE
 
     if not all(abs(number) <= FARTHEST_PLACE for number in numbers):

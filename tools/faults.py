@@ -3,12 +3,19 @@
 A row is red where the result is wrong, or where a program ended otherwise than with one clear line.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("faults")
+
 import argparse
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from tools.fault_cases.fault_case import FaultCase, Outcome
@@ -19,7 +26,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py --short --family bags
       only the quickest of the damaged bags
 
-exit codes: 0 no row is red, 1 some are, 2 wrong usage
+exit codes: 0 no row is red, 1 some are, 2 wrong usage, 130 interrupted
 """
 
 FAMILIES = ("bags", "sensors", "files")
@@ -40,6 +47,10 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = parser().parse_args(argv)
+    return ended("faults", lambda: _try_all(args))
+
+
+def _try_all(args: argparse.Namespace) -> int:
     from tools.fault_cases import bags, files, sensors
     from tools.text_table import text_table
 

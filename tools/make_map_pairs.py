@@ -1,9 +1,16 @@
 """Write pairs of partial maps of made-up or real buildings, with their true relative pose, and pairs of two places."""
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("make_map_pairs")
+
 import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from datasets.synthetic.map_pairs import Building
@@ -14,7 +21,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py -o cut-anew --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/robot_0 --parts 3
       cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
 
-exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage
+exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage, 130 interrupted
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
@@ -28,17 +35,7 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error(f"--area must be positive, got {args.area}")
     if any("=" not in floor or "_" in floor.partition("=")[0] for floor in args.floor):
         grammar.error(f"--floor must be NAME=PATH with a name without underscores, got {' '.join(args.floor)}")
-    from tbmslam.errors import TbmSlamError
-
-    try:
-        count = _write(args)
-    except TbmSlamError as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"make_map_pairs: {error}\n")
-        return 1
-    print(f"{count} pairs in {args.out}")
-    return 0
+    return ended("make_map_pairs", lambda: _write(args), debug=args.debug)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -67,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     return grammar
 
 
-def _write(args: argparse.Namespace) -> int:
+def _write(args: argparse.Namespace) -> None:
     from datasets.synthetic.floors import pairs_of, variants_of
     from datasets.synthetic.map_pairs import building_of_area, building_of_world, room_of
 
@@ -85,7 +82,7 @@ def _write(args: argparse.Namespace) -> int:
         if pair.known_m2 <= args.largest:
             pair.save(args.out)
             count += 1
-    return count
+    print(f"{count} pairs in {args.out}")
 
 
 def _floor(name: str, path: str) -> "Building":

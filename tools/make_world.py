@@ -4,11 +4,18 @@ Into the output folder go robot_0.bag, robot_1.bag, ... (or folders robot_0, ...
 of each as robot_0.truth.tum, truth.json, the building as world.npz and a picture of it all, world.png.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("make_world")
+
 import argparse
 import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +30,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
 
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
@@ -97,21 +104,17 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if args.format == "mcap" and args.compression != "none":
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
-    from tbmslam.errors import TbmSlamError
+    return ended("make_world", lambda: _run(grammar, args), debug=args.debug)
 
+
+def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    args.out.mkdir(parents=True, exist_ok=True)
     try:
-        args.out.mkdir(parents=True, exist_ok=True)
         make(args)
     except ValueError as error:
         if args.debug:
             raise
         grammar.error(str(error))
-    except (TbmSlamError, OSError) as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"make_world: {error}\n")
-        return 1
-    return 0
 
 
 def make(args: argparse.Namespace) -> None:

@@ -1,5 +1,10 @@
 """Merge maps whose relative poses nobody knows into one map."""
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("merge")
+
 import argparse
 import logging
 import os
@@ -8,11 +13,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tbmslam.errors import TbmSlamError
 from tools.configuration_options import add_configuration_options
-from tools.console import one_line
+from tools.ending import DONE, ended
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
-from tools.loading import INTERRUPTED, loading
+from tools.loading import loading
 from tools.map_listing import list_maps
 from tools.typed_command import typed_command
 
@@ -25,8 +29,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("merge")
 
-_INTERRUPTED = "merge: interrupted: run the same again"
-DONE, FAILED, NOTHING_MERGED = 0, 1, 3
+NOTHING_MERGED = 3
 
 # Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
 METHODS = ("correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov")
@@ -69,29 +72,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
         parser.error(f"the maps cannot be listed: {error}")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
-    with loading(_INTERRUPTED):
+    return ended(
+        "merge",
+        lambda: _run(parser, options, arguments),
+        debug=options.debug,
+        interrupted="run the same again",
+        out_of_memory="merge fewer maps, or with a coarser --resolution",
+    )
+
+
+def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str] | None) -> int:
+    with loading():
         from tools.configuration import whole_text
 
-    try:
-        config = _configuration(parser, options)
-        if options.print_config:
-            print(whole_text(config), end="")
-            return DONE
-        command = typed_command("merge", arguments)
-        return _merge(options, config.merging, command)
-    except (TbmSlamError, OSError) as error:
-        if options.debug:
-            raise
-        print("merge:", one_line(error), file=sys.stderr)
-        return FAILED
-    except MemoryError:
-        if options.debug:
-            raise
-        print("merge: memory has run out: merge fewer maps, or with a coarser --resolution", file=sys.stderr)
-        return FAILED
-    except KeyboardInterrupt:
-        print(_INTERRUPTED, file=sys.stderr)
-        return INTERRUPTED
+    config = _configuration(parser, options)
+    if options.print_config:
+        print(whole_text(config), end="")
+        return DONE
+    return _merge(options, config.merging, typed_command("merge", arguments))
 
 
 def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -238,7 +236,7 @@ def _given(**values: object) -> dict[str, object]:
 
 
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
-    with loading(_INTERRUPTED):
+    with loading():
         from merging.merger import merge
         from tbmslam.map_folder import load_map
         from tbmslam.parameters import ConfigError

@@ -5,10 +5,17 @@ SEIM 2021, with the paper's values beside those measured here. Into the output f
 the recordings and maps where they are made first.
 """
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("reproduce_paper")
+
 import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tools.ending import ended
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +31,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
       maps made before (a folder that build_maps wrote, with its truth.json)
 
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 
@@ -74,16 +81,8 @@ def main(argv: list[str] | None = None) -> int:
         _check(args)
     except ValueError as error:
         grammar.error(str(error))
-    from tbmslam.errors import TbmSlamError
-
-    try:
-        _reproduce(args, sys.argv[1:] if argv is None else argv)
-    except (TbmSlamError, OSError) as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"reproduce_paper: {error}\n")
-        return 1
-    return 0
+    words = sys.argv[1:] if argv is None else argv
+    return ended("reproduce_paper", lambda: _reproduce(args, words), debug=args.debug)
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -1,5 +1,10 @@
 """Take a picture of a report as a browser shows it, for documentation."""
 
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.interruption import hear_interruption
+
+    hear_interruption("screenshot")
+
 import argparse
 import shutil
 import sys
@@ -7,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tbmslam.atomic_file import write_bytes
+from tools.ending import ended
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -18,7 +24,7 @@ EXAMPLES = """examples:
 
 needs playwright (pip install 'tbmslam[dev]') and an installed Chromium or Chrome
 
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 
@@ -41,6 +47,10 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     options = parser().parse_args(arguments)
+    return ended("screenshot", lambda: _take(options))
+
+
+def _take(options: argparse.Namespace) -> int:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         return _failed("no browser is installed: install chromium")

@@ -81,3 +81,18 @@ def test_who_breaks_off_waits_for_nobody():
         interrupt(read_ahead(source))
     assert source.closed
     assert nobody_reads()
+
+
+def test_ctrl_c_while_the_reader_begins_leaves_none(monkeypatch):
+    begin = threading.Thread.start
+
+    def interrupted(thread):
+        begin(thread)
+        raise KeyboardInterrupt
+
+    source = Source(5000)
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            next(read_ahead(source))
+    assert nobody_reads()

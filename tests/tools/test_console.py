@@ -24,7 +24,7 @@ def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
     [
         (ValueError("a\nb"), "a b"),
         (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check that name, or choose another"),
-        (OSError("odd"), "odd: check that name, or choose another"),
+        (OSError("odd"), "odd: check what is read and printed"),
     ],
 )
 def test_an_error_is_one_line(error, said):

@@ -1,10 +1,10 @@
 import gc
-import os
 import signal
 import sys
 
 import pytest
 
+from tools.interruption import Interruption
 from tools.loading import loading
 
 
@@ -39,32 +39,13 @@ def test_a_module_that_fails_leaves_all_as_it_was():
     assert gc.isenabled()
 
 
-@pytest.fixture
-def hears_ctrl_c():
-    """As on a terminal; what a shell starts behind itself does not hear it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("hears_ctrl_c")
-def test_ctrl_c_while_modules_load_ends_the_program_with_its_line(monkeypatch, capsys):
-    codes = []
-    monkeypatch.setattr(os, "_exit", codes.append)
-    with loading("merge: interrupted"):
-        signal.raise_signal(signal.SIGINT)
-    assert codes == [130]
-    assert capsys.readouterr().err == "merge: interrupted\n"
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
-
-
-def test_whoever_hears_ctrl_c_otherwise_goes_on_to():
-    heard = []
-    before = signal.signal(signal.SIGINT, lambda *_: heard.append(True))
+def test_an_interruption_meanwhile_ends_the_program_at_once(monkeypatch):
+    interruption = Interruption("merge")
+    before = signal.signal(signal.SIGINT, interruption)
+    interruption.ends_at_once = False
     try:
-        with loading("merge: interrupted"):
-            signal.raise_signal(signal.SIGINT)
+        with loading():
+            assert interruption.ends_at_once
+        assert not interruption.ends_at_once
     finally:
         signal.signal(signal.SIGINT, before)
-    assert heard == [True]

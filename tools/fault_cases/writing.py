@@ -16,7 +16,7 @@ from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import ProgramRun, run_program
 from tools.fault_cases.waiting_child import Moment, State
 from tools.fault_cases.written_maps import WrittenMaps, contents
-from tools.loading import INTERRUPTED
+from tools.interruption import INTERRUPTED
 
 _STATES: tuple[State, ...] = ("empty", "half", "whole", "named")
 _FULL_AT = 10_000
@@ -28,6 +28,7 @@ def _stopped(
     send: signal.Signals,
     code: int,
     *,
+    fact: str = "interrupted",
     files: Iterable[str] = ("map.npz",),
     states: Iterable[State] = _STATES,
     words: tuple[str, ...] = (),
@@ -38,7 +39,7 @@ def _stopped(
         maps = WrittenMaps(folder / str(number))
         moment = Moment(str(maps.out / "robot_1" / name), state, _signs(folder))
         done = run_child(build_maps, *maps.arguments(*words), at=moment, do=lambda group: os.killpg(group, send))
-        said = _as_wanted(done, code, "interrupted")
+        said = _as_wanted(done, code, fact)
         if not (said and maps.are_whole() and maps.run_again()):
             torn.append(f"{name}, {state}" + ("" if said else f": exit {done.code}, {done.stderr[-60:]!r}"))
     happened = f"torn: {'; '.join(torn)}" if torn else "each file is whole, the old or the new; a rerun made the rest"
@@ -149,6 +150,17 @@ CASES = (
             send=signal.SIGINT,
             code=INTERRUPTED,
             states=("half", "named"),
+            words=("--workers", "2", "--redo"),
+        ),
+    ),
+    FaultCase(
+        "kill (SIGTERM) with two workers",
+        partial(
+            _stopped,
+            send=signal.SIGTERM,
+            code=128 + signal.SIGTERM,
+            fact="terminated",
+            states=("half",),
             words=("--workers", "2", "--redo"),
         ),
     ),

@@ -1,0 +1,113 @@
+"""Ctrl-C, or a kill that asks, from a program's first statement to its last: one line and an exit code, no traceback.
+
+Only while Python itself starts, before it reads a program's first line, nobody hears for the program.
+"""
+
+import _thread
+import os
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit code of a program that Ctrl-C ended, as shells tell it."""
+
+_HEARD: dict[signal.Signals, tuple[Any, str]] = {
+    signal.SIGINT: (signal.default_int_handler, "interrupted"),
+    signal.SIGTERM: (signal.SIG_DFL, "terminated"),
+}
+"""Signals that end a program; who else may hear them, as Python begins; and what they are called."""
+_AGAIN_S = 0.05
+
+
+class Interruption:
+    """What a program does when it is to end.
+
+    Parameters
+    ----------
+    program
+        Its name, which begins what it says.
+
+    Attributes
+    ----------
+    advice
+        What it says besides.
+    ends_at_once
+        Whether it ends there and then, as is right while there is nothing to tidy: modules that are just being loaded
+        make errors of their own of it, or forget it. Else `KeyboardInterrupt` is raised, and a second signal ends it.
+    came
+        The signal that came.
+    """
+
+    def __init__(self, program: str) -> None:
+        self.program = program
+        self.advice = ""
+        self.ends_at_once = True
+        self.came: int | None = None
+
+    @property
+    def line(self) -> str:
+        """What the program says before it ends."""
+        what = _HEARD[signal.Signals(self.came or signal.SIGINT)][1]
+        return f"{self.program}: {what}" + (f": {self.advice}" if self.advice else "")
+
+    @property
+    def code(self) -> int:
+        """Its exit code."""
+        return 128 + (self.came or signal.SIGINT)
+
+    def __call__(self, number: int, _: object) -> None:
+        """Hear a signal."""
+        is_first, self.came = self.came is None, self.came or number
+        if self.ends_at_once or not is_first:
+            os.write(2, f"{self.line}\n".encode())  # the stream of that name may be in the midst of a line
+            os._exit(self.code)
+        raise KeyboardInterrupt
+
+    def hear_what_is_dropped(self, drop: "Callable[[sys.UnraisableHookArgs], object]") -> None:
+        """Hear it a little later once more where it is dropped, as by what compiled code calls back.
+
+        Parameters
+        ----------
+        drop
+            What is done with all else that is dropped.
+        """
+
+        def dropped(what: "sys.UnraisableHookArgs") -> None:
+            if issubclass(what.exc_type, KeyboardInterrupt) and self.came is not None:
+                came, self.came = self.came, None
+                threading.Timer(_AGAIN_S, _thread.interrupt_main, [came]).start()
+            else:
+                drop(what)
+
+        sys.unraisablehook = dropped
+
+
+def heard_interruption() -> Interruption | None:
+    """Return how this program hears what ends it; None where it does as Python does."""
+    hearing = (signal.getsignal(number) for number in _HEARD)
+    return next((one for one in hearing if isinstance(one, Interruption)), None)
+
+
+def hear_interruption(program: str) -> Interruption:
+    """Have a program hear what ends it, at first ending at once, and return how; who hears it already goes on to.
+
+    A shell that begins a program in the background has it hear no Ctrl-C, and only a main thread can.
+    """
+    interruption = heard_interruption() or Interruption(program)
+    if threading.current_thread() is threading.main_thread():
+        for number, (usual, _) in _HEARD.items():
+            if signal.getsignal(number) is usual:
+                signal.signal(number, interruption)
+    return interruption
+
+
+def forget_interruption(interruption: Interruption) -> None:
+    """Have the signals do again what they usually do."""
+    for number, (usual, _) in _HEARD.items():
+        if signal.getsignal(number) is interruption:
+            signal.signal(number, usual)
