@@ -75,7 +75,7 @@ def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout =
     ------
     ValueError
         If the layout is unknown, or the origin is too far away for the format's 32 bits.
-    OutputFileError
+    FileNotWrittenError
         If the file cannot be written.
     """
     if layout not in ("slam", "merging"):

@@ -3,8 +3,10 @@
 `slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
-is worth. `merge` prints what a merge costs by area, beside the paper's own program. `strangers` counts how often maps
-that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a building of 1 km2.
+is worth. `merge` prints what a merge costs by area, beside the paper's own program. `split` cuts recordings into robots
+that do not know of each other, maps each, merges the maps and holds the result against the recording mapped uncut.
+`strangers` counts how often maps that do not belong together are merged all the same. `limits` maps a recording of 24
+hours and a building of 1 km2.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once

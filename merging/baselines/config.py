@@ -1,8 +1,8 @@
 """Every number the related work's methods depend on, with its default.
 
 Each limit of acceptance is the one that leaves most right less wrong alignments on pairs cut from ten simulated
-buildings (`tools/make_map_pairs.py`, five kinds, 150 m2 each); no real map was used for the
-limits. How long the methods search, and Carpin's penalty, were settled after a look at a few real pairs.
+buildings (`tools/make_map_pairs.py`, five kinds, 150 m2 each); no real map was used for the limits. How long the
+methods search, and Carpin's penalty, were settled after a look at a few real pairs.
 """
 
 from typing import Annotated
