@@ -3,7 +3,6 @@
 Built on GTSAM (Dellaert and Kaess, "Factor graphs for robot perception", 2017).
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import SE2, FloatArray, compose, inverse, log, wrap_angle
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, log
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +108,7 @@ def _factor(edge: MotionEdge, noise: "gtsam.noiseModel.Base") -> "gtsam.BetweenF
 
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     """Return one pose of (N, 3) as seen from another."""
-    x, y, theta = poses[source].tolist()
-    to_x, to_y, to_theta = poses[target].tolist()
-    cosine, sine = math.cos(theta), math.sin(theta)
-    dx, dy = to_x - x, to_y - y
-    return SE2(cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(to_theta - theta))
+    return SE2(*poses[source].tolist()).to(SE2(*poses[target].tolist()))
 
 
 def edge_errors(edges: Sequence[MotionEdge], poses: FloatArray) -> FloatArray:
