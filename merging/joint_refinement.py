@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.bending_config import JointConfig
-from merging.consensus import fit_rigid
 from merging.joint_closures import Track, find_closures
 from merging.redrawing import redraw
 from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.pose_graph import MotionEdge, optimise
+from tbmslam.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch

@@ -13,10 +13,10 @@ import numpy as np
 from merging.alignment import Alignment
 from merging.bending_config import StretchConfig
 from merging.config import GraphConfig
-from merging.consensus import fit_rigid
 from merging.map_graph import Offer, offers_of
 from merging.redrawing import redraw
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
+from tbmslam.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angle
 from tbmslam.tbm_map import TbmMap
 

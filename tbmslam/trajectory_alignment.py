@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
 
@@ -40,8 +41,7 @@ def align_trajectories(
 ) -> TrajectoryAlignment:
     """Lay an estimate onto a reference by the rigid motion that leaves the smallest squared distances.
 
-    Closed form for point sets without scale (Horn 1987; Umeyama 1991, eq. 40 to 42 with c = 1); poses belong together
-    when their stamps differ by no more than `max_stamp_difference` seconds.
+    Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
 
     Raises
     ------
@@ -55,12 +55,7 @@ def align_trajectories(
             "reference: check that both trajectories are of the same drive and clock"
         )
     target, source = reference.poses[i, :2], estimate.poses[j, :2]
-    target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
-    a, b = source - source_mean, target - target_mean
-    theta = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
-    turned = SE2(0.0, 0.0, theta)
-    x, y = target_mean - turned.apply(source_mean)
-    T_reference_estimate = SE2(float(x), float(y), theta)
+    T_reference_estimate, _ = fit_rigid(target, source)
     errors = np.hypot(*(T_reference_estimate.apply(source) - target).T)
     return TrajectoryAlignment(T_reference_estimate, errors)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merging.config import ConsensusConfig
-from merging.consensus import find_consensus, fit_rigid
+from merging.consensus import find_consensus
 from merging.features import Matches
 from tbmslam.se2 import SE2
 
@@ -25,27 +25,6 @@ def assert_same_motion(found, expected, metres=1e-6, radians=1e-6):
     x, y, theta = (expected.inverse() @ found).log()
     assert math.hypot(x, y) <= metres
     assert abs(theta) <= radians
-
-
-@settings(deadline=None)
-@given(motion=motions, seed=st.integers(0, 1000), scale=st.floats(0.5, 2.0))
-def test_the_fit_finds_the_motion_and_the_scale(motion, seed, scale):
-    source = np.random.default_rng(seed).uniform(-5.0, 5.0, size=(7, 2))
-    centred = source - source.mean(axis=0)
-    found, found_scale = fit_rigid(motion.apply(scale * centred), centred)
-    assert found_scale == pytest.approx(scale)
-    assert_same_motion(found, motion)
-
-
-def test_the_fit_never_mirrors():
-    source = np.array([(0.0, 0.0), (2.0, 0.0), (0.0, 1.0)])
-    found, _ = fit_rigid(source * (1.0, -1.0), source)
-    assert np.linalg.det(found.matrix()[:2, :2]) == pytest.approx(1.0)
-
-
-def test_coincident_points_have_no_scale():
-    _, scale = fit_rigid(np.ones((3, 2)), np.zeros((3, 2)))
-    assert math.isnan(scale)
 
 
 @settings(deadline=None, max_examples=30)
