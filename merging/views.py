@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from merging.aligner import View, comparison_resolution, view_of
 from merging.config import MergeConfig
+from merging.warping import CellSizeError
 from tbmslam.grid import TbmGrid
 
 
@@ -29,8 +30,8 @@ class Views:
 
         Raises
         ------
-        ValueError
-            If a cell size is no positive number.
+        CellSizeError
+            If no map has cells of such a size, or one of the two is far too large for it.
         """
         target, source = pair
         resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
@@ -39,5 +40,8 @@ class Views:
     def _view(self, name: str, resolution: float) -> View | None:
         look = name, resolution
         if look not in self._views:
-            self._views[look] = view_of(self._grids[name], resolution, self._config)
+            try:
+                self._views[look] = view_of(self._grids[name], resolution, self._config)
+            except CellSizeError as error:
+                raise CellSizeError(f"{name}: {error}") from None
         return self._views[look]

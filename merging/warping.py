@@ -6,12 +6,9 @@ import numpy as np
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import MAX_CELLS
+from tbmslam.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
-
-_SMALLEST_CELL, _LARGEST_CELL = 1e-3, 100.0
-"""Cells of other sizes [m] are no map of a building but a wrong resolution, and arithmetic fails on them."""
 
 
 class CellSizeError(TbmSlamError):
@@ -26,9 +23,9 @@ def check_cell_size(resolution: float) -> None:
     CellSizeError
         If no map has such cells.
     """
-    if not _SMALLEST_CELL <= resolution <= _LARGEST_CELL:
+    if not SMALLEST_CELL <= resolution <= LARGEST_CELL:
         raise CellSizeError(
-            f"cells of {resolution:g} m are not within {_SMALLEST_CELL:g} to {_LARGEST_CELL:g} m: correct the "
+            f"cells of {resolution:g} m are not within {SMALLEST_CELL:g} to {LARGEST_CELL:g} m: correct the "
             "resolution of the maps, --resolution or --compare-at"
         )
 

@@ -15,6 +15,9 @@ MAX_CELLS = 400_000_000
 
 _BYTES_A_CELL = 20  # four masses, and what they are made from
 
+SMALLEST_CELL, LARGEST_CELL = 1e-3, 100.0
+"""Cells of other sizes [m] are no map of a building but a wrong resolution, and arithmetic fails on them."""
+
 MAX_COORDINATE = 1e8
 """Coordinates [m] beyond which a file is not believed: they exceed any on Earth and their fractions lose digits."""
 
@@ -39,10 +42,16 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
     Raises
     ------
     MapFileError
-        If the resolution is not positive, a number is not finite or too large, or there are no cells or too many.
+        If the resolution is not that of a building's map, a number is not finite or too large, or there are no cells or
+        too many.
     """
     if not (np.isfinite(geometry.resolution) and geometry.resolution > 0.0):
         raise MapFileError(f"{path}: the resolution must be positive, it says {geometry.resolution}: correct it")
+    if not SMALLEST_CELL <= geometry.resolution <= LARGEST_CELL:
+        raise MapFileError(
+            f"{path}: cells of {geometry.resolution:g} m are not within {SMALLEST_CELL:g} to {LARGEST_CELL:g} m: "
+            "correct the resolution"
+        )
     if not np.isfinite([geometry.origin_x, geometry.origin_y]).all():
         raise MapFileError(
             f"{path}: the origin must be finite, it says {geometry.origin_x}, {geometry.origin_y}: correct it"

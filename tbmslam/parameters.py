@@ -39,12 +39,14 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
     """
     names = list(parameter_names(config))
     try:
-        return type(config).model_validate(_overlaid(config, changes, (), names, source))
+        made = type(config).model_validate(_overlaid(config, changes, (), names, source))
     except ValidationError as error:
         first = error.errors()[0]
         place = _place(config, first["loc"])
         given = "" if place == "" else f" (got {reprlib.repr(first['input'])})"
         raise ConfigError(f"{source}: {place or 'as a whole'}: {first['msg']}{given}") from None
+    _check_kinds(changes, made, (), source)
+    return made
 
 
 def parse_setting(text: str) -> dict[str, object]:
@@ -91,13 +93,12 @@ def fields_of(table: object) -> dict[str, object]:
 
 def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequence[str], source: str) -> object:
     """Return a table's values under a change of some of them."""
-    here = ".".join(place)
     if not is_table(old):
-        if isinstance(old, int | float) and isinstance(change, bool | str) and type(old) is not type(change):
-            raise ConfigError(f"{source}: {here} must be {_kind_of(old)}, got {change!r}")
+        _check_kind(change, old, place, source)
         return change
     known = fields_of(old)
     if not isinstance(change, Mapping):
+        here = ".".join(place)
         raise ConfigError(f"{source}: {here} is a table: name one of its parameters, as {here}.{next(iter(known))}")
     values = dict(known)
     for key, new in change.items():
@@ -108,8 +109,27 @@ def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequen
     return values
 
 
-def _kind_of(value: float) -> str:
-    return "true or false" if isinstance(value, bool) else "a number"
+def _check_kinds(given: object, made: object, place: tuple[str, ...], source: str) -> None:
+    """Refuse truths and texts that became numbers, and numbers that became truths, wherever in a table they stand."""
+    if isinstance(given, Mapping):
+        values = fields_of(made) if is_table(made) else cast("Mapping[str, object]", made)
+        for key, one in given.items():
+            _check_kinds(one, values[key], (*place, key), source)
+    elif isinstance(given, list | tuple) and isinstance(made, list | tuple):
+        for one, other in zip(given, made, strict=False):
+            _check_kinds(one, other, place, source)
+    else:
+        _check_kind(given, made, place, source)
+
+
+def _check_kind(given: object, value: object, place: tuple[str, ...], source: str) -> None:
+    """Refuse what is given for a parameter that has a value of another kind."""
+    is_truth = isinstance(value, bool)
+    if isinstance(value, int | float) and isinstance(given, bool | str | int | float):
+        fits = isinstance(given, bool) if is_truth else not isinstance(given, bool | str)
+        if not fits:
+            kind = "true or false" if is_truth else "a number"
+            raise ConfigError(f"{source}: {'.'.join(place)} must be {kind}, got {reprlib.repr(given)}")
 
 
 def _of_kind(table: object, key: str, change: object) -> object:

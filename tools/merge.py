@@ -198,6 +198,7 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
     )
     fusing.add_argument(
         "--reliability",
+        type=_reliability,
         action="append",
         default=[],
         metavar="NAME=R",
@@ -206,6 +207,14 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
     )
+
+
+def _reliability(text: str) -> tuple[str, float]:
+    name, _, number = text.rpartition("=")
+    try:
+        return name, float(number)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must look like NAME=0.5, got {text!r}") from None
 
 
 def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
@@ -218,7 +227,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "method": options.method,
         "rule": options.rule,
         "coverage": options.coverage,
-        "reliability": dict(text.rpartition("=")[::2] for text in options.reliability) or None,
+        "reliability": dict(options.reliability) or None,
         "joint": {"enabled": False} if options.rigid else None,
         "resolution": options.compare_at,
         "merged_resolution": options.resolution,

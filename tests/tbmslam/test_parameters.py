@@ -50,6 +50,8 @@ def test_values_are_checked_again_together():
         ({"seed": "many"}, r"^configuration: seed must be a number, got 'many'$"),
         ({"map": {"resolution": True}}, r"^configuration: map\.resolution must be a number, got True$"),
         ({"map": {"keep_conflict": "no"}}, r"^configuration: map\.keep_conflict must be true or false, got 'no'$"),
+        ({"map": {"keep_conflict": 1}}, r"^configuration: map\.keep_conflict must be true or false, got 1$"),
+        ({"seed": "7"}, r"^configuration: seed must be a number, got '7'$"),
     ],
 )
 def test_what_is_wrong_is_named_with_the_nearest(changes, message):

@@ -1,6 +1,8 @@
+import re
 import tomllib
 
 import pytest
+import tomlkit
 
 from datasets import RecordingOptions
 from merging.config import MergeConfig
@@ -93,3 +95,54 @@ def test_print_config_prints_what_would_count_and_config_takes_it(program, tmp_p
     assert capsys.readouterr().out == text
     config = read_configuration(None, tmp_path / "all.toml")
     assert (config.preset, config.merging.rule, config.recording.gap_s) == ("viny-hc", "yager", 3.0)
+
+
+def given(name, value):
+    """Return the change that sets one parameter."""
+    for key in reversed(name.split(".")):
+        value = {key: value}
+    return value
+
+
+def said_of_true(config, leaf):
+    """Return what is said when true is given for a parameter; nothing where it is one."""
+    try:
+        made = changed(config, given(leaf, True), "mine.toml")
+    except ConfigError as error:
+        return str(error)
+    for key in leaf.split("."):
+        made = fields_of(made)[key]
+    return "" if made is True else f"became {made}"
+
+
+@pytest.mark.parametrize("name", ["default", "credibilist", "particles"])
+def test_no_number_of_all_may_be_a_truth(name):
+    config = Configuration.of_preset(name)
+    named = [leaf for leaf, _ in leaves(config) if leaf.rpartition(".")[2] not in {"kind", "method"}]
+    said = {leaf: said_of_true(config, leaf) for leaf in named}
+    refused = {leaf: line for leaf, line in said.items() if line}
+    assert len(refused) > 150
+    assert [line for leaf, line in refused.items() if not line.startswith(f"mine.toml: {leaf}") or "\n" in line] == []
+
+
+@pytest.mark.parametrize(
+    ("leaf", "value", "place"),
+    [
+        ("merging.merged_resolution", True, "merging.merged_resolution must be a number, got True"),
+        ("merging.resolution", "0.1", "merging.resolution must be a number, got '0.1'"),
+        ("merging.reliability", {"robot_0": True}, "merging.reliability.robot_0 must be a number, got True"),
+        ("recording.sensor_pose", [True, 0.0, 0.0], "recording.sensor_pose must be a number, got True"),
+        ("recording.no_return_codes", [True], "recording.no_return_codes must be a number, got True"),
+        ("recording.upside_down", 1, "recording.upside_down must be true or false, got 1"),
+        ("tracker.tolerances", [True, 4.0], "tracker.tolerances must be a number, got True"),
+    ],
+)
+def test_a_truth_where_nothing_or_several_numbers_stand_is_named(tmp_path, leaf, value, place):
+    (tmp_path / "mine.toml").write_text(tomlkit.dumps(given(leaf, value)))
+    with pytest.raises(ConfigError, match=f"^.*mine.toml: {re.escape(place)}$"):
+        read_configuration(None, tmp_path / "mine.toml")
+
+
+def test_a_whole_number_is_a_number_anywhere():
+    config = changed(Configuration.of_preset("default"), given("merging.merged_resolution", 1))
+    assert config.merging.merged_resolution == 1.0

@@ -245,9 +245,13 @@ def test_help_answers_at_once():
         (("here", "there", "--resolution", "1e-9"), "merge: cells of 1e-09 m are not within 0.001 to 100 m"),
         (("here", "there", "--resolution", "1e300"), r"merge: cells of 1e\+300 m are not within"),
         (("here", "there", "--compare-at", "1e9"), r"merge: cells of 1e\+09 m are not within"),
-        (("here", "nano"), "merge: here: |merge: a map of|merge: cells of 1e-09 m"),
-        (("nano", "here"), "merge: a map of|merge: cells of 1e-09 m"),
-        (("here", "vast"), "merge: cells of 10000 m are not within"),
+        (("here", "nano"), r"merge: \S*/nano/map\.npz: cells of 1e-09 m are not within 0.001 to 100 m: correct the"),
+        (("nano", "here"), r"merge: \S*/nano/map\.npz: cells of 1e-09 m"),
+        (("here", "vast"), r"merge: \S*/vast/map\.npz: cells of 10000 m are not within"),
+        (
+            ("here", "wide", "--compare-at", "0.002"),
+            "merge: wide: a map of 7.92e.03 x .* m is too large for cells of 0.002",
+        ),
         (("here", "there", "--config", "/dev/zero"), "merge: /dev/zero: cannot be read as TOML: it is no file"),
         (
             ("here", "there", "--reliability", "nobody=0.5"),
@@ -257,10 +261,17 @@ def test_help_answers_at_once():
     ],
 )
 def test_odd_sizes_and_names_are_one_line(folders, tmp_path, capsys, words, fact):
-    for name, resolution in (("nano", 1e-9), ("vast", 1e4)):
+    for name, resolution in (("nano", 1e-9), ("vast", 1e4), ("wide", 99.0)):
         masses = np.tile(np.array([0, 0, 1, 0], dtype=np.float32), (60, 80, 1))
         map_folder.save_map(tmp_path / name, TbmMap(TbmGrid(GridGeometry(resolution, 0.0, 0.0, 60, 80), masses)))
-    places = {"here": folders, "there": folders, "nano": tmp_path, "vast": tmp_path, "new\nline/none": tmp_path}
+    places = {
+        "here": folders,
+        "there": folders,
+        "nano": tmp_path,
+        "vast": tmp_path,
+        "wide": tmp_path,
+        "new\nline/none": tmp_path,
+    }
     given = [str(places[word] / word) if word in places else word for word in words]
     assert merge.main([*given, "-o", str(tmp_path / "out")]) == 1
     said = capsys.readouterr().err
