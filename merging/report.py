@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -18,6 +17,7 @@ from merging.merger import Merge
 from merging.warping import offset_in, warp
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.png import encode_png
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.se2 import SE2
@@ -45,8 +45,8 @@ def write_report(
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     areas: dict[str, float] = {}
     if merge.fusion is not None:
-        files["overlay.png"] = _png(draw_overlay(merge, maps, merge.fusion))
-        files["contradictions.png"] = _png(draw_conflict(merge.fusion))
+        files["overlay.png"] = _png_of_rgb(draw_overlay(merge, maps, merge.fusion))
+        files["contradictions.png"] = _png_of_rgb(draw_conflict(merge.fusion))
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
     files["report.html"] = merge_page(merge, maps, config, areas, making or Making()).to_html().encode()
     for name, content in files.items():
@@ -127,5 +127,5 @@ def _areas(fusion: Fusion) -> dict[str, float]:
     }
 
 
-def _png(picture: npt.NDArray[np.uint8]) -> bytes:
-    return bytes(cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1])
+def _png_of_rgb(picture: npt.NDArray[np.uint8]) -> bytes:
+    return encode_png(np.ascontiguousarray(picture[..., ::-1]))

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.grid import GridGeometry
 from tbmslam.map_agreement import Labels
+from tbmslam.png import Picture
 from tbmslam.se2 import FloatArray
-
-Picture = npt.NDArray[np.uint8]
 
 # Colours as OpenCV orders them: blue, green, red.
 _SAME_FREE, _SAME_OCCUPIED = (255, 255, 255), (0, 0, 0)
@@ -103,14 +101,6 @@ def draw_map_errors(labels: Labels, truth: Labels) -> Picture:
     picture[(labels != UNKNOWN) & (truth == UNKNOWN)] = _ONLY_MAP
     picture[(labels == UNKNOWN) & (truth != UNKNOWN)] = _ONLY_TRUTH
     return np.ascontiguousarray(picture[::-1])
-
-
-def encode_colour_png(picture: Picture) -> bytes:
-    """Return a colour picture as a PNG file."""
-    import cv2  # noqa: PLC0415  measuring needs no pictures
-
-    _, png = cv2.imencode(".png", picture)
-    return png.tobytes()
 
 
 def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, scale: float) -> None:

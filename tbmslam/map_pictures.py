@@ -9,9 +9,8 @@ import numpy.typing as npt
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.grid import Masses, TbmGrid
+from tbmslam.png import Picture, encode_png
 from tbmslam.world_file import write_world_file
-
-Picture = npt.NDArray[np.uint8]
 
 _MASSES = {"occupied": OCCUPIED, "free": FREE, "unknown": UNKNOWN, "conflict": CONFLICT}
 _ROWS_AT_ONCE = 64
@@ -31,7 +30,7 @@ def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
         If a file cannot be written.
     """
     for name, picture in draw_grid(grid).items():
-        write_bytes(Path(folder, f"{name}.png"), _encode_png(picture))
+        write_bytes(Path(folder, f"{name}.png"), encode_png(picture))
     write_world_file(Path(folder, "pignistic.png"), grid.geometry)
 
 
@@ -69,12 +68,3 @@ def _pignistic_free(masses: Masses) -> npt.NDArray[np.float32]:
 
 def _grey(share: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.asarray(np.rint(np.float32(255.0) * np.clip(share, 0.0, 1.0)))
-
-
-def _encode_png(picture: Picture) -> bytes:
-    import cv2  # noqa: PLC0415  # slow to load, and reading a map does not need it
-
-    encoded, content = cv2.imencode(".png", picture)
-    if not encoded:
-        raise ValueError(f"picture must have pixels, got shape {picture.shape}")
-    return content.tobytes()

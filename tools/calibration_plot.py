@@ -6,6 +6,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from tbmslam.png import encode_png
+
 _SIZE, _MARGIN = 480, 60
 _BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)
 
@@ -36,7 +38,7 @@ def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float
             cv2.line(picture, _pixel(given, least), _pixel(given, most), _BLUE, 1, cv2.LINE_AA)
             cv2.circle(picture, _pixel(given, share), 5, _BLUE, -1, cv2.LINE_AA)
             _write(picture, str(len(inside)), (_pixel(given, share)[0] + 8, _pixel(given, share)[1] + 14))
-    return bytes(cv2.imencode(".png", picture)[1])
+    return encode_png(picture)
 
 
 def _wilson(right: int, count: int) -> tuple[float, float, float]:

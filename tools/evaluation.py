@@ -11,7 +11,7 @@ import numpy as np
 
 from datasets.synthetic.world import World, WorldError, load_world
 from tbmslam.atomic_file import write_bytes
-from tbmslam.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors, encode_colour_png
+from tbmslam.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.error_statistics import ErrorStatistics
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
@@ -19,6 +19,7 @@ from tbmslam.map_agreement import Labels, cell_labels, map_agreement
 from tbmslam.map_check import MapFileError
 from tbmslam.map_folder import load_map
 from tbmslam.map_refinement import refine_map_transform
+from tbmslam.png import encode_png
 from tbmslam.relations import read_relations, relation_errors
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
@@ -49,7 +50,7 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
     if args.picture:
         beneath = _backdrop(args.map, absolute.T_truth_estimate) if args.map else None
         picture = draw_trajectory_errors(absolute.points, absolute.errors_m, "m", beneath)
-        write_bytes(args.picture, encode_colour_png(picture))
+        write_bytes(args.picture, encode_png(picture))
     return {
         "estimate": str(args.estimate),
         "truth": str(args.truth),
@@ -78,7 +79,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
         beneath = _backdrop(args.map, SE2.identity()) if args.map else None
         points = estimate.poses[errors.pairs[:, 1], :2]
         picture = draw_trajectory_errors(points, errors.translations_m, "m", beneath)
-        write_bytes(args.picture, encode_colour_png(picture))
+        write_bytes(args.picture, encode_png(picture))
     return {
         "estimate": str(args.estimate),
         "relations": str(args.relations),
@@ -106,7 +107,7 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
             f"{args.map} and {args.truth} know no cell in common: say where the map lies with --transform X Y DEG"
         )
     if args.picture:
-        write_bytes(args.picture, encode_colour_png(draw_map_errors(labels, true_labels)))
+        write_bytes(args.picture, encode_png(draw_map_errors(labels, true_labels)))
     figures = dataclasses.asdict(agreement)
     wall_distance = figures.pop("wall_distance")
     return {

@@ -18,11 +18,7 @@ from typing import TYPE_CHECKING
 from tools.ending import ended
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from datasets.synthetic.laser import SimulatedLaser
-    from datasets.synthetic.simulation import SimulatedRobot
-    from datasets.synthetic.world import World
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
@@ -39,8 +35,6 @@ FAULTS = (
     *("clock_step", "stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "glass", "people", "crowd"),
     *("furniture", "carried"),
 )
-PIXELS_PER_METRE = 25
-ROUTE_COLOURS = ((200, 90, 0), (0, 150, 60), (40, 40, 220), (190, 0, 190), (0, 150, 200), (120, 120, 0))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -126,7 +120,10 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.odometry_noise import OdometryNoise
     from datasets.synthetic.simulation import simulate
     from datasets.synthetic.truth import write_truth
+    from tbmslam.atomic_file import write_bytes
+    from tbmslam.png import encode_png
     from tools.progress import ProgressBars
+    from tools.world_picture import draw_world
 
     faults = [Fault.parse(text) for text in args.fault]
     seed = args.seed if args.drive_seed is None else args.drive_seed
@@ -155,7 +152,7 @@ def make(args: argparse.Namespace) -> None:
     run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
     run["faults"] = [vars(fault) for fault in faults]
     write_truth(args.out, world, robots, bags, run)
-    draw(world, robots, args.out / "world.png")
+    write_bytes(args.out / "world.png", encode_png(draw_world(world, robots)))
     print(f"{args.out / 'truth.json'}, world.npz, world.png: the truth, for evaluation only")
 
 
@@ -178,30 +175,6 @@ def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
         upside_down=args.upside_down,
         sweep=args.sweep,
     )
-
-
-def draw(world: "World", robots: "Sequence[SimulatedRobot]", path: Path) -> None:
-    """Draw the walls, each robot's way in a colour and its start as a circle."""
-    import cv2
-    import numpy as np
-
-    min_x, min_y, max_x, max_y = world.bounds()
-    origin = np.array([min_x - 0.5, max_y + 0.5])
-    size = (math.ceil((max_y - min_y + 1.0) * PIXELS_PER_METRE), math.ceil((max_x - min_x + 1.0) * PIXELS_PER_METRE))
-    picture = np.full((*size, 3), 255, dtype=np.uint8)
-    sixteenths = PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel
-    walls = np.round((world.walls.reshape(-1, 2, 2) - origin) * [sixteenths, -sixteenths]).astype(np.int32)
-    cv2.polylines(picture, list(walls), isClosed=False, color=(0, 0, 0), thickness=1, lineType=cv2.LINE_AA, shift=4)
-    for index, robot in enumerate(robots):
-        colour = ROUTE_COLOURS[index % len(ROUTE_COLOURS)]
-        way = np.round((robot.truth.poses[:, :2] - origin) * [sixteenths, -sixteenths]).astype(np.int32)
-        cv2.polylines(picture, [way], isClosed=False, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
-        start = (int(way[0, 0]), int(way[0, 1]))
-        cv2.circle(picture, start, 8 * 16, colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
-    encoded, data = cv2.imencode(".png", picture)
-    if not encoded:
-        raise OSError(f"{path}: the picture cannot be encoded")
-    path.write_bytes(data.tobytes())
 
 
 if __name__ == "__main__":

@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
-from tbmslam.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors, encode_colour_png
+from tbmslam.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.grid import GridGeometry
+from tbmslam.png import encode_png
 
 LINE = np.column_stack((np.linspace(0.0, 10.0, 200), np.zeros(200)))
 
@@ -55,7 +56,7 @@ def test_cells_that_differ_are_coloured_and_y_is_up():
 
 def test_a_picture_survives_its_file():
     picture = draw_map_errors(np.array([[FREE, OCCUPIED]], np.uint8), np.array([[OCCUPIED, FREE]], np.uint8))
-    read = cv2.imdecode(np.frombuffer(encode_colour_png(picture), np.uint8), cv2.IMREAD_COLOR)
+    read = cv2.imdecode(np.frombuffer(encode_png(picture), np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_array_equal(read, picture)
 
 

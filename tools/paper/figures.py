@@ -3,14 +3,14 @@
 import io
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 
-from merging.channels import Channels, Image
+from merging.channels import Channels
 from merging.experiments.modifications import MODIFICATIONS, Study
 from merging.experiments.published import TABLE_2, table_2
 from merging.experiments.significance import half_interval, half_width
 from tbmslam.grid import TbmGrid
+from tbmslam.png import encode_png
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10
@@ -105,14 +105,10 @@ def window_of(grid: TbmGrid, margin: int = 10) -> Window:
 
 def draw_grid(grid: TbmGrid, window: Window) -> bytes:
     """Return a grid's pignistic picture as a PNG: free white, occupied black, unknown grey."""
-    return _png(Channels.from_grid(grid).pignistic[window])
+    return encode_png(Channels.from_grid(grid).pignistic[window])
 
 
 def draw_channels(grid: TbmGrid) -> list[bytes]:
     """Return figure 1 as PNGs: the pignistic picture and the masses on occupied, free and unknown."""
     channels, window = Channels.from_grid(grid), window_of(grid)
-    return [_png(i[window]) for i in (channels.pignistic, channels.occupied, channels.free, channels.unknown)]
-
-
-def _png(image: Image) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1])
+    return [encode_png(i[window]) for i in (channels.pignistic, channels.occupied, channels.free, channels.unknown)]
