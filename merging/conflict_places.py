@@ -43,8 +43,7 @@ def conflict_places(fusion: Fusion, count: int = 10) -> list[ConflictPlace]:
     g = fusion.grid.geometry
     return [
         ConflictPlace(
-            float(g.origin_x + (col[k] + 0.5) * g.resolution),
-            float(g.origin_y + (row[k] + 0.5) * g.resolution),
+            *g.centre_of(float(row[k]), float(col[k])),
             float(cells[k] * g.resolution**2),
             float(sums[k] * g.resolution**2),
         )

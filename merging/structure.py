@@ -67,15 +67,12 @@ class Structure:
         walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
         walls = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution).labels > 0
         surface = walls & (cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        rows, cols = np.nonzero(surface)
         normals, two_sided = _normals(free, walls, surface)
         distances, nearest = _nearest_surface(surface)
         g = grid.geometry
         return cls(
             geometry=g,
-            points=np.column_stack(
-                (g.origin_x + (cols + 0.5) * g.resolution, g.origin_y + (rows + 0.5) * g.resolution)
-            ),
+            points=g.centres_of(*np.nonzero(surface)),
             normals=normals,
             two_sided=two_sided,
             known=grid.is_known(),
@@ -112,11 +109,7 @@ class Structure:
 
     def cells_of(self, points: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], BoolArray]:
         """Return the rows and columns of points (N, 2) [m], clipped to the grid, and which points lie inside."""
-        g = self.geometry
-        cols = np.floor((points[:, 0] - g.origin_x) / g.resolution).astype(np.int64)
-        rows = np.floor((points[:, 1] - g.origin_y) / g.resolution).astype(np.int64)
-        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        return np.clip(rows, 0, g.rows - 1), np.clip(cols, 0, g.cols - 1), inside
+        return self.geometry.cells_at(points)
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:

@@ -142,6 +142,4 @@ def _some_known(structure: Structure) -> tuple[FloatArray, float]:
     every = max(len(cells) // _MANY_CELLS, 1)
     rows, cols = np.divmod(cells[::every], structure.geometry.cols)
     step = structure.geometry.resolution
-    x = structure.geometry.origin_x + (cols + 0.5) * step
-    y = structure.geometry.origin_y + (rows + 0.5) * step
-    return np.column_stack((x, y)), step**2 * len(cells) / max(len(rows), 1)
+    return structure.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)

@@ -116,9 +116,7 @@ def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, sca
     seen = labels[np.ix_(cell_rows[inside_rows], cell_cols[inside_cols])]
     picture[np.ix_(inside_rows, inside_cols)] = _GREYS[seen][..., None]
     # A wall may be thinner than a pixel: every occupied cell marks the pixel it lies in.
-    wall_rows, wall_cols = np.nonzero(labels == OCCUPIED)
-    wall_x = geometry.origin_x + (wall_cols + 0.5) * geometry.resolution
-    wall_y = geometry.origin_y + (wall_rows + 0.5) * geometry.resolution
+    wall_x, wall_y = geometry.centres_of(*np.nonzero(labels == OCCUPIED)).T
     picture[((corner[1] - wall_y) * scale).astype(int), ((wall_x - corner[0]) * scale).astype(int)] = _GREYS[OCCUPIED]
 
 

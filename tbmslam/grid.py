@@ -42,12 +42,27 @@ class GridGeometry(NamedTuple):
             math.floor((x - self.origin_x) / self.resolution),
         )
 
-    def centre_of(self, row: int, col: int) -> tuple[float, float]:
-        """Return the centre (x, y) of a cell [m]."""
+    def cells_at(
+        self, points: FloatArray
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+        """Return the rows and columns of points (N, 2) [m], clipped to the grid, and which points lie inside."""
+        cols = np.floor((points[:, 0] - self.origin_x) / self.resolution).astype(np.int64)
+        rows = np.floor((points[:, 1] - self.origin_y) / self.resolution).astype(np.int64)
+        inside = (rows >= 0) & (rows < self.rows) & (cols >= 0) & (cols < self.cols)
+        return np.clip(rows, 0, self.rows - 1), np.clip(cols, 0, self.cols - 1), inside
+
+    def centre_of(self, row: float, col: float) -> tuple[float, float]:
+        """Return the centre (x, y) of a cell [m]; between two cells that lies between theirs."""
         return (
             self.origin_x + (col + 0.5) * self.resolution,
             self.origin_y + (row + 0.5) * self.resolution,
         )
+
+    def centres_of(self, rows: npt.NDArray[np.integer], cols: npt.NDArray[np.integer]) -> FloatArray:
+        """Return the centres (N, 2) of cells (N,) [m]."""
+        x = self.origin_x + (cols + 0.5) * self.resolution
+        y = self.origin_y + (rows + 0.5) * self.resolution
+        return np.column_stack((x, y))
 
     def contains(self, row: int, col: int) -> bool:
         """Tell whether a cell lies inside."""

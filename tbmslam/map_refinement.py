@@ -71,13 +71,7 @@ def refine_map_transform(
 
 
 def _occupied_centres(labels: Labels, geometry: GridGeometry) -> FloatArray:
-    rows, cols = np.nonzero(labels == OCCUPIED)
-    return np.column_stack(
-        (
-            geometry.origin_x + (cols + 0.5) * geometry.resolution,
-            geometry.origin_y + (rows + 0.5) * geometry.resolution,
-        )
-    )
+    return geometry.centres_of(*np.nonzero(labels == OCCUPIED))
 
 
 def _wall_distances(truth: Labels, resolution: float, margin: int) -> FloatArray:

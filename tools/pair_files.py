@@ -65,7 +65,7 @@ class KnownPair:
             raise ValueError(f"{self.name} has no true alignment")
         geometry = self.source.grid.geometry
         rows, cols = np.nonzero(self.source.grid.is_known())
-        middle = geometry.centre_of(float(rows.mean()), float(cols.mean()))  # type: ignore[arg-type]
+        middle = geometry.centre_of(float(rows.mean()), float(cols.mean()))
         apart = np.linalg.norm(found.apply(middle) - self.T_target_source.apply(middle))
         return float(apart), abs(math.degrees(wrap_angle(found.theta - self.T_target_source.theta)))
 

@@ -44,11 +44,8 @@ class ClearanceMap:
 
     def at(self, points: FloatArray) -> FloatArray:
         """Return the clearance (N,) at points (N, 2) [m]; 0 off the grid."""
-        g = self.geometry
-        cols = np.floor((points[:, 0] - g.origin_x) / g.resolution).astype(np.int64)
-        rows = np.floor((points[:, 1] - g.origin_y) / g.resolution).astype(np.int64)
-        inside = (rows >= 0) & (rows < g.rows) & (cols >= 0) & (cols < g.cols)
-        return np.where(inside, self.clearance[rows.clip(0, g.rows - 1), cols.clip(0, g.cols - 1)], 0.0)
+        rows, cols, inside = self.geometry.cells_at(points)
+        return np.where(inside, self.clearance[rows, cols], 0.0)
 
 
 class RoadMap:
@@ -69,9 +66,7 @@ class RoadMap:
         clearance = clearance_map.clearance[::step, ::step]
         drivable = _largest_region(clearance >= smallest)
         rows, cols = np.nonzero(drivable)
-        self.points = np.column_stack(
-            (g.origin_x + (cols * step + 0.5) * g.resolution, g.origin_y + (rows * step + 0.5) * g.resolution)
-        )
+        self.points = g.centres_of(rows * step, cols * step)
         cost = 1.0 + 4.0 * np.maximum(0.0, 1.0 - clearance / COMFORTABLE) ** 2
         if rng is not None:
             whims = ndimage.gaussian_filter(rng.standard_normal(clearance.shape), 6.0)

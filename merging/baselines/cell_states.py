@@ -45,9 +45,8 @@ class CellStates:
 
     def centres(self, cells: npt.NDArray[np.intp]) -> Points:
         """Return the centres (N,) of cells (N,), counted row by row."""
-        rows, cols = np.divmod(cells, self.geometry.cols)
-        g = self.geometry
-        return g.origin_x + (cols + 0.5) * g.resolution + 1j * (g.origin_y + (rows + 0.5) * g.resolution)
+        x, y = self.geometry.centres_of(*np.divmod(cells, self.geometry.cols)).T
+        return np.asarray(x + 1j * y)
 
     @cached_property
     def known(self) -> tuple[Points, npt.NDArray[np.uint8]]:

@@ -44,9 +44,7 @@ class MapPair:
 
     def displacement_m(self, matrix: FloatArray) -> float:
         """Return how far a transform (2, 3) puts the source's known cells from their true places, on average [m]."""
-        geometry = self.source.geometry
-        rows, cols = np.nonzero(self.source.is_known())
-        cells = np.column_stack((cols + 0.5, rows + 0.5)) * geometry.resolution + (geometry.origin_x, geometry.origin_y)
+        cells = self.source.geometry.centres_of(*np.nonzero(self.source.is_known()))
         found = cells @ matrix[:, :2].T + matrix[:, 2]
         return float(np.hypot(*(found - self.T_target_source.apply(cells)).T).mean())
 

@@ -30,6 +30,14 @@ def test_a_cell_s_centre_lies_in_it(row, col):
     assert GEOMETRY.cell_at(*GEOMETRY.centre_of(row, col)) == (row, col)
 
 
+def test_cells_and_places_of_many():
+    points = GEOMETRY.centres_of(np.array([0, 2, 1]), np.array([0, 3, 2]))
+    assert [tuple(point) for point in points] == [GEOMETRY.centre_of(*cell) for cell in ((0, 0), (2, 3), (1, 2))]
+    rows, cols, inside = GEOMETRY.cells_at(np.vstack((points, [(-1.01, 3.5)])))
+    assert (rows.tolist(), cols.tolist()) == ([0, 2, 1, 2], [0, 3, 2, 0])
+    assert inside.tolist() == [True, True, True, False]
+
+
 def test_what_lies_inside():
     inside = [(row, col) for row in range(-1, 5) for col in range(-1, 6) if GEOMETRY.contains(row, col)]
     assert inside == [(row, col) for row in range(3) for col in range(4)]

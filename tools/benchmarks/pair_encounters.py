@@ -41,14 +41,9 @@ def _free(grid: TbmGrid) -> npt.NDArray[np.bool_]:
 
 
 def _centres(grid: TbmGrid, chosen: npt.NDArray[np.bool_]) -> FloatArray:
-    rows, cols = np.nonzero(chosen)
-    g = grid.geometry
-    return np.column_stack((g.origin_x + (cols + 0.5) * g.resolution, g.origin_y + (rows + 0.5) * g.resolution))
+    return grid.geometry.centres_of(*np.nonzero(chosen))
 
 
 def _is_free_at(grid: TbmGrid, points: FloatArray) -> npt.NDArray[np.bool_]:
-    g = grid.geometry
-    cells = np.floor((points - (g.origin_x, g.origin_y)) / g.resolution).astype(np.intp)
-    inside = np.all((cells >= 0) & (cells < (g.cols, g.rows)), axis=1)
-    cells = np.clip(cells, 0, (g.cols - 1, g.rows - 1))
-    return np.asarray(inside & _free(grid)[cells[:, 1], cells[:, 0]])
+    rows, cols, inside = grid.geometry.cells_at(points)
+    return np.asarray(inside & _free(grid)[rows, cols])

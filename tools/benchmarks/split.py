@@ -186,9 +186,8 @@ def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
 
 def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
     """Return how far off a relative pose is in the middle of what the second map knows [m], [deg]."""
-    g = moved.grid.geometry
     rows, cols = np.nonzero(moved.grid.is_known())
-    middle = [g.origin_x + (cols.mean() + 0.5) * g.resolution, g.origin_y + (rows.mean() + 0.5) * g.resolution]
+    middle = moved.grid.geometry.centre_of(float(rows.mean()), float(cols.mean()))
     return math.dist(found.apply(middle), true.apply(middle)), abs(math.degrees(wrap_angle(found.theta - true.theta)))
 
 
