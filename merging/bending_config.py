@@ -8,6 +8,22 @@ from merging.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.submap import SubmapConfig
 
 
+class NearConfig(FrozenConfig):
+    """How maps that no alignment joined are looked at once more; see `merging.near_look`.
+
+    Parameters
+    ----------
+    enabled
+        Whether they are, where maps carry keyframes.
+    range_m
+        Walls seen from farther off are left out [m]: from here a heading that is wrong by a degree moves a wall as far
+        as walls that agree may lie from each other.
+    """
+
+    enabled: bool = True
+    range_m: Metres = 8.5
+
+
 class JointConfig(FrozenConfig):
     """How drives of several robots are straightened together.
 

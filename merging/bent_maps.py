@@ -14,18 +14,19 @@ from merging.aligner import align
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
-from merging.joint_refinement import nearest_rigid, refine_jointly
+from merging.joint_refinement import JointRefinement, nearest_rigid, refine_jointly
 from merging.map_graph import Group, Pair, is_same_place
 from merging.merged_group import MergedGroup
 from merging.redrawing import redraw
 from merging.stretches import elect, laid_in_stretches, stretches_of
+from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
-_TARGET = "target"
+_TARGET, _SOURCE = "target", "source"
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,13 @@ class BentMap:
         straightened maps.
     straightened
         The map, in its own frame, bent so that its stretches lie where they were found.
+    grids
+        The grids of target and source, each in its own frame, straightened together: what the alignment was judged by.
     """
 
     alignment: Alignment
     straightened: TbmMap
+    grids: tuple[TbmGrid, TbmGrid]
 
 
 def place_bent_map(
@@ -82,8 +86,10 @@ def place_bent_map(
     for base, target, name in tries:
         found = place_bent(target, maps[name], config, workers, watch, scheduler)
         if found is not None:
-            logger.info("%s in %s: %s", name, base, found.alignment.reason)
-            return (base, name), found
+            onto = "" if joined is None else f"onto {len(joined.poses)} maps merged so far: "
+            alignment = replace(found.alignment, reason=onto + found.alignment.reason)
+            logger.info("%s in %s: %s", name, base, alignment.reason)
+            return (base, name), replace(found, alignment=alignment)
     return None
 
 
@@ -110,28 +116,38 @@ def place_bent(
         return None
     laid = laid_in_stretches(source, stretches, place)
     told = f"laid in stretches of the drive, {len(place.motions)} of {len(stretches)} of which agree"
-    again = _straightened(target, laid, config, watch)
-    if not again.accepted:
+    joint = refine_jointly(*_where_laid(target, laid), config.joint, watch)
+    again = _aligned_again(joint, config)
+    if joint is None or not again.accepted:
         logger.info("%s, but %s", told, again.reason)
         return None
     motion = nearest_rigid(source, laid)
-    back = motion.inverse()
-    straightened = laid.moved(back, redraw([drive.transformed(back).keyframes for drive in laid.drives], source))
+    straightened, judged = (_moved_back(one, motion) for one in (laid, joint.maps[_SOURCE]))
     reason = f"{told}; straightened: {again.reason}"
-    return BentMap(replace(again, reason=reason, T_target_source=motion, alternatives=()), straightened)
+    alignment = replace(again, reason=reason, T_target_source=motion, alternatives=())
+    return BentMap(alignment, straightened, (joint.maps[_TARGET].grid, judged.grid))
+
+
+def _moved_back(one: TbmMap, T_target_source: SE2) -> TbmMap:
+    """Return a map that lies in the target's frame in the source's."""
+    back = T_target_source.inverse()
+    return one.moved(back, redraw([drive.transformed(back).keyframes for drive in one.drives], one))
 
 
 def _is_driven(one: TbmMap) -> bool:
     return bool(one.drives) and all(len(drive.keyframes) > 1 for drive in one.drives)
 
 
-def _straightened(target: TbmMap, laid: TbmMap, config: MergeConfig, watch: Watch) -> Alignment:
-    """Straighten two maps together where one is thought to lie, and align them then; elsewhere is a refusal."""
-    both, poses = {_TARGET: target, "source": laid}, {_TARGET: SE2.identity(), "source": SE2.identity()}
-    joint = refine_jointly(both, poses, config.joint, watch)
+def _where_laid(target: TbmMap, laid: TbmMap) -> tuple[dict[str, TbmMap], dict[str, SE2]]:
+    """Return two maps by name, and that each lies where it is."""
+    return {_TARGET: target, _SOURCE: laid}, {_TARGET: SE2.identity(), _SOURCE: SE2.identity()}
+
+
+def _aligned_again(joint: JointRefinement | None, config: MergeConfig) -> Alignment:
+    """Align two maps that were straightened where one is thought to lie; elsewhere is a refusal."""
     if joint is None:
         return Alignment("correlation", accepted=False, reason="the drives cannot be straightened together there")
-    found = align(joint.maps[_TARGET], joint.maps["source"], config)
+    found = align(joint.maps[_TARGET], joint.maps[_SOURCE], config)
     where = found.T_target_source
     if found.accepted and (where is None or not is_same_place(SE2.identity(), where, config.graph)):
         return replace(found, accepted=False, reason="straightened there, the maps are aligned elsewhere")

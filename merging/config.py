@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
-from merging.bending_config import JointConfig, StretchConfig
+from merging.bending_config import JointConfig, NearConfig, StretchConfig
 from merging.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
 
@@ -301,6 +301,7 @@ class MergeConfig(FrozenConfig):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()
+    near: NearConfig = NearConfig()
     joint: JointConfig = JointConfig()
     stretches: StretchConfig = StretchConfig()
     baselines: BaselinesConfig = BaselinesConfig()

@@ -2,16 +2,18 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
-from merging.bent_maps import place_bent_map
+from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_refinement import JointRefinement
 from merging.map_graph import Group, Pair, groups_of
 from merging.merged_group import merge_group
+from merging.near_look import look_near
+from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -39,6 +41,9 @@ class Merge:
         What straightening the drives together did; None where the alignment stayed rigid.
     used, outvoted
         The pairs whose alignments agree with the poses, and those that were accepted and do not.
+    judged_by
+        The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
+        maps' own: drawn from near hits alone, or straightened.
     """
 
     merged: TbmMap | None
@@ -49,6 +54,7 @@ class Merge:
     joint: JointRefinement | None = None
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
+    judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
 
 
 def merge(
@@ -61,7 +67,8 @@ def merge(
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
-    order of the maps. Maps that fit nowhere as a whole are tried once more in stretches of their drives.
+    order of the maps. Maps that this leaves apart are looked at again by what was seen from near by, and those that
+    fit nowhere as a whole are tried once more in stretches of their drives.
 
     Parameters
     ----------
@@ -85,6 +92,11 @@ def merge(
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     alignments = align_all(maps, config, workers, watch, scheduler)
+    with watch.during("grouping"):
+        groups = groups_of(list(maps), alignments, config.graph)
+    near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
+    alignments |= near.alignments
+    judged_by = {pair: (near.grids[pair[0]], near.grids[pair[1]]) for pair in near.alignments}
     while True:
         with watch.during("grouping"):
             groups = groups_of(list(maps), alignments, config.graph)
@@ -94,21 +106,33 @@ def merge(
             break
         (base, name), found = bent
         maps = {**maps, name: found.straightened}
-        alignments |= _in_order(list(maps), base, name, found.alignment)
+        pair, alignment, grids = _in_order(list(maps), (base, name), found)
+        alignments[pair], judged_by[pair] = alignment, grids
     if joined is None:
-        return Merge(None, {}, alignments, dict.fromkeys(maps, "no other map could be aligned with it"), None)
+        left_out = dict.fromkeys(maps, "no other map could be aligned with it")
+        return Merge(None, {}, alignments, left_out, None, judged_by=judged_by)
     group = groups[0]
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
     return Merge(
-        joined.merged, joined.poses, alignments, left_out, joined.fusion, joined.joint, group.used, group.outvoted
+        joined.merged,
+        joined.poses,
+        alignments,
+        left_out,
+        joined.fusion,
+        joined.joint,
+        group.used,
+        group.outvoted,
+        judged_by,
     )
 
 
-def _in_order(names: list[str], target: str, source: str, found: Alignment) -> dict[Pair, Alignment]:
-    """Return an alignment by its pair, of which the map named first is the target."""
-    if names.index(target) < names.index(source) or found.T_target_source is None:
-        return {(target, source): found}
-    return {(source, target): replace(found, T_target_source=found.T_target_source.inverse())}
+def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:
+    """Return what was found by its pair, of which the map named first is the target."""
+    (target, source), alignment = pair, found.alignment
+    if names.index(target) < names.index(source) or alignment.T_target_source is None:
+        return pair, alignment, found.grids
+    turned = replace(alignment, T_target_source=alignment.T_target_source.inverse())
+    return (source, target), turned, found.grids[::-1]
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:

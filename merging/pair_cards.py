@@ -16,6 +16,8 @@ from tbmslam.tbm_map import TbmMap
 MOST_CARDS = 60
 """More pairs than these are told in a table: pictures of thousands would make the page too large to open."""
 
+_AS_JUDGED = "The maps are drawn as they were judged."
+
 
 def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> tuple[list[Card], list[Table]]:
     """Return cards of the pairs that tell most, and a table of the others where there are too many."""
@@ -30,7 +32,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
             good=merge.alignments[pair].accepted and pair not in merge.outvoted,
             reason=_sentence(merge.alignments[pair].reason),
             figures=_figures(merge.alignments[pair]),
-            pictures=_pictures(pair, merge.alignments[pair], views, config),
+            pictures=_pictures(pair, merge, views, looks),
         )
         for pair in merge.alignments
         if pair in set(telling)
@@ -74,12 +76,15 @@ def _figures(found: Alignment) -> dict[str, str]:
     return figures
 
 
-def _pictures(pair: Pair, found: Alignment, views: Views, config: MergeConfig) -> Sequence[Picture]:
+def _pictures(pair: Pair, merge: Merge, views: Views, config: MergeConfig) -> Sequence[Picture]:
+    found, caption = merge.alignments[pair], CAPTION
+    if pair in merge.judged_by:
+        views, caption = Views(dict(zip(pair, merge.judged_by[pair], strict=True)), config), f"{CAPTION} {_AS_JUDGED}"
     target, source = views.of_pair(pair)
     if target is None or source is None or found.T_target_source is None:
         alone = [(name, view) for name, view in zip(pair, (target, source), strict=True) if view is not None]
         return [Picture(draw_alone(view.structure), f"The walls of {name}.") for name, view in alone]
-    places = [(found.T_target_source, CAPTION.format(target=pair[0], source=pair[1]))]
+    places = [(found.T_target_source, caption.format(target=pair[0], source=pair[1]))]
     places += [
         (
             other.T_target_source,

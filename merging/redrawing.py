@@ -1,5 +1,6 @@
 """Grids rendered again from keyframes, the way the map they belong to says that it was rendered."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from pydantic import ValidationError
@@ -11,10 +12,14 @@ from tbmslam.rendering import render
 from tbmslam.tbm_map import TbmMap
 
 
-def redraw(drives: Sequence[Keyframes], one: TbmMap) -> TbmGrid:
-    """Return the grid of some keyframes, rendered as a map says that it was, with cells of its size."""
-    how = _map_config(one).model_copy(update={"resolution": one.grid.geometry.resolution})
-    return render(drives, how)
+def redraw(drives: Sequence[Keyframes], one: TbmMap, max_range: float = math.inf) -> TbmGrid:
+    """Return the grid of some keyframes, rendered as a map says that it was, with cells of its size.
+
+    A hit beyond `max_range` [m], or beyond the map's own limit, only clears the way up to it.
+    """
+    how = _map_config(one)
+    insertion = how.insertion.model_copy(update={"max_range": min(max_range, how.insertion.max_range)})
+    return render(drives, how.model_copy(update={"resolution": one.grid.geometry.resolution, "insertion": insertion}))
 
 
 def drawn_alike(maps: Sequence[TbmMap]) -> bool:
