@@ -70,9 +70,8 @@ def _parser() -> argparse.ArgumentParser:
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.atomic_file import write_bytes, write_text
-    from tools.benchmarks.align import BINS
     from tools.calibration_plot import draw_calibration
-    from tools.calibration_table import calibration_table, worth
+    from tools.calibration_table import BINS, calibration_table, worth
     from tools.confidence_fit import fit_model, held_out
 
     config = MergeConfig()

@@ -3,10 +3,14 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from tools.text_table import text_table
+
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0)
+"""Edges of the confidences that are put together."""
 
 _THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
@@ -30,6 +34,18 @@ class Judgement:
     right: bool
 
 
+class Judged(Protocol):
+    """Anything with a confidence that was right or wrong."""
+
+    @property
+    def confidence(self) -> float:
+        """What was promised."""
+
+    @property
+    def right(self) -> bool:
+        """What came of it."""
+
+
 def worth(judged: Sequence[Judgement]) -> str:
     """Return a table of what is accepted rightly, by overlap, and wrongly, at several least confidences."""
     crops = [one for one in judged if one.name.startswith("crop")]
@@ -48,7 +64,7 @@ def worth(judged: Sequence[Judgement]) -> str:
     return text_table(head, rows)
 
 
-def calibration_table(judged: Sequence[Judgement], edges: Sequence[float]) -> str:
+def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
     """Return how many of the best places are right, by the confidence that they were given, in bins."""
     rows = []
     for low, high in itertools.pairwise(edges):

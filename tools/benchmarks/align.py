@@ -1,7 +1,6 @@
 """How often pairs of maps are aligned rightly, how often wrongly, and what the confidence is worth."""
 
 import argparse
-import itertools
 import json
 import statistics
 import sys
@@ -10,14 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
+from tools.calibration_table import BINS, calibration_table
 from tools.machine import describe_machine
 from tools.text_table import number, text_table
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
-BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0)
-"""Edges of the confidences that the calibration table puts together."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     else:
         print(summary(first, args.method[0]))
         print()
-        print(calibration_table(first))
+        print(calibration_table(first, BINS))
     if args.details:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
@@ -166,18 +162,6 @@ def comparison(results: Mapping[str, Sequence[PairResult]]) -> str:
         )
     table = text_table([*head, "best place right", "CPU s", "most"], rows)
     return table + "\nAccepted and right, by overlap. Best place right: accepted or not. CPU s: median of a pair."
-
-
-def calibration_table(results: Sequence[PairResult]) -> str:
-    """Return how many of the best places are right, by the confidence that they were given."""
-    rows = []
-    for low, high in itertools.pairwise(BINS):
-        inside = [r for r in results if low <= r.confidence < high or (high == 1.0 and r.confidence == 1.0)]
-        if inside:
-            given = float(np.mean([r.confidence for r in inside]))
-            true = sum(r.right for r in inside)
-            rows.append([f"{low:.2f} to {high:.2f}", str(len(inside)), f"{given:.3f}", f"{true / len(inside):.3f}"])
-    return text_table(["confidence", "pairs", "given, mean", "right, share"], rows)
 
 
 def details(results: Sequence[PairResult]) -> str:

@@ -9,7 +9,8 @@ from merging.confidence import FEATURES, MEASURES
 from tbmslam.errors import TbmSlamError
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
-from tools.benchmarks.align import PairResult, calibration_table, comparison, details, summary
+from tools.benchmarks.align import PairResult, comparison, details, summary
+from tools.calibration_table import BINS, calibration_table
 from tools.pair_files import PairFileError, load_pair
 
 
@@ -36,7 +37,7 @@ def test_the_table_counts_right_wrong_and_negatives():
     ]
     row = [cell.strip() for cell in summary(results, "correlation").splitlines()[2].split("|")[1:-1]]
     assert row == ["correlation", "5", "1/2", "-", "-", "0/1", "-", "-", "1", "1 of 2"]
-    assert "0.50 to 0.70 | 1     |       0.500 |        1.000" in calibration_table(results)
+    assert "0.50 to 0.70 | 1     |       0.500 |        1.000" in calibration_table(results, BINS)
     assert details(results[:1]) == "nothing amiss"
     assert details(results).count("because") == 3
 
