@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import platform
+from collections.abc import Mapping
 from pathlib import Path
 
 LIBRARIES = ("tbmslam", "numpy", "numba", "scipy", "opencv-python-headless", "rosbags")
@@ -18,6 +19,11 @@ def describe_machine() -> dict[str, object]:
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in LIBRARIES},
     }
+
+
+def machine_line(machine: Mapping[str, object]) -> str:
+    """Return a description as a line for people."""
+    return ", ".join(f"{key} {value}" for key, value in machine.items())
 
 
 def _processor() -> str:

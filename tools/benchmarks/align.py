@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tools.calibration_table import BINS, calibration_table
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
@@ -68,7 +68,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
     machine = describe_machine()
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         pairs = {method: [asdict(one) for one in found] for method, found in results.items()}
         record = {"machine": machine, "methods": pairs}

@@ -10,7 +10,7 @@ from datasets.synthetic.endless_drive import Route
 from tbmslam.atomic_file import write_text
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.scaling import ScalingRun, run_scaling
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
 HEAD = ("what", "drive", "scans", "seen m2", "box m2", "CPU s", "peak MB", "ATE m", "within 2000 MB")
@@ -49,7 +49,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         runs.append({"name": limit.name, **dataclasses.asdict(run)})
         rows.append(_row(limit.name, run))
     print(text_table(HEAD, rows))
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         write_text(args.json, json.dumps({"machine": machine, "runs": runs}, indent=2) + "\n")
 

@@ -24,7 +24,7 @@ from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair, grid_of
 from tools.text_table import number, text_table
 
@@ -111,7 +111,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
             f"{crew.robots} robots of one building, {crew.workers} workers: {crew.merged} merged in "
             f"{crew.wall_s:.1f} s of wall time; peak of the parent {crew.peak_memory_mb:.0f} MB"
         )
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         figures = {"runs": [dataclasses.asdict(run) for run in runs], "crew": crew and dataclasses.asdict(crew)}
         write_text(args.json, json.dumps({"machine": machine, **figures}, indent=2) + "\n")

@@ -19,7 +19,7 @@ from tbmslam.trajectory_errors import absolute_errors
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam_run import CpuClock
 from tools.benchmarks.warm_up import warm_up
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
 HEAD = (
@@ -101,7 +101,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
     print(NOTES)
     for failure in failures:
         print(failure)
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         record = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs], "failures": failures}
         write_text(args.json, json.dumps(record, indent=2) + "\n")

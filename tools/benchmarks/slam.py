@@ -16,7 +16,7 @@ from tools.benchmarks.measured_process import in_fresh_process
 from tools.benchmarks.recording_spec import RecordingSpec
 from tools.benchmarks.slam_run import SlamRun, run_slam
 from tools.benchmarks.warm_up import WARM_UP_SCANS
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
 HEAD = (
@@ -76,7 +76,7 @@ def benchmark_slam(args: argparse.Namespace) -> None:
     print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
     for line in (*against_targets(results), *over_seeds(results)):
         print(line)
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         record = {"machine": machine, "results": [dataclasses.asdict(result) for result in results]}
         write_text(args.json, json.dumps(record, indent=2) + "\n")

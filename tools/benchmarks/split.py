@@ -31,7 +31,7 @@ from tbmslam.trajectory_alignment import align_trajectories
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recording_spec import as_words
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
 HEAD = (
@@ -107,7 +107,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
             print(f"{run.recording}, {run.robots} robots: {name} was left out: {reason}")
     print(NOTES)
     machine = describe_machine()
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
     if args.json:
         figures = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs]}
         write_text(args.json, json.dumps(figures, indent=2) + "\n")

@@ -29,7 +29,7 @@ from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
 from tbmslam.worker_pool import worker_pool
-from tools.machine import describe_machine
+from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair
 from tools.text_table import number, text_table
 
@@ -102,7 +102,7 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     for one in encounters:
         if one.is_wrong:
             print(f"wrongly accepted: {one.name}, confidence {one.confidence:.3f}")
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
+    print(machine_line(machine))
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
