@@ -7,15 +7,13 @@ import json
 import sys
 from dataclasses import dataclass
 
-import numpy as np
-
 from datasets.synthetic.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
 from tbmslam.atomic_file import write_text
 from tbmslam.config import preset
 from tbmslam.timed_slam import TimedSlam
-from tbmslam.trajectory_errors import absolute_errors
+from tbmslam.trajectory_alignment import align_trajectories
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam_run import CpuClock
 from tools.benchmarks.warm_up import warm_up
@@ -150,7 +148,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
         finishing_us=clock.cpu["finishing"] * micro,
         driven_memory_mb=driven_memory_mb,
         peak_memory_mb=peak_memory_mb(),
-        ate_m=float(np.sqrt(np.mean(absolute_errors(drive.truth(), trajectory).errors_m ** 2))),
+        ate_m=align_trajectories(drive.truth(), trajectory).ate_m,
     )
 
 

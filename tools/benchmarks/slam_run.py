@@ -14,7 +14,7 @@ from tbmslam.laser_scan import Reading
 from tbmslam.relations import read_relations, relation_errors
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_errors import absolute_errors
+from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
 from tools.benchmarks.measured_process import peak_memory_mb
 from tools.benchmarks.recording_spec import RecordingSpec, beside
@@ -159,5 +159,5 @@ def _errors(spec: RecordingSpec, trajectory: Trajectory) -> dict[str, float | No
             errors["translation_error_m"] = float(against.translations_m.mean())
             errors["rotation_error_deg"] = float(against.rotations_deg.mean())
     if (path := beside(spec.path, ".truth.tum")) is not None:
-        errors["ate_m"] = float(np.sqrt(np.mean(absolute_errors(read_tum(path), trajectory).errors_m ** 2)))
+        errors["ate_m"] = align_trajectories(read_tum(path), trajectory).ate_m
     return errors

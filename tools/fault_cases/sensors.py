@@ -5,10 +5,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from datasets.synthetic.faults import Fault
-from tbmslam.trajectory_errors import absolute_errors
+from tbmslam.trajectory_alignment import align_trajectories
 from tbmslam.tum import read_tum
 from tools.fault_cases.fault_case import FaultCase, Outcome
 from tools.fault_cases.program_run import mapped, simulated
@@ -28,10 +26,8 @@ def _tried(folder: Path, fault: str, *, told: str = "", world: str = "office", r
     done, run = mapped(bag, folder / "maps")
     if done.code or not run:
         return Outcome(f"exit {done.code}: {done.stderr.strip()[-100:]}", "everything", survived=False)
-    errors = absolute_errors(
-        read_tum(bag.with_suffix(".truth.tum")), read_tum(folder / "maps" / "robot_0" / "trajectory.tum"), 0.01
-    )
-    ate = float(np.sqrt(np.mean(errors.errors_m**2)))
+    trajectory = read_tum(folder / "maps" / "robot_0" / "trajectory.tum")
+    ate = align_trajectories(read_tum(bag.with_suffix(".truth.tum")), trajectory).ate_m
     since = Fault.parse(fault).at
     # What a fault does shows a little later: at the next keyframe, at the next turn, when it ends.
     incidents = [incident for incident in run["incidents"] if since - 1.0 <= incident["at_s"] <= since + _SOON_S]
@@ -39,7 +35,7 @@ def _tried(folder: Path, fault: str, *, told: str = "", world: str = "office", r
     shown = (incidents or run["incidents"])[:2]
     warned = "; ".join(f"at {incident['at_s']:.1f} s: {incident['what']}" for incident in shown)
     result, counts = run["result"], run["counts"]
-    used = result["scans"] - len(read_tum(folder / "maps" / "robot_0" / "trajectory.tum"))
+    used = result["scans"] - len(trajectory)
     lost = [f"{n} scans {reason}" for reason, n in counts["dropped"].items()]
     lost += [f"{counts['gap_seconds']:.0f} s without scans"] if counts["gaps"] else []
     lost += [f"{used} scans left out"] if used else []
