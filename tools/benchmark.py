@@ -19,6 +19,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tools.build_maps import MOST_ROBOTS
 from tools.ending import ended
 from tools.merge import METHODS
 
@@ -161,9 +162,9 @@ def _check(args: argparse.Namespace) -> None:
     if args.command == "align":
         args.method = _pair_methods(args.method)
     elif args.command == "merge":
-        args.areas = [float(area) for area in args.areas.split(",")]
-        if min(args.repeat, args.workers) < 1 or args.robots < 0:
-            raise ValueError("--repeat and --workers must be positive, --robots not negative")
+        args.areas = _numbers("--areas", args.areas)
+        if min(args.repeat, args.workers) < 1 or not 0 <= args.robots <= MOST_ROBOTS:
+            raise ValueError(f"--repeat and --workers must be positive, --robots within 0 and {MOST_ROBOTS}")
         if not all(1.0 <= area <= 1e7 for area in args.areas) or not 1e-3 <= args.resolution <= 100.0:
             raise ValueError("--areas must lie within 1 and 1e7 m2, --resolution within 0.001 and 100 m")
     elif args.command == "split":
@@ -178,13 +179,21 @@ def _check(args: argparse.Namespace) -> None:
         _check_drives(args)
 
 
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option} must be numbers with commas between, got {text!r}") from None
+
+
 def _check_split(args: argparse.Namespace) -> None:
     """Turn the texts of `split` into what they mean; see `_check`."""
     from tools.benchmarks.recording_spec import parse_recording_spec
 
-    args.robots = [int(count) for count in args.robots.split(",")]
-    if min(args.robots) < 2:
-        raise ValueError(f"--robots must be at least 2, got {min(args.robots)}")
+    counts = args.robots.split(",")
+    if not all(count.isdecimal() and len(count) < 9 and 2 <= int(count) <= MOST_ROBOTS for count in counts):
+        raise ValueError(f"--robots must be numbers within 2 and {MOST_ROBOTS}, as 2,3,5, got {args.robots}")
+    args.robots = [int(count) for count in counts]
     for text in args.recordings:
         parse_recording_spec(text)
 
@@ -200,7 +209,7 @@ def _check_drives(args: argparse.Namespace) -> None:
         if name not in PRESETS:
             raise ValueError(f"--preset: there is no {name!r}; there are {', '.join(PRESETS)}")
     if args.command == "scaling":
-        args.lengths = [float(length) for length in args.lengths.split(",")]
+        args.lengths = _numbers("--lengths", args.lengths)
         if not all(1.0 <= length <= 1e7 for length in args.lengths) or args.beams < 1:
             raise ValueError("--lengths must lie within 1 and 1e7 m, --beams be positive")
         return

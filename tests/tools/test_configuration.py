@@ -115,7 +115,7 @@ def said_of_true(config, leaf):
     return "" if made is True else f"became {made}"
 
 
-@pytest.mark.parametrize("name", ["default", "credibilist", "particles"])
+@pytest.mark.parametrize("name", ["default", "particles"])
 def test_no_number_of_all_may_be_a_truth(name):
     config = Configuration.of_preset(name)
     named = [leaf for leaf, _ in leaves(config) if leaf.rpartition(".")[2] not in {"kind", "method"}]
