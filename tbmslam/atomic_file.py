@@ -2,7 +2,7 @@
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from glob import escape
 from pathlib import Path
@@ -16,11 +16,19 @@ class FileNotWrittenError(TbmSlamError):
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | None = None) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write to, and put the new file in its place when the block ends well.
 
     The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
     cut leaves the old file or the new one. Missing parent folders are made. A file has one writer at a time.
+
+    Parameters
+    ----------
+    path
+        The place.
+    make_way
+        Called when the new file is on the disk, where nothing but an interruption can keep it from its name any more:
+        removes what would be wrong beside it.
 
     Raises
     ------
@@ -38,6 +46,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         _flush(temporary)
+        if make_way is not None:
+            make_way()
         temporary.replace(target)
         _flush_folder(target.parent)
         _remove_leftovers(target)

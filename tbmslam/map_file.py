@@ -18,7 +18,7 @@ The same map gives the same bytes.
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import cast
 
@@ -37,8 +37,8 @@ _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32}  # all others are
 _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
-def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap) -> None:
-    """Write a map, whole or not at all.
+def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap, make_way: Callable[[], object] | None = None) -> None:
+    """Write a map, whole or not at all; see `tbmslam.atomic_file.replacing`.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap) -> None:
         provenance = json.dumps(dict(tbm_map.provenance))
     except TypeError as error:
         raise ValueError(f"provenance must be JSON: {error}") from None
-    write_npz(path, _arrays(tbm_map, provenance))
+    write_npz(path, _arrays(tbm_map, provenance), make_way)
 
 
 def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:

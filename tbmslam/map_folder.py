@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from tbmslam.beesoft_map import read_beesoft_map
@@ -32,7 +32,8 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     """Write a map's folder, made if need be: map.npz, map.yaml and map.pgm, trajectories, pictures.
 
     Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum; those
-    of an older map in the folder are removed.
+    of an older map in the folder are removed before the new map takes its place, so that whenever writing ends, no
+    trajectory lies beside a map that it does not belong to.
 
     Raises
     ------
@@ -45,16 +46,12 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
         raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
     folder = Path(folder)
     older = _trajectories_in(folder)
-    lengths = [(drive.name, len(drive.trajectory)) for drive in tbm_map.drives]
-    trajectories = _trajectory_files(lengths)
-    write_map_file(folder / "map.npz", tbm_map)
+    write_map_file(folder / "map.npz", tbm_map, lambda: _remove(folder / name for name in older))
     write_ros_map(folder / "map", tbm_map.grid)
-    for name, number in trajectories.items():
+    lengths = [(drive.name, len(drive.trajectory)) for drive in tbm_map.drives]
+    for name, number in _trajectory_files(lengths).items():
         write_tum(folder / name, tbm_map.drives[number].trajectory)
     write_pictures(folder, tbm_map.grid)
-    for old in older:
-        if old not in trajectories:
-            (folder / old).unlink(missing_ok=True)
 
 
 def map_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -65,8 +62,8 @@ def map_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
     """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
-    for old in map_files(folder):
-        old.unlink(missing_ok=True)
+    # Last of all the file that tells which trajectories are the map's.
+    _remove(reversed(map_files(folder)))
 
 
 def load_map(path: str | os.PathLike[str]) -> TbmMap:
@@ -123,6 +120,11 @@ def files_of_map(path: str | os.PathLike[str]) -> list[Path]:
     path = _map_in(Path(path)) if Path(path).is_dir() else Path(path)
     is_yaml = path.name.lower().endswith((".yaml", ".yml")) and path.is_file()
     return [path, read_ros_map_header(path).image] if is_yaml else [path]
+
+
+def _remove(paths: Iterable[Path]) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
 
 
 def _trajectories_in(folder: Path) -> set[str]:

@@ -5,7 +5,7 @@ import os
 import struct
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import IO, Any, Self
@@ -30,8 +30,10 @@ class NpzError(TbmSlamError):
     """A file is no zip of arrays, or not of those expected."""
 
 
-def write_npz(path: str | os.PathLike[str], arrays: dict[str, Array]) -> None:
-    """Write named arrays, whole or not at all, in the order given; `numpy.load` reads them.
+def write_npz(
+    path: str | os.PathLike[str], arrays: dict[str, Array], make_way: Callable[[], object] | None = None
+) -> None:
+    """Write named arrays, whole or not at all, in the order given; `numpy.load` reads them. See `replacing`.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def write_npz(path: str | os.PathLike[str], arrays: dict[str, Array]) -> None:
     """
     try:
         with (
-            replacing(path) as temporary,
+            replacing(path, make_way) as temporary,
             zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         ):
             for name, values in arrays.items():

@@ -16,7 +16,7 @@ from tbmslam.atomic_file import FileNotWrittenError, write_bytes
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.map_check import MapFileError
 from tbmslam.map_file import read_map_file, write_map_file
-from tbmslam.map_folder import load_map
+from tbmslam.map_folder import load_map, save_map
 from tbmslam.tbm_map import TbmMap
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,6 +37,79 @@ while True:
     for one in maps[::-1]:
         save_map(sys.argv[1], one)
 """
+
+KILL_AT_EACH_STEP = """
+import os, shutil, signal, sys
+from itertools import count
+from pathlib import Path
+import numpy as np
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.map_folder import remove_map, save_map
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+def a_map(*names):
+    poses = Trajectory(np.arange(3.0), np.zeros((3, 3)) + 0.01 * len(names[0]))
+    drives = tuple(Drive(name, poses, Keyframes.from_scans([], [], [])) for name in names)
+    return TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 5)), drives, {})
+
+folder, steps = Path(sys.argv[1]), {"os.rename", "os.remove", "open"}
+place = str(folder)
+os.fsync = lambda _: None  # takes long, and is for power cuts
+old, kinds = a_map("a", "b"), {"single": a_map("lone"), "several": a_map("b", "long name"), "removed": None}
+
+def change(kind):
+    save_map(folder / "at", kinds[kind]) if kinds[kind] else remove_map(folder / "at")
+
+def change_and_die(kind, step):
+    seen = 0
+    def watch(event, args):
+        nonlocal seen
+        if event in steps and place in repr(args[0]):
+            seen += 1
+        if seen == step:
+            seen += 1  # killing is an event, too
+            os.kill(os.getpid(), signal.SIGKILL)
+    sys.addaudithook(watch)
+    change(kind)
+    os._exit(0)
+
+for kind in kinds:
+    for step in count(1):
+        shutil.rmtree(folder / "at", ignore_errors=True)
+        save_map(folder / "at", old)
+        child = os.fork()
+        if not child:
+            change_and_die(kind, step)
+        killed = os.waitpid(child, 0)[1] != 0
+        shutil.copytree(folder / "at", folder / f"{kind}-{step}-left")
+        change(kind)
+        shutil.copytree(folder / "at", folder / f"{kind}-{step}-again")
+        if not killed:
+            break
+"""
+"""Kills a writer before each of its steps in turn: files opened, renamed, removed; and keeps what was left."""
+
+
+def trajectories_in(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("trajectory*.tum")}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_no_trajectory_lies_beside_a_map_that_it_does_not_belong_to_whenever_writing_ends(tmp_path):
+    subprocess.run([sys.executable, "-c", KILL_AT_EACH_STEP, str(tmp_path)], cwd=ROOT, check=True)  # noqa: S603
+    for kind, least in (("single", 40), ("several", 40), ("removed", 10)):
+        left = sorted(tmp_path.glob(f"{kind}-*-left"))
+        assert len(left) > least
+        for folder in left:
+            if (folder / "map.npz").exists():
+                save_map(tmp_path / "as it should be" / folder.name, load_map(folder))
+            right = trajectories_in(tmp_path / "as it should be" / folder.name)
+            assert trajectories_in(folder).items() <= right.items(), folder.name
+        finished = trajectories_in(left[-1].with_name(f"{kind}-{len(left)}-left"))
+        for folder in tmp_path.glob(f"{kind}-*-again"):
+            assert trajectories_in(folder) == finished, folder.name
 
 
 def test_a_killed_writer_leaves_a_whole_map(tmp_path):
