@@ -6,6 +6,9 @@ from dataclasses import asdict, dataclass
 from merging.verification import Evidence
 from tbmslam.se2 import SE2
 
+Pair = tuple[str, str]
+"""The names of a target and a source map."""
+
 
 @dataclass(frozen=True)
 class Alternative:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from merging.aligner import align_views
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.cluster_pairs import align_on_cluster
 from merging.config import MergeConfig
 from merging.views import Views
@@ -16,8 +16,6 @@ from tbmslam.watch import Watch
 from tbmslam.worker_pool import worker_pool
 
 logger = logging.getLogger(__name__)
-
-Pair = tuple[str, str]
 
 
 def align_all(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from merging.aligner import View, align_views, comparison_resolution, view_of
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from tbmslam.cluster import Cluster
 from tbmslam.grid import GridGeometry, TbmGrid
@@ -17,7 +17,7 @@ Packed = tuple[GridGeometry, bytes]
 
 
 def align_on_cluster(
-    pairs: Sequence[tuple[str, str]],
+    pairs: Sequence[Pair],
     grids: Mapping[str, TbmGrid],
     config: MergeConfig,
     scheduler: str,

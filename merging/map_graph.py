@@ -13,13 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.config import GraphConfig
 from tbmslam.pose_graph import MotionEdge, optimise
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
-
-Pair = tuple[str, str]
-"""The names of a target and a source map."""
 
 _SURE, _DOUBTFUL = 0.999, 0.85
 """No alignment is believed more than this, and none that was refused."""

@@ -4,13 +4,13 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_refinement import JointRefinement
-from merging.map_graph import Group, Pair, groups_of
+from merging.map_graph import Group, groups_of
 from merging.merged_group import merge_group
 from merging.near_look import look_near
 from tbmslam.grid import TbmGrid

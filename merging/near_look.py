@@ -10,10 +10,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
-from merging.map_graph import Group, Pair
+from merging.map_graph import Group
 from merging.redrawing import redraw
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap

@@ -3,10 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.in_words import confidence_in_words, pose_in_words
-from merging.map_graph import Pair
 from merging.merger import Merge
 from merging.pair_pictures import CAPTION, draw_alone, draw_pair
 from merging.views import Views

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from merging.aligner import View, comparison_resolution, view_of
+from merging.alignment import Pair
 from merging.config import MergeConfig
 from merging.warping import CellSizeError
 from tbmslam.grid import TbmGrid
@@ -25,7 +26,7 @@ class Views:
         self._grids, self._config = grids, config
         self._views: dict[tuple[str, float], View | None] = {}
 
-    def of_pair(self, pair: tuple[str, str]) -> tuple[View | None, View | None]:
+    def of_pair(self, pair: Pair) -> tuple[View | None, View | None]:
         """Return both maps of a pair, target and source, in cells of one size; None for one of which nothing is known.
 
         Raises
