@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from tbmslam.se2 import SE2
 
@@ -70,11 +70,8 @@ class RecordingOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot be meant."""
-        for name, allowed in (
-            ("profile", ("auto", "stata")),
-            ("odometry", ("auto", "tf", "topic", "none")),
-            ("no_return", ("free", "drop")),
-        ):
+        for name, choice in (("profile", Profile), ("odometry", OdometrySource), ("no_return", NoReturn)):
+            allowed = get_args(choice)
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
         for name in ("range_max", "gap_s", "max_odometry_gap_s"):
