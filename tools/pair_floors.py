@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 
 _OF_ONE = re.compile(r"(crop_(?P<building>.+?)(_\d+)?_\d{3})|(negs_(?P<same>[a-z].*?)_\d+)")
-_VARIANT = r"(part\d+)?(mir|sym)*"
+_VARIANT = r"(part\d+)?(mir)*"
 """A part of a building, and the building as a mirror shows it, are no other building."""
 
 
