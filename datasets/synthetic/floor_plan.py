@@ -39,10 +39,6 @@ class Rectangle(NamedTuple):
         """Tell whether the two share area."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
-    def contains(self, other: "Rectangle") -> bool:
-        """Tell whether the other lies inside."""
-        return self.x0 <= other.x0 and self.y0 <= other.y0 and other.x1 <= self.x1 and other.y1 <= self.y1
-
 
 class FloorPlan:
     """A building in the making."""
