@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from merging.frozen_config import Count, FrozenConfig, Metres, Share
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.submap import SubmapConfig
 
 

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
 from merging.bending_config import JointConfig, NearConfig, StretchConfig
-from merging.frozen_config import Count, FrozenConfig, Metres, Share
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
 
 Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]

@@ -4,17 +4,16 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.blocked_beams import follow_beams
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
 
 
-class BlockedBeamsConfig(BaseModel):
+class BlockedBeamsConfig(FrozenConfig):
     """When a beam counts as blocked by the robot itself."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(True, description="look for beams that something on the robot blocks")
     spread: float = Field(0.02, gt=0, description="how far the ranges of such a beam differ, at the most [m]")

@@ -10,15 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.se2 import SE2, FloatArray, compose, inverse, wrap_angles
 
 
-class ClosureVotesConfig(BaseModel):
+class ClosureVotesConfig(FrozenConfig):
     """What finds of wide searches must show, alone and together."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     beyond: float = Field(1.0, gt=0, description="search window from which on finds are held back [m]")
     places: int = Field(4, ge=1, description="places in a submap that are looked at closely")

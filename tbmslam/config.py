@@ -4,12 +4,13 @@ import difflib
 from collections.abc import Mapping
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from tbmslam.blocked_beams import BlockedBeamsConfig
 from tbmslam.continuity import ContinuityConfig
 from tbmslam.deskew import DeskewConfig
 from tbmslam.forgetting import ForgettingConfig
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
@@ -25,10 +26,8 @@ from tbmslam.surfel_tracker import SurfelTrackerConfig
 __all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "MapConfig", "SlamConfig", "config_from_dict", "preset"]
 
 
-class MapConfig(BaseModel):
+class MapConfig(FrozenConfig):
     """The grid and what beams write into it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     resolution: float = Field(0.05, ge=0.001, le=10.0, description="side of a cell [m]")
     max_cells: int = Field(
@@ -52,19 +51,15 @@ class MapConfig(BaseModel):
         return self
 
 
-class KeyframeConfig(BaseModel):
+class KeyframeConfig(FrozenConfig):
     """When a scan is worth keeping."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     distance: float = Field(0.25, ge=0, description="travelled since the last one [m]")
     angle: float = Field(0.25, ge=0, description="turned since the last one [rad]")
 
 
-class SlamConfig(BaseModel):
+class SlamConfig(FrozenConfig):
     """The whole configuration of one SLAM run."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     preset: str = Field("default", description="what the values below began as; --preset chooses another")
     seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")

@@ -4,18 +4,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
 
 _FEWEST_HITS = 20
 
 
-class ContinuityConfig(BaseModel):
+class ContinuityConfig(FrozenConfig):
     """When a robot that drove on is told from one that was carried elsewhere."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(True, description="look for moments at which the robot got lost; surfels only")
     doubtful: float = Field(0.5, ge=0, le=1, description="share of hits on known surfaces below which to look")

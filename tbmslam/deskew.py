@@ -7,16 +7,15 @@ turns. Over a scan's tenth of a second the twist of a robot hardly changes, so o
 import math
 from dataclasses import replace
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
 
 
-class DeskewConfig(BaseModel):
+class DeskewConfig(FrozenConfig):
     """When the motion during a scan is taken out."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(True, description="use the time between beams, where the recording tells it")
     max_speed: float = Field(10.0, gt=0, description="a faster motion during a scan is a jump of the odometry [m/s]")

@@ -4,17 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.ways import shown_before
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.se2 import FloatArray, way_lengths
 
 
-class ForgettingConfig(BaseModel):
+class ForgettingConfig(FrozenConfig):
     """What is kept of a drive that comes to the same places again and again."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     limit: int = Field(
         5000, ge=100, description="keyframes from which on those are forgotten that show what enough others do"

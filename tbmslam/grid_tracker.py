@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import LaserScan
 from tbmslam.mapping import ScanInserter
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig, HillClimbingMatcher
@@ -14,10 +15,8 @@ from tbmslam.scan_matching.scan_match import ScanMatch, ScanMatcher
 from tbmslam.se2 import SE2, FloatArray
 
 
-class GridTrackerConfig(BaseModel):
+class GridTrackerConfig(FrozenConfig):
     """vinySLAM's way: match in the belief grid, write every scan into it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["grid"] = "grid"
     matcher: Annotated[MonteCarloConfig | HillClimbingConfig, Field(discriminator="method")] = MonteCarloConfig()

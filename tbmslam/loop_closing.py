@@ -14,12 +14,13 @@ from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.closing_targets import ClosingTargets
 from tbmslam.closure_votes import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Hits
 from tbmslam.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
@@ -36,10 +37,8 @@ _SAME_HEADING = 0.0015  # [rad]
 _ROUGHLY = 0.01  # precision of poses that the next search begins from
 
 
-class LoopClosingConfig(BaseModel):
+class LoopClosingConfig(FrozenConfig):
     """When a place is taken for one seen before."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(True, description="close loops at all")
     submap: SubmapConfig = SubmapConfig()

@@ -2,19 +2,18 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.insertion import BeamFactors, beams_of_scan, insert_beams, insert_scan
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
 
 
-class InsertionConfig(BaseModel):
+class InsertionConfig(FrozenConfig):
     """Which beams enter the map."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     max_range: float = Field(float("inf"), gt=0, description="a hit beyond this only clears the way up to it [m]")
     no_return: Literal["free", "ignore"] = Field(

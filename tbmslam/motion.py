@@ -4,8 +4,9 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Reading
 from tbmslam.odometry_doubt import OdometryDoubt, OdometryDoubtConfig
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
@@ -13,10 +14,8 @@ from tbmslam.se2 import SE2, FloatArray, wrap_angle
 _STANDING = 0.001  # what wheels that stand still may seem to move from scan to scan [m, rad]
 
 
-class MotionConfig(BaseModel):
+class MotionConfig(FrozenConfig):
     """How odometry is used and how far it is trusted between two scans."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     composition: Literal["group", "component"] = Field(
         "group", description="'component' adds x, y and theta one by one as the original program does"

@@ -3,8 +3,9 @@
 import math
 from collections import deque
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.se2 import SE2
 
 _SHORTEST_S = 0.02  # stamps may be anything
@@ -12,10 +13,8 @@ _USUAL_STEPS = 20
 _FORGETTING = 0.995  # of the top speed, from reading to reading
 
 
-class OdometryCheckConfig(BaseModel):
+class OdometryCheckConfig(FrozenConfig):
     """When odometry and scans contradict each other."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     keyframes: int = Field(4, ge=1, description="number of steps over which motions are compared")
     distance: float = Field(0.4, gt=0, description="difference that is worth a warning [m]")

@@ -9,16 +9,15 @@ squares over the number of well-determined parameters.)
 import math
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.determined import determined_shares
 from tbmslam.se2 import SE2, FloatArray
 
 
-class OdometryDoubtConfig(BaseModel):
+class OdometryDoubtConfig(FrozenConfig):
     """How the odometry's real errors are learned."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(True, description="doubt the odometry more where scans find it worse than stated")
     memory: float = Field(30.0, gt=0, description="number of keyframes that are looked back at")

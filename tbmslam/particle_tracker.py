@@ -10,10 +10,11 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.ancestry import Ancestry
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.insertion import BeamFactors, touched_cells
 from tbmslam.kernels.tiles import HitModel, climb_posterior, sampled_posterior
 from tbmslam.laser_scan import LaserScan
@@ -22,10 +23,8 @@ from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tile_maps import TileMaps
 
 
-class ParticleTrackerConfig(BaseModel):
+class ParticleTrackerConfig(FrozenConfig):
     """A Rao-Blackwellised particle filter: many hypotheses about the drive, each with a map of its own."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["particles"] = "particles"
     particles: int = Field(30, ge=1, description="hypotheses")

@@ -8,16 +8,15 @@ Transferable Belief Model", IROS 2017) with the constants of its program. The me
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.insertion import BeamFactors
 from tbmslam.se2 import FloatArray
 
 
-class SensorModelConfig(BaseModel):
+class SensorModelConfig(FrozenConfig):
     """How much a beam is believed; qualities count where evidence is combined conjunctively."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     hit_probability: float = Field(0.95, gt=0, lt=1, description="probability of occupied in the cell a beam ends in")
     hit_quality: float = Field(0.04, gt=0, lt=1, description="mass that one hit commits; the rest stays unknown")

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.drive_hits import DriveHits
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.correlation import WALL, GainField, correlate, search_field, share_in_free_space, top_places
 from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
@@ -17,10 +18,8 @@ from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
 from tbmslam.surfel_map import SurfelConfig, SurfelMap
 
 
-class SubmapConfig(BaseModel):
+class SubmapConfig(FrozenConfig):
     """How a submap is made and searched."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     length: float = Field(8.0, gt=0, description="travelled length; neighbours overlap by half [m]")
     resolution: float = Field(0.2, gt=0, description="side of a cell of the field that is searched [m]")

@@ -9,8 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfel_alignment import align
 from tbmslam.kernels.surfel_search import search
@@ -19,10 +20,8 @@ from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2, FloatArray
 
 
-class SurfelConfig(BaseModel):
+class SurfelConfig(FrozenConfig):
     """What makes a surface element."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     resolution: float = Field(0.1, gt=0, description="side of a cell; an element gathers three by three [m]")
     noise: float = Field(

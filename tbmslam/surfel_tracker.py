@@ -5,9 +5,10 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
@@ -18,10 +19,8 @@ _HELD = np.array([1e-4, 1e-4, 1e-5])
 """Deviations [m, m, rad] with which a scan stays where it is."""
 
 
-class SurfelTrackerConfig(BaseModel):
+class SurfelTrackerConfig(FrozenConfig):
     """Our way: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["surfels"] = "surfels"
     surfels: SurfelConfig = SurfelConfig()

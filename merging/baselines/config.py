@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from merging.frozen_config import Count, FrozenConfig, Metres, Share
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 
 
 class BirkCarpinConfig(FrozenConfig):

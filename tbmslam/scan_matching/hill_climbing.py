@@ -2,9 +2,10 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.scoring import climb_hill
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.beam_weights import BeamWeighting, CellScore, beam_weights
@@ -12,10 +13,8 @@ from tbmslam.scan_matching.scan_match import ScanMatch, moved_from
 from tbmslam.se2 import SE2
 
 
-class HillClimbingConfig(BaseModel):
+class HillClimbingConfig(FrozenConfig):
     """The original's constants."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Literal["hill_climbing"] = "hill_climbing"
     position_step: float = Field(0.1, gt=0, description="first step along x and y [m]")

@@ -4,9 +4,10 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.scoring import search_monte_carlo, weighted_impact
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.beam_weights import BeamWeighting, CellScore, beam_weights
@@ -17,10 +18,8 @@ DrawNormals = Callable[[int], FloatArray]
 """Returns standard normal numbers (count, 3), for x, y and theta of as many candidates."""
 
 
-class MonteCarloConfig(BaseModel):
+class MonteCarloConfig(FrozenConfig):
     """The original's constants."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Literal["monte_carlo"] = "monte_carlo"
     position_deviation: float = Field(0.2, gt=0, description="standard deviation of a candidate's x and y [m]")

@@ -1,4 +1,4 @@
-"""What every part of a merge's configuration is made of."""
+"""What every part of a configuration is made of."""
 
 from typing import Annotated
 
