@@ -19,6 +19,7 @@ from tools.ending import ended
 
 if TYPE_CHECKING:
     from datasets.synthetic.laser import SimulatedLaser
+    from datasets.synthetic.simulation import SimulatedRobot
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
@@ -113,7 +114,6 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 
 def make(args: argparse.Namespace) -> None:
     """Simulate what the arguments ask for and write it."""
-    from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
     from datasets.synthetic.buildings import make_world
     from datasets.synthetic.drives import plan_drives
     from datasets.synthetic.faults import Fault, inject
@@ -144,16 +144,22 @@ def make(args: argparse.Namespace) -> None:
         robots = [inject(robot, fault, world, seed) for robot in robots]
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
     for robot, bag in watch.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
-        if args.format == "mcap":
-            write_mcap_bag(robot, args.out / bag, no_return=args.no_return)
-        else:
-            write_ros1_bag(robot, args.out / bag, compression=args.compression, no_return=args.no_return)
-        print(f"{args.out / bag}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
+        _write_bag(robot, args.out / bag, args)
     run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
     run["faults"] = [vars(fault) for fault in faults]
     write_truth(args.out, world, robots, bags, run)
     write_bytes(args.out / "world.png", encode_png(draw_world(world, robots)))
     print(f"{args.out / 'truth.json'}, world.npz, world.png: the truth, for evaluation only")
+
+
+def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) -> None:
+    from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
+
+    if args.format == "mcap":
+        write_mcap_bag(robot, path, no_return=args.no_return)
+    else:
+        write_ros1_bag(robot, path, compression=args.compression, no_return=args.no_return)
+    print(f"{path}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
 
 
 def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
