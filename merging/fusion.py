@@ -58,7 +58,11 @@ def fuse(
         `union` keeps the cells that only some sources saw as those fuse them; `overlap`, the paper's strict reading,
         keeps only what every source saw.
     reliabilities
-        Probability that each source is to be believed at all; each is discounted by it first (Shafer 1976).
+        Probability that each source is to be believed at all; each is discounted by it first (Shafer 1976). A source
+        of 0 says nothing where it was, and most rules give what they give without it: `dempster` and `yager` but for
+        a single source's conflict, which they remove, `log-odds` and `entropy-filter` in other masses of the same
+        probability. Under `disjunctive` it makes unknown all that it saw, under `average` it counts; under
+        `dubois-prade` it makes ignorance of conflict that sources bring along, where else another's belief is held.
 
     Raises
     ------

@@ -40,7 +40,8 @@ RULES: dict[Rule, FusionRule] = {
     "yager": FusionRule(fusion.YAGER, 4),
     # The mean of the masses (Howard 2006; Li, Hao et al. average probabilities likewise).
     "average": FusionRule(fusion.AVERAGE, 4),
-    # Cells are free, occupied or unknown; where sources differ nothing is known (Birk and Carpin 2006).
+    # Cells are free, occupied or unknown; where sources differ nothing is known (Birk and Carpin 2006). Where only one
+    # takes a side, its belief stays.
     "unanimous": FusionRule(fusion.UNANIMOUS, 6),
     # Sources are independent: log odds add up (Saeedi et al. 2012; Moravec 1988).
     "log-odds": FusionRule(fusion.LOG_ODDS, 6),

@@ -2,7 +2,7 @@
 
 Masses are a tuple (conflict, free, occupied, unknown) within this file. What is kept of a cell (its `width`) differs by
 rule: four masses; for Dubois and Prade also the disjunction (4), and the products of what they put on free and on
-occupied (2); for the rules that know no masses, the first source's belief (4) and two numbers of their own.
+occupied (2); for the rules that know no masses, one source's belief (4) and two numbers of their own.
 """
 
 import math
@@ -102,6 +102,8 @@ def _add(rule: int, belief: Belief, kept: Cells) -> None:
 @kernel
 def _add_evidence(rule: int, belief: Belief, kept: Cells) -> None:
     if rule == UNANIMOUS:
+        if kept[4] + kept[5] == 0.0:  # who says nothing may have come first
+            _store(kept, belief)
         kept[4] += 1.0 if belief[1] > belief[2] else 0.0
         kept[5] += 1.0 if belief[2] > belief[1] else 0.0
         return
@@ -115,6 +117,8 @@ def _add_evidence(rule: int, belief: Belief, kept: Cells) -> None:
 @kernel
 def _finished(rule: int, kept: Cells, count: int) -> Belief:
     m = _read(kept)
+    if rule == UNANIMOUS and kept[4] + kept[5] == 1.0:
+        return m  # of the only source that takes a side
     if rule >= UNANIMOUS:
         return m if count < 2 else _weighed(rule, kept[4], kept[5])
     if rule == AVERAGE:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from merging.config import Rule
 from merging.fusion import fuse
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise, pignistic
+from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise, pignistic
 from tbmslam.grid import GridGeometry, TbmGrid
 
 RULES = get_args(Rule)
@@ -74,27 +74,70 @@ def test_a_source_that_says_nothing_changes_nothing(rule, maps, place):
     np.testing.assert_array_equal(fusion.seen_by, expected.seen_by)
 
 
-@pytest.mark.parametrize("rule", ["disjunctive", "conjunctive", "dempster", "yager", "average"])
-@settings(max_examples=15, deadline=None)
-@given(maps=layers(most=3))
-def test_a_source_that_is_not_believed_takes_no_side(rule, maps):
-    """It was there, so that the disjunctive rule doubts what the others say; but it makes nothing more certain."""
+def with_a_liar(maps, rule, place):
+    """Fuse maps without and with one of occupied cells all over that nobody believes."""
     expected = fuse(maps, rule)
     liar = np.zeros_like(expected.grid.masses)
     liar[..., OCCUPIED] = 1.0
-    fusion = fuse([*maps, TbmGrid(expected.grid.geometry, liar)], rule, reliabilities=[1.0] * len(maps) + [0.0])
+    trusts = [1.0] * len(maps)
+    everybody = [*maps[:place], TbmGrid(expected.grid.geometry, liar), *maps[place:]]
+    return expected, fuse(everybody, rule, reliabilities=[*trusts[:place], 0.0, *trusts[place:]])
+
+
+def without_conflict(maps):
+    return [TbmGrid(layer.geometry, normalise(layer.masses).astype(np.float32)) for layer in maps]
+
+
+@pytest.mark.parametrize("rule", [rule for rule in RULES if rule != "dubois-prade"])
+@settings(max_examples=15, deadline=None)
+@given(maps=layers(most=3), place=st.integers(0, 3))
+def test_a_source_that_is_not_believed_takes_no_side(rule, maps, place):
+    """It was there, so that the disjunctive rule doubts what the others say; but it makes nothing more certain."""
+    expected, fusion = with_a_liar(maps, rule, place)
     before, after = pignistic(expected.grid.masses) - 0.5, pignistic(fusion.grid.masses) - 0.5
     certain = expected.grid.masses[..., 0] < 0.99
     assert (before * after >= -ROUNDING)[certain].all()
     assert (np.abs(after) <= np.abs(before) + 1e-4)[certain].all()
 
 
+@pytest.mark.parametrize("rule", ["conjunctive", "dempster", "dubois-prade", "yager", "unanimous"])
+@settings(max_examples=15, deadline=None)
+@given(maps=layers(most=3), place=st.integers(0, 3))
+def test_a_source_that_is_not_believed_changes_nothing(rule, maps, place):
+    """So it is for sources without a conflict of their own, whose unions with ignorance are ignorance anyhow."""
+    expected, fusion = with_a_liar(without_conflict(maps), rule, place)
+    np.testing.assert_allclose(fusion.grid.masses, expected.grid.masses, atol=ROUNDING)
+
+
+@settings(max_examples=30, deadline=None)
+@given(maps=layers(most=3), place=st.integers(0, 3))
+def test_under_dubois_and_prade_who_is_not_believed_makes_ignorance_of_conflict_and_nothing_else(maps, place):
+    """A set that is empty in common goes to the union, and the union with what says nothing is ignorance."""
+    expected, fusion = with_a_liar(maps, "dubois-prade", place)
+    before, after = expected.grid.masses, fusion.grid.masses
+    assert (after[..., [FREE, OCCUPIED]] <= before[..., [FREE, OCCUPIED]] + ROUNDING).all()
+    assert (after[..., CONFLICT] <= ROUNDING).all()
+    least = fuse(maps, "conjunctive").grid.masses
+    np.testing.assert_allclose(after[..., FREE], least[..., FREE], atol=ROUNDING)
+    np.testing.assert_allclose(after[..., OCCUPIED], least[..., OCCUPIED], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("rule", ["log-odds", "entropy-filter"])
+@settings(max_examples=15, deadline=None)
+@given(maps=layers(most=3), place=st.integers(0, 3))
+def test_who_is_not_believed_leaves_the_rules_of_probability_theirs(rule, maps, place):
+    expected, fusion = with_a_liar(maps, rule, place)
+    before, after = pignistic(expected.grid.masses), pignistic(fusion.grid.masses)
+    alone = np.where(expected.seen_by == 1, np.clip(before, 0.001, 0.999), before)  # the most that one's log odds say
+    sure = expected.grid.masses[..., CONFLICT] < 0.99
+    np.testing.assert_allclose(after[sure], alone[sure], atol=1e-4)
+
+
 @settings(deadline=None)
 @given(maps=layers(most=3))
 def test_conflict_is_that_of_the_conjunction(maps):
     fusion = fuse(maps, "conjunctive")
-    clean = [TbmGrid(layer.geometry, normalise(layer.masses).astype(np.float32)) for layer in maps]
-    both = fuse(clean, "conjunctive").grid.masses[..., 0]
+    both = fuse(without_conflict(maps), "conjunctive").grid.masses[..., 0]
     several = fusion.seen_by > 1
     np.testing.assert_allclose(fusion.conflict[several], both[several], atol=1e-4)
 

@@ -35,7 +35,10 @@ def by_probability(rule, sources):
     """The rules that know probabilities only."""
     probabilities = np.clip([pignistic(source) for source in sources], 0.001, 0.999)
     if rule == "unanimous":
-        states = {np.sign(source[2] - source[1]) for source in sources} - {0.0}
+        taken = [source for source in sources if np.float32(source[1]) != np.float32(source[2])]
+        if len(taken) == 1:
+            return np.array(taken[0])
+        states = {np.sign(source[2] - source[1]) for source in taken}
         return {frozenset({1.0}): OCCUPIED, frozenset({-1.0}): FREE}.get(frozenset(states), UNKNOWN)
     odds = np.prod(probabilities / (1.0 - probabilities))
     merged = odds / (1.0 + odds)
