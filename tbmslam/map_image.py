@@ -1,5 +1,6 @@
 """Pictures of maps as map_server reads them: brightness and, where there is one, an alpha channel."""
 
+import os
 import re
 import zlib
 from dataclasses import dataclass
@@ -61,9 +62,9 @@ def read_image(path: Path) -> MapImage:
         with path.open("rb") as file:
             content = file.read(_HEAD_BYTES)
             _check_stated_size(path, content)  # before a file with a few bytes and a hole takes all memory
-            content += file.read(_MOST_BYTES)
-            if file.read(1):
+            if os.fstat(file.fileno()).st_size > _MOST_BYTES:
                 raise MapFileError(f"{path}: the map's image is larger than 1 GB: crop it or save it as PNG")
+            content += file.read()
     except OSError as error:
         raise MapFileError(f"{path}: the map's image cannot be read: {error.strerror}") from error
     return _decode_pgm(path, content) if content[:2] in {b"P2", b"P5"} else _decode(path, content)

@@ -1,6 +1,8 @@
 """Maps as ROS keeps them, for map_server and nav2: a yaml file and a picture whose top row has the largest y."""
 
+import logging
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ from tbmslam.occupancy import masses_from_probability
 from tbmslam.resampling import resample
 from tbmslam.ros_map_header import RosMapHeader, read_ros_map_header
 from tbmslam.se2 import SE2
+
+logger = logging.getLogger(__name__)
 
 MIN_BALANCE = 0.1
 """How far the masses of free and occupied must differ for a cell to be painted; see `ros_pixels`."""
@@ -71,7 +75,8 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
 def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a turned map is resampled to lie along the axes.
 
-    What masses an occupancy becomes is said in `tbmslam.occupancy`: full occupancy keeps 0.1 unknown.
+    What masses an occupancy becomes is said in `tbmslam.occupancy`: full occupancy keeps 0.1 unknown. Cells that a map
+    saver wrote as unknown stay so, whatever `free_thresh` it wrote beside them; a warning tells of it.
 
     Raises
     ------
@@ -84,6 +89,14 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     corner = header.T_map_image
     geometry = GridGeometry(header.resolution, corner.x, corner.y, rows, cols)
     check_geometry(path, geometry)
+    if _frees_the_unknown(image, header):
+        logger.warning(
+            "%s: by free_thresh %g what its map saver left unknown (%d) would be free: taken as unknown",
+            path,
+            header.free_threshold,
+            UNKNOWN_PIXEL,
+        )
+        header = replace(header, free_threshold=_FREE_THRESHOLD)
     masses = _masses(occupancy_of_image(image, header))
     if corner.theta == 0.0:
         return TbmGrid(geometry, masses)
@@ -105,6 +118,20 @@ def occupancy_of_image(image: MapImage, header: RosMapHeader) -> npt.NDArray[np.
     if header.mode == "scale" and image.alpha is not None:
         occupancy[image.alpha < image.maximum] = -1
     return np.ascontiguousarray(occupancy[::-1])
+
+
+def _frees_the_unknown(image: MapImage, header: RosMapHeader) -> bool:
+    """Tell whether a picture has the three values of map savers, and the thresholds take the unknown for free.
+
+    See slam_toolbox issue 587 and nav2 issue 5138.
+    """
+    if header.mode != "trinary" or header.negate or image.maximum != 255:
+        return False
+    if not header.free_threshold > (255 - UNKNOWN_PIXEL) / 255.0:
+        return False
+    sums, white = image.channel_sum(with_alpha=True)
+    values = {value * 255 // white if value * 255 % white == 0 else -1 for value in np.unique(sums).tolist()}
+    return UNKNOWN_PIXEL in values and values <= {FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL}
 
 
 def _occupancies(sums: npt.NDArray[np.int64], white: int, header: RosMapHeader) -> npt.NDArray[np.int8]:

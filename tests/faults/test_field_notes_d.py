@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datasets.synthetic.floors import pairs_of
+from datasets.synthetic.map_pairs import building_of_world
 from merging.config import MergeConfig
 from merging.fusion import fuse
 from merging.merger import merge
@@ -35,6 +37,7 @@ from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import TrajectoryAlignmentError
 from tbmslam.trajectory_errors import absolute_errors
 from tbmslam.tum import TumError, read_tum, write_tum
+from tools.pair_files import grid_of
 
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -143,6 +146,24 @@ def test_d15_a_map_too_large_is_refused_before_memory_is_taken():
     tracemalloc.stop()
 
 
+def peak_bytes(work):
+    work()  # what is loaded and compiled is not its own
+    tracemalloc.start()
+    work()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_d15_d16_a_large_map_takes_no_more_memory_than_is_asked_for_before_it_is_read_or_written(tmp_path):
+    grid = checkered(700, 900)
+    most = 20 * grid.geometry.rows * grid.geometry.cols + 4_000_000  # what does not grow with the cells
+    tbm_map = TbmMap(grid)
+    assert peak_bytes(lambda: save_map(tmp_path, tbm_map)) < most
+    assert peak_bytes(lambda: load_map(tmp_path / "map.npz")) < most
+    assert peak_bytes(lambda: load_map(tmp_path / "map.yaml")) < most
+
+
 def test_d16_a_grid_too_large_ends_with_what_to_change():
     with pytest.raises(GridTooLargeError, match=r"raise map\.max_cells, use a coarser map\.resolution"):
         EvidenceGrid(0.05, max_cells=1000).grow_to_contain(np.array([[0.0, 0.0], [1e4, 1e4]]))
@@ -170,12 +191,17 @@ def test_d18_a_yaw_that_is_no_number_and_an_origin_with_all_its_digits(tmp_path)
     assert (geometry.origin_x, geometry.origin_y) == pytest.approx((-1234.56789, 98.7654321), abs=1e-9)
 
 
-def test_d19_the_unknown_stays_unknown(tmp_path):
+def test_d19_the_unknown_stays_unknown(tmp_path, caplog):
     write_ros_map(tmp_path / "map", checkered(20, 30))
     again = read_ros_map(tmp_path / "map.yaml")
     assert not again.is_known()[-2:].any()
     assert again.is_known()[:-2].all()
-    assert "free_thresh: 0.19" in (tmp_path / "map.yaml").read_text()
+    yaml = (tmp_path / "map.yaml").read_text()
+    assert "free_thresh: 0.19" in yaml
+    (tmp_path / "map.yaml").write_text(yaml.replace("0.196", "0.25"))  # as nav2's saver wrote it
+    of_nav2 = read_ros_map(tmp_path / "map.yaml")
+    np.testing.assert_array_equal(of_nav2.masses, again.masses)
+    assert "by free_thresh 0.25 what its map saver left unknown (205) would be free: taken as unknown" in caplog.text
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (13, 7)])
@@ -209,6 +235,19 @@ def test_d23_maps_of_different_sizes_fuse():
     fused = fuse(windows)
     min_x, min_y, max_x, max_y = fused.grid.geometry.bounds()
     assert (max_x - min_x, max_y - min_y) == pytest.approx((3.0, 5.0))
+
+
+def test_d23_a_map_merged_again_and_again_does_not_grow():
+    pair = next(iter(pairs_of([building_of_world("apartment", 3)], 1, [0.75])))
+    first, second = (TbmMap(grid_of(seen, pair.resolution)) for seen in (pair.occ_a, pair.occ_b))
+    merged = merge({"first": first, "second": second}, MergeConfig()).merged
+    assert merged is not None
+    size = merged.grid.geometry
+    for _ in range(3):
+        merged = merge({"merged": merged, "again": first}, MergeConfig()).merged
+        assert merged is not None
+        assert merged.grid.geometry.rows <= size.rows + 1
+        assert merged.grid.geometry.cols <= size.cols + 1
 
 
 def test_d24_a_transform_is_applied_once():

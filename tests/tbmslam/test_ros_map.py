@@ -209,3 +209,34 @@ def test_a_coordinate_beyond_numbers_is_refused(tmp_path):
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapFileError, match=r"map\.yaml: cells of 1e\+308 m are not within 0.001 to 100 m"):
         read_ros_map(tmp_path / "map.yaml")
+
+
+@pytest.mark.parametrize(
+    ("pixels", "change", "kept"),
+    [
+        ([[254, 205, 0]], "free_thresh: 0.25", True),
+        ([[254, 205, 0]], "free_thresh: 0.196", False),  # nothing to mend
+        ([[254, 205, 100]], "free_thresh: 0.25", False),  # no map saver's: greys mean what the thresholds say
+        ([[254, 254, 0]], "free_thresh: 0.25", False),
+        ([[254, 205, 0]], "free_thresh: 0.25, negate: 1", False),
+        ([[254, 205, 0]], "free_thresh: 0.25, mode: scale", False),
+    ],
+)
+def test_only_a_map_saver_s_unknown_outweighs_the_threshold(tmp_path, caplog, pixels, change, kept):
+    cv2.imwrite(str(tmp_path / "map.png"), np.array(pixels, dtype=np.uint8))
+    words = {"negate": "0", "mode": "trinary"} | dict(word.split(": ") for word in change.split(", "))
+    lines = [f"{key}: {value}" for key, value in words.items()]
+    (tmp_path / "map.yaml").write_text(
+        "\n".join(["image: map.png", "resolution: 0.05", "origin: [0, 0, 0]", "occupied_thresh: 0.65", *lines])
+    )
+    read_ros_map(tmp_path / "map.yaml")
+    assert ("taken as unknown" in caplog.text) is kept
+
+
+def test_a_coloured_picture_of_a_map_saver_keeps_its_unknown(tmp_path):
+    grey = np.array([[254, 205, 0]], dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "map.png"), np.repeat(grey[..., None], 3, axis=2))
+    (tmp_path / "map.yaml").write_text(
+        "image: map.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    )
+    assert read_ros_map(tmp_path / "map.yaml").is_known().tolist() == [[True, False, True]]
