@@ -14,9 +14,16 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
+import numpy.typing as npt
 from numba.core import config
 
 _settings: Any = config  # numba sets the attributes of this module while it loads
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Pose = tuple[float, float, float]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 

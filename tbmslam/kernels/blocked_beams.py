@@ -3,12 +3,8 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.kernels import kernel
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from tbmslam.kernels import BoolArray, FloatArray, kernel
 
 
 @kernel

@@ -5,9 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
-
-FloatArray = npt.NDArray[np.float64]
+from tbmslam.kernels import FloatArray, kernel
 
 
 @kernel

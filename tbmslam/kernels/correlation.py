@@ -5,15 +5,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.counting import Counts, hits_in, passages_in
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.windows import add_window, blocks_for
 
-FloatArray = npt.NDArray[np.float64]
 GainField = npt.NDArray[np.int8]
 Sums = npt.NDArray[np.int32]
-Pose = tuple[float, float, float]
 
 
 WALL = 100

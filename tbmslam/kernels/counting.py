@@ -10,11 +10,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel
 from tbmslam.kernels.lattice import Lattice
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 Counts = npt.NDArray[np.int64]
 
 BITS = 21

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, kernel
 
-FloatArray = npt.NDArray[np.float64]
 Ranges = npt.NDArray[np.float64] | npt.NDArray[np.float32]
 Motion = tuple[float, float, float]
 """x, y [m] and theta [rad]."""

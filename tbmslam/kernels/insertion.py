@@ -9,10 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, kernel
 from tbmslam.kernels.lattice import Lattice
-
-FloatArray = npt.NDArray[np.float64]
 
 RATIO_LIMIT = 1e150
 """Evidence beyond this is rescaled: nothing distinguishes it, and the product must not overflow."""

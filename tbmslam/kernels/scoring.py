@@ -2,14 +2,9 @@
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.lattice import Lattice
 
-FloatArray = npt.NDArray[np.float64]
-Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 

@@ -5,10 +5,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, Pose, kernel
 
-FloatArray = npt.NDArray[np.float64]
-Pose = tuple[float, float, float]
 """x, y [m] and theta [rad]."""
 
 

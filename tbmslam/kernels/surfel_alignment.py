@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import kernel
-from tbmslam.kernels.surfels import CELLS, FACING, IN_TILE, SIDE, TILE_BITS, FloatArray, Pose, Surfels, fit_surfel
+from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.surfels import CELLS, FACING, IN_TILE, SIDE, TILE_BITS, Surfels, fit_surfel
 
 BITS, MASK = np.uint32(TILE_BITS), np.uint32(IN_TILE)
 

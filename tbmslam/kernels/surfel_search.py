@@ -5,8 +5,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
-from tbmslam.kernels.surfels import CELLS, SIDE, FloatArray, Pose, Surfels, fit_surfel, layer_of, slot_of
+from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, fit_surfel, layer_of, slot_of
 from tbmslam.kernels.windows import add_window, blocks_for
 
 

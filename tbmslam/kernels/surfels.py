@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.hits import move_hits
 from tbmslam.kernels.lattice import Lattice
 
-FloatArray = npt.NDArray[np.float64]
 SurfelArray = npt.NDArray[np.float32]
 TileIndex = npt.NDArray[np.int32]
 SIDE = 4
@@ -27,7 +26,6 @@ TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
 FACING = (0.7986, 0.6018)
 """Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
 
-Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 

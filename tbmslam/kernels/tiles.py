@@ -10,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.insertion import BeamFactors
 
-FloatArray = npt.NDArray[np.float64]
 Tiles = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
-Pose = tuple[float, float, float]
 
 TILE_BITS = 6
 TILE = 1 << TILE_BITS

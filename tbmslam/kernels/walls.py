@@ -6,12 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel
 from tbmslam.wall_limits import Limits
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Pose = tuple[float, float, float]
 
 
 class Walls(NamedTuple):
