@@ -14,7 +14,7 @@ from tbmslam.pose_graph import MotionEdge, relative_pose
 from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
 from tbmslam.tracked_keyframe import TrackedKeyframe
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _UNSETTLED = 20.0
 """Travelled length at the end of a drive on which nothing is forgotten yet [m]."""
@@ -96,7 +96,7 @@ class DriveMemory:
                 match = keyframe.match._replace(information=None)
                 keyframe = replace(keyframe, match=match, variances=_GAP_VARIANCES)
             kept.append(keyframe.moved(T_new_old))
-        _log.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))
+        logger.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))
         self.keyframes = kept
         self._T_kept_tracked = T_new_old @ self._T_kept_tracked
         self._settled = int(np.count_nonzero(~gone[:settled]))

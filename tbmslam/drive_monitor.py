@@ -11,7 +11,7 @@ from tbmslam.odometry_check import OdometryCheck, OdometryCheckConfig
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _SAID_AT_MOST = 20
 LOST = "lost, the scans fit neither the map nor the odometry, as if the robot had been carried"
@@ -107,9 +107,9 @@ class DriveMonitor:
         """Log the incidents, with the time since a stamp [s]."""
         for number, incident in enumerate(self.incidents):
             if number == _SAID_AT_MOST:
-                _log.warning("%s: and %d more", name, self.incidents.number - number)
+                logger.warning("%s: and %d more", name, self.incidents.number - number)
                 return
-            _log.warning("%s: %s", name, incident.text(start))
+            logger.warning("%s: %s", name, incident.text(start))
 
     def _change_in_pause(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> float:
         """Return how much contradicts the scan before a pause in which nothing moved; 0 without such a pause."""

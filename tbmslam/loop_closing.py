@@ -30,7 +30,7 @@ from tbmslam.submap import SubmapConfig
 from tbmslam.surfel_map import SurfelConfig
 from tbmslam.watch import Watch
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _SAME_PLACE = 0.005  # [m]
 _SAME_HEADING = 0.0015  # [rad]
@@ -106,7 +106,7 @@ class LoopCloser:
         for _ in range(2):
             drive.tighten()
             drive.drop_contradictions()
-        _log.info("%d closures between %d keyframes", len(drive.closures), len(poses))
+        logger.info("%d closures between %d keyframes", len(drive.closures), len(poses))
         return drive.poses, list(drive.closures.values())
 
 

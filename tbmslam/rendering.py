@@ -19,7 +19,7 @@ from tbmslam.mapping import ScanInserter
 from tbmslam.se2 import FloatArray
 from tbmslam.sensor_model import beam_factors
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _SCANS_AT_ONCE = 1000
 
@@ -116,7 +116,7 @@ def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
         times += 1
     resolution = times * config.resolution
     if times > 1:
-        _log.warning(
+        logger.warning(
             "the map spans %.0f x %.0f m: drawn with cells of %g m instead of %g m to keep within the %d cells of "
             "map.max_cells",
             *(high - low),

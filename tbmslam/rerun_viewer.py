@@ -18,7 +18,7 @@ from tbmslam.map_pictures import draw_grid
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _PATIENCE_S = 30.0
 _SCAN_EVERY_S, _ROUNDING_S = 0.2, 1e-3
@@ -97,7 +97,7 @@ class RerunViewer:
                 raise ViewerError(
                     f"{self._file}: is not complete ({reason}): make room or give another file"
                 ) from fault
-            _log.warning("the viewer was gone before the end (%s)", reason)
+            logger.warning("the viewer was gone before the end (%s)", reason)
 
     def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
         """Show where a robot is, and now and then what it sees and the map so far."""

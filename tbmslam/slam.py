@@ -35,7 +35,7 @@ from tbmslam.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _HELD_BACK_SAID = (
     "what goes along holds the robot back, the odometry is believed instead; where walls look alike, the way may "
@@ -144,7 +144,9 @@ class Slam:
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
-        _log.info("%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length())
+        logger.info(
+            "%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length()
+        )
         drive = Drive(self.name, trajectory, keyframes, self._closures, self._measured)
         return TbmMap(grid, (drive,), dict(provenance or {}))
 
