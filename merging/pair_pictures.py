@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from merging.components import BoolArray
 from merging.config import VerificationConfig
-from merging.structure import BoolArray, Structure
+from merging.structure import Structure
 from tbmslam.report.palette import Levels, Palette
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import FACING

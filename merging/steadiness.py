@@ -2,13 +2,10 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from merging.components import Components
+from merging.components import BoolArray, Components
 from merging.config import StructureConfig
 from tbmslam.se2 import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 def steadiness(

@@ -7,15 +7,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.components import Components
+from merging.components import BoolArray, Components
 from merging.config import StructureConfig
 from merging.steadiness import steadiness
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import FloatArray
 from tbmslam.walls import Walls
-
-BoolArray = npt.NDArray[np.bool_]
 
 _FLAT = 0.1
 """Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
