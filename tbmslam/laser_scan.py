@@ -12,7 +12,7 @@ from tbmslam.kernels.hits import beam_starts, hit_points, hits_of_scan, move_hit
 from tbmslam.se2 import SE2, FloatArray
 
 FARTHEST_PLACE = 1e8
-"""No robot is farther from anything on earth [m]."""
+"""No robot is farther from anything on earth [m]; beyond, fractions lose digits."""
 
 
 class Hits(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry
+from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.memory import machine_memory
 from tbmslam.se2 import FloatArray
 from tbmslam.tbm_map import Drive
@@ -17,9 +18,6 @@ _BYTES_A_CELL = 20  # four masses, and what they are made from
 
 SMALLEST_CELL, LARGEST_CELL = 1e-3, 100.0
 """Cells of other sizes [m] are no map of a building but a wrong resolution, and arithmetic fails on them."""
-
-MAX_COORDINATE = 1e8
-"""Coordinates [m] beyond which a file is not believed: they exceed any on Earth and their fractions lose digits."""
 
 MAX_DISTANCE = 10_000.0
 """Distance [m] at which no robot is believed to have been from its map, nor to have seen anything; it would be walked
@@ -58,9 +56,9 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
         )
     check_size(path, geometry.rows, geometry.cols)
     farthest = max(abs(edge) for edge in geometry.bounds())
-    if not farthest <= MAX_COORDINATE:
+    if not farthest <= FARTHEST_PLACE:
         raise MapFileError(
-            f"{path}: the map would reach to {farthest:.3g} m, more than the {MAX_COORDINATE:.0e} m that are believed: "
+            f"{path}: the map would reach to {farthest:.3g} m, more than the {FARTHEST_PLACE:.0e} m that are believed: "
             "correct the resolution and the origin"
         )
 
