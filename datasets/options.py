@@ -74,6 +74,9 @@ class RecordingOptions:
             allowed = get_args(choice)
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
+        names = (self.scan_topic, self.odometry_topic, self.odom_frame, self.robot_frame, *(self.tf_topics or ()))
+        if "" in names:
+            raise ValueError("names of topics and frames must not be empty: is a variable of the shell unset?")
         for name in ("range_max", "gap_s", "max_odometry_gap_s"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:

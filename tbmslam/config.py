@@ -32,7 +32,7 @@ class MapConfig(FrozenConfig):
     resolution: float = Field(0.05, ge=0.001, le=10.0, description="side of a cell [m]")
     max_cells: int = Field(
         60_000_000,
-        gt=0,
+        ge=1000,
         description="limit on the grid's size: a map drawn at the end gets coarser cells instead, one that grows while "
         "it is written ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
     )

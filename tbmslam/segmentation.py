@@ -12,6 +12,9 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import Reading
 from tbmslam.se2 import SE2, FloatArray
 
+_FEW = 10
+"""Readings of which none tells what is usual."""
+
 
 class SegmentationError(TbmSlamError):
     """The recording cannot be split as asked."""
@@ -73,11 +76,22 @@ def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Seg
 
 
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
-    """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds."""
+    """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds.
+
+    Raises
+    ------
+    SegmentationError
+        When most readings would be a robot of their own.
+    """
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
-    count = len(itinerary.stamps)
-    cuts = [0, *(np.flatnonzero(np.diff(itinerary.stamps) > gap_s) + 1).tolist(), count]
+    count, steps = len(itinerary.stamps), np.diff(itinerary.stamps)
+    if count > _FEW and (usual := float(np.median(steps))) > gap_s:
+        raise SegmentationError(
+            f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s from one reading to the next, so that each "
+            "would be a robot of its own: pass a longer --gap"
+        )
+    cuts = [0, *(np.flatnonzero(steps > gap_s) + 1).tolist(), count]
     return [Segment(start, stop) for start, stop in itertools.pairwise(cuts) if stop > start]
 
 

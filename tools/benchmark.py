@@ -16,12 +16,12 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from tools.build_maps import MOST_ROBOTS
 from tools.ending import ended
 from tools.merge import METHODS
+from tools.path_argument import path_argument
 
 PAIR_METHODS = (*METHODS, "howard")
 """Howard's needs to be told of encounters, so that `merge` cannot offer it."""
@@ -68,7 +68,9 @@ def parser() -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=about, **more)
         add(command)
         more_of_json = "; strangers met there already are not tried again" if name == "strangers" else ""
-        command.add_argument("--json", type=Path, metavar="FILE", help=f"write all figures here too{more_of_json}")
+        command.add_argument(
+            "--json", type=path_argument, metavar="FILE", help=f"write all figures here too{more_of_json}"
+        )
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 
@@ -104,7 +106,7 @@ def _add_preset(command: argparse.ArgumentParser) -> None:
 
 
 def _add_align(align: argparse.ArgumentParser) -> None:
-    align.add_argument("pairs", type=Path, metavar="PAIRS_DIR", help="a folder of .npz pairs")
+    align.add_argument("pairs", type=path_argument, metavar="PAIRS_DIR", help="a folder of .npz pairs")
     align.add_argument(
         "--method",
         default="correlation",
@@ -112,7 +114,7 @@ def _add_align(align: argparse.ArgumentParser) -> None:
         help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is told of a simulated encounter",
     )
     align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
-    align.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
+    align.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
 
 
 def _add_merge(merge: argparse.ArgumentParser) -> None:

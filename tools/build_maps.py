@@ -20,6 +20,7 @@ from tools.ending import ended
 from tools.extra_files import add_extra_files
 from tools.loading import loading
 from tools.mapping.viewer_option import add_viewer_option
+from tools.path_argument import path_argument
 from tools.recording_options import add_recording_options, given_options
 
 if TYPE_CHECKING:
@@ -45,9 +46,11 @@ def parser() -> argparse.ArgumentParser:
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(
-        "recordings", nargs="*", type=_path, metavar="RECORDING", help="bags, logs, or directories of them"
+        "recordings", nargs="*", type=path_argument, metavar="RECORDING", help="bags, logs, or directories of them"
     )
-    grammar.add_argument("-o", "--out", type=_path, default=Path("maps"), help="where the robots' folders go (maps)")
+    grammar.add_argument(
+        "-o", "--out", type=path_argument, default=Path("maps"), help="where the robots' folders go (maps)"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     _add_robots(grammar.add_argument_group("robots"))
     add_configuration_options(grammar, "map.resolution=0.1")
@@ -62,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference",
-        type=Path,
+        type=path_argument,
         nargs="+",
         metavar="TUM",
         help="true trajectories in one frame, one a recording; without them the whole drive is mapped as the reference",
@@ -129,12 +132,6 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[
         print(whole_text(config), end="")
     else:
         build_maps(args, config, typed_command("build_maps", argv))
-
-
-def _path(text: str) -> Path:
-    if not text:
-        raise argparse.ArgumentTypeError("an empty text names no file: is a variable of the shell unset?")
-    return Path(text)
 
 
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -51,18 +52,20 @@ def _parser() -> argparse.ArgumentParser:
         prog="calibrate_merging", description=__doc__, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    grammar.add_argument("pairs", nargs="+", type=Path, metavar="FOLDER", help="pairs to fit on")
+    grammar.add_argument("pairs", nargs="+", type=path_argument, metavar="FOLDER", help="pairs to fit on")
     grammar.add_argument(
-        "--simulated", nargs="*", type=Path, default=[], metavar="FOLDER",
+        "--simulated", nargs="*", type=path_argument, default=[], metavar="FOLDER",
         help=f"more pairs to fit on, each of which counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument(
         "--strangers", type=int, default=0, metavar="N",
         help=f"besides, so many pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
     )  # fmt: skip
-    grammar.add_argument("--ask", nargs="*", type=Path, default=[], metavar="FOLDER", help="pairs to ask about only")
-    grammar.add_argument("-o", "--out", type=Path, metavar="FILE", help="where the fitted model goes")
-    grammar.add_argument("--plot", type=Path, metavar="FILE", help="where a picture of the calibration goes")
+    grammar.add_argument(
+        "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to ask about only"
+    )
+    grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="where the fitted model goes")
+    grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

@@ -58,13 +58,15 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
         When the file cannot be read, holds what is no parameter, or began as another preset.
     """
     if file is None:
-        return Configuration.of_preset(preset_name or "default")
+        return Configuration.of_preset("default" if preset_name is None else preset_name)
     path = file / "config.toml" if file.is_dir() else file
     changes = _read(path)
     named = changes.get("preset")
     if preset_name is not None and named not in (None, preset_name):
         raise ConfigError(f"{path}: holds the preset {named!r}: drop --preset {preset_name} or that line")
-    return changed(Configuration.of_preset(str(named or preset_name or "default")), changes, str(path))
+    return changed(
+        Configuration.of_preset(str(named or ("default" if preset_name is None else preset_name))), changes, str(path)
+    )
 
 
 def whole_text(config: Configuration) -> str:

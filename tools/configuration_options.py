@@ -1,7 +1,8 @@
 """Command line options about parameters, shared by the programs that have any."""
 
 import argparse
-from pathlib import Path
+
+from tools.path_argument import path_argument
 
 
 def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> None:
@@ -18,7 +19,7 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
     group.add_argument("--preset", help="of the SLAM: default, viny, viny-hc, tiny, credibilist or particles")
     group.add_argument(
         "--config",
-        type=Path,
+        type=path_argument,
         metavar="TOML",
         help="parameters that differ; also a folder with the config.toml of an earlier result",
     )

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
 from tools.ending import ended
+from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from datasets.known_recordings import KnownRecording
@@ -38,7 +39,9 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
     what.add_argument("--list", action="store_true", help="say which there are")
     where = grammar.add_argument_group("where to")
-    where.add_argument("-o", "--out", type=Path, default=Path("recordings"), metavar="FOLDER", help="(recordings)")
+    where.add_argument(
+        "-o", "--out", type=path_argument, default=Path("recordings"), metavar="FOLDER", help="(recordings)"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

@@ -11,11 +11,11 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from tools.ending import ended
 from tools.loading import loading
+from tools.path_argument import path_argument
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -46,10 +46,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_trajectory(command: argparse.ArgumentParser) -> None:
-    command.add_argument("estimate", type=Path, metavar="EST.tum", help="the trajectory to judge")
+    command.add_argument("estimate", type=path_argument, metavar="EST.tum", help="the trajectory to judge")
     truth = command.add_mutually_exclusive_group(required=True)
-    truth.add_argument("--truth", type=Path, metavar="GT.tum", help="the true trajectory")
-    truth.add_argument("--relations", type=Path, metavar="FILE", help="true relations: t1 t2 x y z roll pitch yaw")
+    truth.add_argument("--truth", type=path_argument, metavar="GT.tum", help="the true trajectory")
+    truth.add_argument(
+        "--relations", type=path_argument, metavar="FILE", help="true relations: t1 t2 x y z roll pitch yaw"
+    )
     step = command.add_argument_group("relative errors (with --truth)").add_mutually_exclusive_group()
     step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")
     step.add_argument("--step-s", type=float, metavar="S", help="time of a step instead")
@@ -61,19 +63,24 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
     )
     _add_output(command)
     command.add_argument(
-        "--map", type=Path, metavar="MAP", help="draw it beneath: a map in the estimate's frame, or a world.npz"
+        "--map",
+        type=path_argument,
+        metavar="MAP",
+        help="draw it beneath: a map in the estimate's frame, or a world.npz",
     )
 
 
 def _add_map(command: argparse.ArgumentParser) -> None:
-    command.add_argument("map", type=Path, metavar="MAP", help="the map to judge: a folder, map.npz or ROS yaml")
-    command.add_argument("--truth", type=Path, required=True, metavar="MAP2|world.npz", help="the true one")
+    command.add_argument(
+        "map", type=path_argument, metavar="MAP", help="the map to judge: a folder, map.npz or ROS yaml"
+    )
+    command.add_argument("--truth", type=path_argument, required=True, metavar="MAP2|world.npz", help="the true one")
     place = command.add_argument_group("where the map lies in the truth (the same frame when nothing is said)")
     either = place.add_mutually_exclusive_group()
     either.add_argument("--transform", type=float, nargs=3, metavar=("X", "Y", "DEG"), help="T_truth_map [m, m, deg]")
     either.add_argument(
         "--trajectories",
-        type=Path,
+        type=path_argument,
         nargs=2,
         metavar=("EST.tum", "GT.tum"),
         help="one drive in the map's frame and in the truth's",
@@ -92,7 +99,7 @@ def _add_map(command: argparse.ArgumentParser) -> None:
 def _add_output(command: argparse.ArgumentParser) -> None:
     output = command.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON instead of lines for people")
-    output.add_argument("--picture", type=Path, metavar="PNG", help="draw where the error is")
+    output.add_argument("--picture", type=path_argument, metavar="PNG", help="draw where the error is")
     output.add_argument("--debug", action="store_true", help="show a traceback when something fails")
 
 

@@ -6,11 +6,13 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     hear_interruption("make_map_pairs")
 
 import argparse
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from datasets.synthetic.map_pairs import Building
@@ -25,16 +27,24 @@ exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wr
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
+_MOST_M2, _MOST_PARTS = 1e5, 1000
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = _parser()
     args = grammar.parse_args(argv)
-    if args.area is not None and not args.area > 0.0:
-        grammar.error(f"--area must be positive, got {args.area}")
-    if any("=" not in floor or "_" in floor.partition("=")[0] for floor in args.floor):
-        grammar.error(f"--floor must be NAME=PATH with a name without underscores, got {' '.join(args.floor)}")
+    for option, number in (("area", args.area), ("lattice", args.lattice)):
+        if number is not None and not 1.0 <= number <= _MOST_M2:
+            grammar.error(f"--{option} must lie within 1 and {_MOST_M2:.0e} m2, got {number}")
+    if not all(re.fullmatch(r"[\w.-]*\w=.+", floor) and "_" not in floor.partition("=")[0] for floor in args.floor):
+        grammar.error(
+            f"--floor must be NAME=PATH with a name of letters, digits, dots and dashes, got {' '.join(args.floor)}"
+        )
+    if min(args.seeds) < 0 or not 0 <= args.parts <= _MOST_PARTS or not args.largest > 0.0:
+        grammar.error(f"--seeds must not be negative, --parts within 0 and {_MOST_PARTS}, --largest positive")
+    if not all(1 <= percent <= 100 for percent in args.overlap):
+        grammar.error(f"--overlap must lie within 1 and 100 percent, got {args.overlap}")
     return ended("make_map_pairs", lambda: _write(args), debug=args.debug)
 
 
@@ -43,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="make_map_pairs", description=__doc__, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    grammar.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER", help="where the pairs go")
+    grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="FOLDER", help="where the pairs go")
     what = grammar.add_argument_group("buildings")
     what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of made-up buildings (all; with --floor none)")
     what.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the made-up buildings (0)")

@@ -16,8 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from datasets.synthetic.faults import Fault
     from datasets.synthetic.laser import SimulatedLaser
     from datasets.synthetic.simulation import SimulatedRobot
 
@@ -43,7 +47,9 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="make_world", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    grammar.add_argument("-o", "--out", type=Path, required=True, help="folder for everything; made when missing")
+    grammar.add_argument(
+        "-o", "--out", type=path_argument, required=True, help="folder for everything; made when missing"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     _add_world(grammar.add_argument_group("world and drives"))
     _add_laser(grammar.add_argument_group("laser (by default MIT Stata Center's)"))
@@ -99,13 +105,19 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if args.format == "mcap" and args.compression != "none":
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
+    if 0.0 < args.no_return <= args.range_max:
+        grammar.error(f"--no-return must be no range that the laser may measure, got {args.no_return:g}")
+    if args.drive_seed is not None and args.drive_seed < 0:
+        grammar.error(f"--drive-seed must not be negative, got {args.drive_seed}")
     return ended("make_world", lambda: _run(grammar, args), debug=args.debug)
 
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    args.out.mkdir(parents=True, exist_ok=True)
+    from tools.output_folder import output_folder
+
     try:
-        make(args)
+        with output_folder(args.out):
+            make(args)
     except ValueError as error:
         if args.debug:
             raise
@@ -141,6 +153,7 @@ def make(args: argparse.Namespace) -> None:
     watch = ProgressBars()
     robots = simulate(world, drives, laser_of(args), noise, seed, watch)
     for fault in faults:
+        _check_moment(fault, robots)
         robots = [inject(robot, fault, world, seed) for robot in robots]
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
     for robot, bag in watch.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
@@ -150,6 +163,15 @@ def make(args: argparse.Namespace) -> None:
     write_truth(args.out, world, robots, bags, run)
     write_bytes(args.out / "world.png", encode_png(draw_world(world, robots)))
     print(f"{args.out / 'truth.json'}, world.npz, world.png: the truth, for evaluation only")
+
+
+def _check_moment(fault: "Fault", robots: "Sequence[SimulatedRobot]") -> None:
+    for robot in robots:
+        lasts = float(robot.truth.stamps[-1] - robot.truth.stamps[0])
+        if fault.at > lasts:
+            raise ValueError(
+                f"--fault {fault.name} must begin within the {lasts:.1f} s of {robot.name}, got {fault.at:g}"
+            )
 
 
 def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) -> None:

@@ -18,6 +18,7 @@ from tools.ending import DONE, ended
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.loading import loading
 from tools.map_listing import list_maps
+from tools.path_argument import path_argument
 from tools.typed_command import typed_command
 
 if TYPE_CHECKING:
@@ -64,7 +65,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    options.typed = sys.argv[1:] if arguments is None else arguments
     try:
         options.maps = list_maps(options.maps)
         if not options.print_config:
@@ -95,8 +95,6 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, arguments
 def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.out is None:
         parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
-    if Path() in (*options.maps, options.out) and "" in options.typed:
-        parser.error("an empty text names no folder: is a variable of the shell unset?")
     if len(options.maps) < 2:
         parser.error(
             f"two maps or more are needed, got {len(options.maps)}: name their folders, as out/robot_0 out/robot_1"
@@ -149,11 +147,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "maps",
         nargs="*",
-        type=Path,
+        type=path_argument,
         metavar="MAP",
         help="a map's folder, a folder of such (what build_maps -o wrote), or a .npz, .yaml or .tbm_map",
     )
-    parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="where the merged map goes")
+    parser.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="where the merged map goes")
     _add_finding(parser.add_argument_group("how maps find each other"))
     features = parser.add_argument_group("method features (the paper's)")
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.make_world import WORLDS
+from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,6 +36,8 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
+_MOST, _FAR = 1000, 1e6
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
@@ -43,12 +47,18 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    grammar.add_argument("recordings", nargs="*", type=Path, help="bags or logs of one drive; none: simulated drives")
-    grammar.add_argument("-o", "--out", type=Path, required=True, help="folder for everything; made when missing")
+    grammar.add_argument(
+        "recordings", nargs="*", type=path_argument, help="bags or logs of one drive; none: simulated drives"
+    )
+    grammar.add_argument(
+        "-o", "--out", type=path_argument, required=True, help="folder for everything; made when missing"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     maps = grammar.add_argument_group("maps")
-    maps.add_argument("--maps", type=Path, metavar="DIR", help="use these, which build_maps made, and make none")
-    maps.add_argument("--world", default="office", help="kind of the simulated building (office)")
+    maps.add_argument(
+        "--maps", type=path_argument, metavar="DIR", help="use these, which build_maps made, and make none"
+    )
+    maps.add_argument("--world", choices=WORLDS, default="office", help="kind of the simulated building (office)")
     maps.add_argument("--seed", type=int, default=1, help="of the building and the drives (1)")
     maps.add_argument("--drives", type=int, default=5, metavar="N", help="simulated drives through all of it (5)")
     maps.add_argument("--duration", type=float, metavar="S", help="seconds a simulated drive lasts at most")
@@ -93,13 +103,27 @@ def _check(args: argparse.Namespace) -> None:
     ValueError
         When one of them means nothing.
     """
-    args.keypoints = tuple(int(text) for text in args.keypoints.split(","))
-    args.ratios = tuple(float(text) for text in args.ratios.split(","))
-    args.areas = tuple(float(text) for text in args.areas.split(",") if text)
-    if not 1 <= args.pairs <= 16 or args.repeat < 2 or min(args.drives, args.robots) < 2:
-        raise ValueError("--pairs must be within 1 and 16, --repeat, --drives and --robots at least 2")
-    if min(*args.keypoints, *args.ratios, *args.areas, args.tolerance, args.resolution) <= 0.0:
-        raise ValueError("--keypoints, --ratios, --areas, --tolerance and --resolution must be positive")
+    for option, number in (("keypoints", int), ("ratios", float), ("areas", float)):
+        text = getattr(args, option)
+        try:
+            setattr(args, option, tuple(number(word) for word in text.split(",") if word))
+        except ValueError:
+            raise ValueError(f"--{option} must be numbers with commas between, got {text!r}") from None
+    if not args.keypoints or not args.ratios:
+        raise ValueError("--keypoints and --ratios must hold a number at least")
+    if not 1 <= args.pairs <= 16 or not 2 <= args.repeat <= _MOST or not min(args.drives, args.robots) >= 2:
+        raise ValueError(f"--pairs must be within 1 and 16, --repeat within 2 and {_MOST}, --drives and --robots too")
+    if max(args.drives, args.robots) > _MOST or args.seed < 0:
+        raise ValueError(f"--drives and --robots must be at most {_MOST}, --seed not negative")
+    numbers = (*args.keypoints, *args.ratios, *args.areas, args.tolerance, args.duration or 1.0)
+    if not all(0.0 < number <= _FAR for number in numbers):
+        raise ValueError(f"--keypoints, --ratios, --areas, --tolerance and --duration must be within 0 and {_FAR:.0e}")
+    if not 0.001 <= args.resolution <= 10.0 or not 0.0 <= args.overlap <= 0.9 or not 0.0 <= args.min_overlap <= 1.0:
+        raise ValueError("--resolution must be within 0.001 and 10 m, --overlap 0 and 0.9, --min-overlap 0 and 1")
+    from tbmslam.config import PRESETS
+
+    if args.preset not in PRESETS:
+        raise ValueError(f"--preset: there is no {args.preset!r}; there are {', '.join(PRESETS)}")
     if args.maps is not None and args.recordings:
         raise ValueError("--maps has the maps already: give no recordings")
 

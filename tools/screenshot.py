@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tbmslam.atomic_file import write_bytes
 from tools.ending import ended
+from tools.path_argument import path_argument
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -33,8 +34,8 @@ def parser() -> argparse.ArgumentParser:
     grammar = argparse.ArgumentParser(
         prog="screenshot", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    grammar.add_argument("page", type=Path, help="a report.html")
-    grammar.add_argument("-o", "--out", type=Path, required=True, metavar="PNG", help="where the picture goes")
+    grammar.add_argument("page", type=path_argument, help="a report.html")
+    grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="PNG", help="where the picture goes")
     grammar.add_argument(
         "--size", type=int, nargs=2, default=(1440, 900), metavar=("W", "H"), help="of the window (1440 900)"
     )

@@ -22,6 +22,9 @@ AVERAGE_SPEED = 0.67
 """Mean speed over a drive, of the largest: turns and doors cost time."""
 
 
+_MOST_ROBOTS = 1000
+"""All of them are simulated before the first is written."""
+
 COST_PER_METRE = 1.2
 """What a metre driven costs in a road map, about."""
 
@@ -170,8 +173,8 @@ def _smoothed(path: FloatArray, clearance_map: ClearanceMap) -> FloatArray:
 
 
 def _check(robots: int, length: float | None, duration: float | None, overlap: float, speed: float) -> None:
-    if robots < 1:
-        raise ValueError(f"robots must be at least 1, got {robots}")
+    if not 1 <= robots <= _MOST_ROBOTS:
+        raise ValueError(f"robots must be at least 1 and at most {_MOST_ROBOTS}, got {robots}")
     if not 0.0 <= overlap <= 0.9:
         raise ValueError(f"overlap must be within 0 to 0.9, got {overlap}")
     for name, value in (("length", length), ("duration", duration), ("speed", speed)):

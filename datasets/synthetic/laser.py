@@ -17,6 +17,8 @@ _BEAMS_OVER_180_DEG = {180: 1.0, 181: 1.0, 361: 0.5}
 
 _MOMENT = 5e-4  # in this time [s] a robot hardly moves
 
+_MOST_RATE, _FARTHEST_MOUNT = 10_000.0, 100.0
+
 STATA_MOUNT = SE2(0.275, 0.0, 0.0)
 """Where a PR2 carries its base laser."""
 
@@ -69,11 +71,21 @@ class SimulatedLaser:
             raise ValueError(f"range_max must be finite and above range_min, got {self.range_min}, {self.range_max}")
         if not 0.0 < abs(self.angle_increment) * (self.beams - 1) < 2.0 * math.pi and self.beams > 1:
             raise ValueError(f"beams must lie within one turn, got {self.beams} steps of {self.angle_increment} rad")
-        if self.sweep > 1.0 / self.rate:
-            raise ValueError(f"sweep must not be longer than the {1.0 / self.rate} s between scans, got {self.sweep}")
         for name in ("noise", "dropouts", "wrong_returns", "sweep"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if max(self.dropouts, self.wrong_returns) > 1.0:
+            raise ValueError(f"dropouts and wrong_returns must be at most 1, got {self.dropouts}, {self.wrong_returns}")
+        if self.sweep > 1.0 / self.rate:
+            raise ValueError(f"sweep must not be longer than the {1.0 / self.rate} s between scans, got {self.sweep}")
+        if not self.rate <= _MOST_RATE or not self.noise <= self.range_max:
+            raise ValueError(
+                f"rate must be at most {_MOST_RATE:.0f} Hz and noise at most range_max, got {self.rate}, {self.noise}"
+            )
+        if not max(map(abs, self.T_robot_sensor)) <= _FARTHEST_MOUNT:
+            raise ValueError(
+                f"T_robot_sensor must be finite and within {_FARTHEST_MOUNT:.0f} m, got {tuple(self.T_robot_sensor)}"
+            )
 
     @staticmethod
     def field_of(beams: int) -> tuple[float, float]:

@@ -56,6 +56,13 @@ def test_gaps():
         split_at_gaps(itinerary, 0)
 
 
+def test_gaps_between_nearly_all_readings_are_none():
+    itinerary = Itinerary(np.arange(0.0, 100.0, 0.2), np.zeros(500))
+    with pytest.raises(SegmentationError, match=r"a gap of 0\.1 s is shorter than the usual 0\.2 s .*longer --gap"):
+        split_at_gaps(itinerary, 0.1)
+    assert split_at_gaps(itinerary, 0.3) == [Segment(0, 500)]
+
+
 def test_intervals(drive):
     assert split_at_intervals(drive, [(0.0, 10.0), (5.0, 1e9)]) == [Segment(0, 10), Segment(5, 100)]
     with pytest.raises(SegmentationError, match=r"no reading lies between 200 s and 300 s: the recording lasts 99.0 s"):

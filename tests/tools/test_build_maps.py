@@ -106,7 +106,6 @@ def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
         (("--robots", 2, "--split", "time", "--overlap", 0), 2),
         (("--interval", 0, 5, "--interval", 4, 12), 2),
         (("--split", "gaps"), 1),
-        (("--split", "gaps", "--gap", 0.15), 80),
     ],
 )
 def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
@@ -214,6 +213,9 @@ def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
         (("a", "--split", "colour"), "invalid choice: 'colour'"),
         (("a", "--range-max", "-3"), "range_max must be positive, got -3.0"),
         (("a", "--gap", "0"), "gap_s must be positive, got 0.0"),
+        (("a", "--odom-frame", ""), "names of topics and frames must not be empty: is a variable of the shell unset?"),
+        (("a", "--tf-topic", ""), "names of topics and frames must not be empty"),
+        (("a", "--config", ""), "an empty text names no file: is a variable of the shell unset?"),
     ],
 )
 def test_wrong_usage_is_exit_2(capsys, arguments, message):

@@ -146,3 +146,13 @@ def test_a_truth_where_nothing_or_several_numbers_stand_is_named(tmp_path, leaf,
 def test_a_whole_number_is_a_number_anywhere():
     config = changed(Configuration.of_preset("default"), given("merging.merged_resolution", 1))
     assert config.merging.merged_resolution == 1.0
+
+
+def test_an_empty_preset_is_none(tmp_path):
+    with pytest.raises(ConfigError, match="there is no preset ''"):
+        read_configuration("", None)
+
+
+def test_a_map_has_a_thousand_cells_at_least():
+    with pytest.raises(ConfigError, match=r"map\.max_cells: Input should be greater than or equal to 1000"):
+        changed(Configuration.of_preset("default"), given("map.max_cells", 1))

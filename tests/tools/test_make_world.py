@@ -11,6 +11,7 @@ from datasets import open_recording
 from datasets.synthetic.buildings import WORLDS as BUILT
 from datasets.synthetic.world import load_world
 from tools.make_world import WORLDS, main
+from tools.output_folder import OutputError, output_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ["--duration", "3", "--beams", "180"]
@@ -68,16 +69,29 @@ def test_worlds_offered_are_worlds_built():
     ("arguments", "message"),
     [
         (["--format", "mcap", "--compression", "bz2"], "--compression is for ROS 1 bags"),
-        (["--robots", "0"], "robots must be at least 1, got 0"),
+        (["--robots", "0"], "robots must be at least 1 and at most 1000, got 0"),
+        (["--robots", "1000000"], "robots must be at least 1 and at most 1000, got 1000000"),
+        (["--rate", "inf"], "rate must be at most 10000 Hz"),
+        (["--no-return", "1"], "--no-return must be no range that the laser may measure, got 1"),
+        (["--drive-seed", "-1"], "--drive-seed must not be negative, got -1"),
+        ([*SHORT, "--fault", "people@60"], "--fault people must begin within the 3.0 s of robot_0, got 60"),
+        (["-o", ""], "an empty text names no file: is a variable of the shell unset?"),
         (["--beams", "0"], "beams must be positive, got 0"),
         (["--world", "castle"], "invalid choice: 'castle'"),
     ],
 )
 def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):
     with pytest.raises(SystemExit) as left:
-        run(*arguments, "-o", tmp_path)
+        run("-o", tmp_path / "out", *arguments)
     assert left.value.code == 2
     assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
+    with output_folder(tmp_path):
+        assert run(*SHORT, "-o", tmp_path) == 1
+    assert "another run is writing there" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_made_is_one_line_and_exit_1(tmp_path, capsys):
@@ -86,7 +100,7 @@ def test_a_folder_that_cannot_be_made_is_one_line_and_exit_1(tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.startswith("make_world: ")
     assert error.count("\n") == 1
-    with pytest.raises(OSError, match="file"):
+    with pytest.raises(OutputError, match="file"):
         run(*SHORT, "-o", tmp_path / "file" / "out", "--debug")
 
 

@@ -297,7 +297,7 @@ def test_an_empty_text_is_no_map(folders, tmp_path, capsys):
     with pytest.raises(SystemExit) as stopped:
         merge.main([str(folders / "here"), "", "-o", str(tmp_path / "out")])
     assert stopped.value.code == 2
-    assert "an empty text names no folder" in capsys.readouterr().err
+    assert "an empty text names no file" in capsys.readouterr().err
 
 
 def test_nothing_is_written_into_a_folder_without_a_name(folders, capsys):

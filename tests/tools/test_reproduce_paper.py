@@ -68,8 +68,16 @@ def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
     [
         (["a.bag", "--maps", "b"], "--maps has the maps already: give no recordings"),
         (["--pairs", "17"], "--pairs must be within 1 and 16"),
-        (["--ratios", "0"], "--ratios, --areas, --tolerance and --resolution must be positive"),
-        (["--keypoints", "many"], "invalid literal"),
+        (["--ratios", "0"], "--ratios, --areas, --tolerance and --duration must be within 0 and 1e+06"),
+        (["--tolerance", "nan"], "--tolerance and --duration must be within 0 and 1e+06"),
+        (["--keypoints", "many"], "--keypoints must be numbers with commas between, got 'many'"),
+        (["--ratios", ""], "--keypoints and --ratios must hold a number at least"),
+        (["--drives", "1000000"], "--drives and --robots must be at most 1000"),
+        (["--repeat", "1"], "--repeat within 2 and 1000"),
+        (["--resolution", "nan"], "--resolution must be within 0.001 and 10 m"),
+        (["--preset", "none"], "--preset: there is no 'none'; there are default, viny"),
+        (["--world", "nowhere"], "invalid choice: 'nowhere'"),
+        (["--maps", ""], "an empty text names no file"),
     ],
 )
 def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):

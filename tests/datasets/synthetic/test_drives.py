@@ -71,7 +71,7 @@ def test_a_tour_visits_all_once_and_is_shorter_than_chance(seed):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"robots": 0}, "robots must be at least 1, got 0"),
+        ({"robots": 0}, "robots must be at least 1 and at most 1000, got 0"),
         ({"overlap": 1.0}, r"overlap must be within 0 to 0\.9, got 1\.0"),
         ({"length": -1.0}, r"length must be positive, got -1\.0"),
         ({"duration": 0.0}, r"duration must be positive, got 0\.0"),

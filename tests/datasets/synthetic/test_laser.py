@@ -89,6 +89,10 @@ def test_usual_lasers():
     [
         ({"beams": 0}, "beams must be positive, got 0"),
         ({"rate": 0.0}, r"rate must be positive, got 0\.0"),
+        ({"rate": math.inf}, "rate must be at most 10000 Hz and noise at most range_max, got inf"),
+        ({"noise": 1e300}, r"noise at most range_max, got 20\.0, 1e\+300"),
+        ({"dropouts": 2.0}, r"dropouts and wrong_returns must be at most 1, got 2\.0"),
+        ({"T_robot_sensor": SE2(math.nan, 0.0, 0.0)}, "T_robot_sensor must be finite and within 100 m, got"),
         ({"noise": -0.1}, r"noise must not be negative, got -0\.1"),
         ({"range_max": 0.01}, r"range_max must be finite and above range_min, got 0\.023, 0\.01"),
         ({"beams": 2000}, "beams must lie within one turn, got 2000 steps"),

@@ -1,0 +1,36 @@
+import pytest
+
+from tools.make_map_pairs import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--area", "nan"], "--area must lie within 1 and 1e+05 m2, got nan"),
+        (["--lattice", "-5"], "--lattice must lie within 1 and 1e+05 m2, got -5.0"),
+        (["--lattice", "1e12"], "--lattice must lie within 1 and 1e+05 m2"),
+        (["--floor", "../x=map"], "--floor must be NAME=PATH with a name of letters, digits, dots and dashes"),
+        (["--floor", "a_b=map"], "--floor must be NAME=PATH"),
+        (["--floor", "map"], "--floor must be NAME=PATH"),
+        (["--floor", "x="], "--floor must be NAME=PATH"),
+        (["--seeds", "3", "-1"], "--seeds must not be negative"),
+        (["--parts", "1000000"], "--parts within 0 and 1000"),
+        (["--largest", "nan"], "--largest positive"),
+        (["--overlap", "50", "101"], "--overlap must lie within 1 and 100 percent, got [50, 101]"),
+        (["-o", ""], "an empty text names no file"),
+    ],
+)
+def test_wrong_usage_is_exit_2_and_writes_nothing(tmp_path, capsys, arguments, message):
+    with pytest.raises(SystemExit) as left:
+        main(["-o", str(tmp_path / "out"), *arguments])
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_floor_that_is_not_there_is_one_line_and_exit_1(tmp_path, capsys):
+    assert main(["-o", str(tmp_path / "out"), "--floor", f"x={tmp_path / 'none'}"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("make_map_pairs: ")
+    assert "does not exist" in said
+    assert said.count("\n") == 1
