@@ -114,6 +114,25 @@ def groups_of(
     return sorted(finished, key=lambda group: (-len(group), list(names).index(group.first)))
 
 
+def join(
+    first: Mapping[str, SE2], second: Mapping[str, SE2], alignments: Mapping[Pair, Alignment], config: GraphConfig
+) -> tuple[SE2, float] | None:
+    """Return where a group of maps lies in another's frame, and the log odds of it; None if too little speaks for it.
+
+    Parameters
+    ----------
+    first, second
+        T_group_map of every map of each group.
+    alignments
+        Alignments of pairs of maps of different groups.
+    config
+        When places are one, and what a confirmation is worth.
+    """
+    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
+    joint = _best_joint([dict(first), dict(second)], 0, 1, offers, config)
+    return None if joint is None else (joint[4], joint[0])
+
+
 def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
     """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives."""
     if found.T_target_source is None:

@@ -96,7 +96,7 @@ def merge(
         groups = groups_of(list(maps), alignments, config.graph)
     near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
     alignments |= near.alignments
-    judged_by = {pair: (near.grids[pair[0]], near.grids[pair[1]]) for pair in near.alignments}
+    judged_by = dict(near.grids)
     while True:
         with watch.during("grouping"):
             groups = groups_of(list(maps), alignments, config.graph)

@@ -6,7 +6,6 @@ keyframes, their grids are drawn once more from near hits alone and aligned anew
 """
 
 import itertools
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,12 +13,10 @@ from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.map_graph import Group
-from merging.redrawing import redraw
+from merging.near_drives import NearPair, align_by_drives, redraw_near
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -31,11 +28,11 @@ class NearLook:
     alignments
         Of the pairs that it is surer of than the first.
     grids
-        What was looked at, of every map that it was drawn for.
+        What of target and source each of these was judged by, in their frames.
     """
 
     alignments: Mapping[Pair, Alignment]
-    grids: Mapping[str, TbmGrid]
+    grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]]
 
 
 def look_near(
@@ -73,14 +70,14 @@ def look_near(
     wanted = {name for pair in pairs for name in pair}
     near = {name: redraw_near(one, config.near.range_m) for name, one in maps.items() if name in wanted}
     found = align_all({name: TbmMap(grid) for name, grid in near.items()}, config, workers, watch, scheduler, pairs)
-    surer = {
-        pair: replace(one, reason=f"by what was seen within {config.near.range_m:g} m: {one.reason}")
-        for pair, one in found.items()
-        if one.confidence > alignments[pair].confidence
-    }
-    return NearLook(surer, near)
-
-
-def redraw_near(one: TbmMap, range_m: float) -> TbmGrid:
-    """Return a map's grid without the hits beyond a range [m]."""
-    return redraw([drive.keyframes for drive in one.drives], one, range_m)
+    looks = {pair: NearPair(one, (near[pair[0]], near[pair[1]])) for pair, one in found.items()}
+    for pair in pairs:
+        if not found[pair].accepted:
+            by_drives = align_by_drives(maps[pair[0]], maps[pair[1]], config, workers, watch, scheduler)
+            looks[pair] = by_drives or looks[pair]
+    surer = {pair: one for pair, one in looks.items() if one.alignment.confidence > alignments[pair].confidence}
+    told = f"by what was seen within {config.near.range_m:g} m"
+    return NearLook(
+        {pair: replace(one.alignment, reason=f"{told}: {one.alignment.reason}") for pair, one in surer.items()},
+        {pair: one.grids for pair, one in surer.items()},
+    )

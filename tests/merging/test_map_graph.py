@@ -1,7 +1,10 @@
+import math
+
 import pytest
 
+from merging import MergeConfig
 from merging.alignment import Alignment, Alternative
-from merging.map_graph import groups_of
+from merging.map_graph import groups_of, join
 from tbmslam.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
@@ -81,3 +84,18 @@ def test_small_errors_are_shared_around_a_cycle():
     error = POSES["c"].inverse() @ group.poses["c"]
     assert 0.03 < error.x < 0.05  # two edges of three say nothing of it
     assert group.outvoted == ()
+
+
+def test_groups_are_joined_where_several_of_their_maps_lead():
+    first, second = {"a": POSES["a"], "b": POSES["b"]}, {"c": SE2.identity()}
+    alignments = found("a", "c", 0.5, accepted=False) | found("b", "c", 0.6, accepted=False)
+    place, odds = join(first, second, alignments, MergeConfig().graph)
+    assert place == pytest.approx(POSES["c"])
+    assert odds == pytest.approx(math.log(0.6 / 0.4) + MergeConfig().graph.confirmation)
+
+
+def test_groups_are_not_joined_by_one_doubtful_or_two_contradicting_alignments():
+    first, second = {"a": POSES["a"], "b": POSES["b"]}, {"c": SE2.identity()}
+    doubtful = found("a", "c", 0.6, accepted=False)
+    assert join(first, second, doubtful, MergeConfig().graph) is None
+    assert join(first, second, found("a", "c") | found("b", "c", T=SE2(77.0, 0.0, 0.0)), MergeConfig().graph) is None

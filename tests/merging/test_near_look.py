@@ -1,3 +1,4 @@
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -6,8 +7,10 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.drives import plan_drives
 from merging import MergeConfig, align, merge
-from merging.map_graph import groups_of
-from merging.near_look import look_near, redraw_near
+from merging.alignment import Alignment
+from merging.map_graph import Group
+from merging.near_drives import redraw_near
+from merging.near_look import look_near
 from merging.pair_cards import pair_cards
 from merging.redrawing import redraw
 from tbmslam.belief import FREE, OCCUPIED
@@ -60,12 +63,13 @@ def test_its_card_shows_what_was_looked_at(halls):
 def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
     world = make_world("halls", 4)
     stranger = map_of(world, plan_drives(world, 1, length=45.0, seed=1)[0], 0.0)
-    maps = {"a": halls["a"], "same": halls["a"], "picture": TbmMap(halls["b"].grid), "stranger": stranger}
-    first = {pair: align(maps[pair[0]], maps[pair[1]], CONFIG) for pair in [("a", "same"), ("a", "stranger")]}
-    first |= dict.fromkeys([("same", "stranger")], first["a", "stranger"])
-    look = look_near(maps, groups_of(list(maps), first), first, CONFIG)
-    assert look.grids.keys() == {"a", "same", "stranger"}
-    assert look.alignments.keys() <= {("a", "stranger"), ("same", "stranger")}
+    others = {"picture": TbmMap(halls["b"].grid), "stranger": stranger}
+    maps = {"a": halls["a"], "same": halls["a"], **others}
+    nothing = Alignment("correlation", accepted=False, reason="", confidence=-1.0)
+    first = dict.fromkeys(itertools.combinations(maps, 2), nothing)
+    groups = [Group({"a": SE2.identity(), "same": SE2.identity()}), *(Group({n: SE2.identity()}) for n in others)]
+    look = look_near(maps, groups, first, CONFIG)
+    assert look.alignments.keys() == look.grids.keys() == {("a", "stranger"), ("same", "stranger")}
     assert not any(found.accepted for found in look.alignments.values())
 
 
