@@ -27,7 +27,7 @@ class WorkerPool(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
         """Give work to a process, which may begin for it and then takes over what is held."""
-        with _interrupts_held():
+        with interrupts_held():
             return super().submit(fn, *args, **kwargs)
 
 
@@ -72,7 +72,7 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
+def interrupts_held() -> Iterator[None]:
     """Keep Ctrl-C waiting for a block; a process that begins in it never hears it, not even while it begins."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

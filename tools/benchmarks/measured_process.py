@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.worker_pool import interrupts_held
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -35,7 +36,8 @@ def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwar
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(theirs, call, args, keywords))
-    process.start()
+    with interrupts_held():  # who waits for it hears Ctrl-C
+        process.start()
     theirs.close()
     try:
         is_good, answer = ours.recv()
@@ -44,6 +46,9 @@ def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwar
         raise MeasurementError(
             f"the process died (exit code {process.exitcode}): memory may have run out; see its messages above"
         ) from None
+    except BaseException:
+        process.terminate()
+        raise
     finally:
         process.join()
         ours.close()

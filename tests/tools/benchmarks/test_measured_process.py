@@ -1,9 +1,16 @@
 import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from tbmslam.relations import read_relations
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_call_is_made_in_another_process():
@@ -36,3 +43,39 @@ def test_a_known_error_keeps_its_line(tmp_path):
 def test_a_process_that_dies_is_told():
     with pytest.raises(MeasurementError, match=r"the process died \(exit code 9\): memory may have run out"):
         in_fresh_process(os._exit, 9)
+
+
+SLEEPING = """
+import time
+from pathlib import Path
+
+def sleep_and_tell(path):
+    Path(path).touch()
+    time.sleep(60)
+"""
+
+WAITING = """
+import signal, sys
+from sleeping import sleep_and_tell
+from tools.benchmarks.measured_process import in_fresh_process
+from tools.ending import ended
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as on a terminal
+sys.exit(ended("benchmark", lambda: in_fresh_process(sleep_and_tell, sys.argv[1])))
+"""
+
+
+def test_ctrl_c_ends_the_process_too_and_only_one_speaks(tmp_path):
+    (tmp_path / "sleeping.py").write_text(SLEEPING)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    command = [sys.executable, "-c", WAITING, str(tmp_path / "here")]
+    with subprocess.Popen(  # noqa: S603 - a fixed command
+        command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as program:
+        while not (tmp_path / "here").exists():
+            assert program.poll() is None
+            time.sleep(0.01)
+        os.killpg(program.pid, signal.SIGINT)
+        _, said = program.communicate(timeout=30)
+    assert (program.returncode, said) == (130, "benchmark: interrupted\n")
+    with pytest.raises(ProcessLookupError):
+        os.killpg(program.pid, 0)
