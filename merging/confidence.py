@@ -49,7 +49,7 @@ class Measure:
 
 def _doubtful_m(evidence: Evidence) -> float:
     """Return the length of wall that does not agree, unbroken stretches of it twice."""
-    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m + evidence.unbroken_m
+    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m + evidence.seen_through_m
 
 
 def _beyond_chance(evidence: Evidence) -> float:

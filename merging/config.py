@@ -187,8 +187,8 @@ class VerificationConfig(FrozenConfig):
         How near to a wall of the other map, seen from the same side, a wall must lie to agree [m].
     conflict_distance_m
         How far from every wall of the other map a wall on its free space must lie to contradict it [m].
-    bent_m
-        A wall farther than this from every wall is not there because a map bent [m].
+    see_through_m
+        A map that knows so much free space before and behind a wall, and nothing else, saw through it [m].
     front_m
         How far before a wall the other robot must have seen free space to have seen the wall [m].
     other_weight
@@ -205,7 +205,7 @@ class VerificationConfig(FrozenConfig):
 
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3
-    bent_m: Metres = 0.6
+    see_through_m: Metres = 0.5
     front_m: Metres = 0.3
     other_weight: Annotated[float, Field(ge=0.0)] = 0.6
     min_confidence: Share = 0.8
@@ -217,10 +217,6 @@ class VerificationConfig(FrozenConfig):
     def limits(self) -> Limits:
         """Return the distances as the kernels take them."""
         return Limits(self.agreement_distance_m, self.conflict_distance_m, self.front_m, FACING)
-
-    def bent_limits(self) -> Limits:
-        """Return the same, with contradiction only where no bend explains it."""
-        return self.limits()._replace(conflict=max(self.bent_m, self.conflict_distance_m))
 
 
 class GraphConfig(FrozenConfig):

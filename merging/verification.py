@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from merging.config import VerificationConfig
 from merging.pieces import Pieces, count_pieces
+from merging.seen_through import seen_through_m
 from merging.structure import Structure
-from merging.unbroken import unbroken_m
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
 
@@ -45,8 +45,8 @@ class Evidence:
         neither: near a wall but not near enough, or near one that faces another way.
     larger_wall_m
         All walls of the map that has more of them [m].
-    unbroken_m
-        The unbroken stretches of wall that contradict, farther from all walls than maps bend (`merging.unbroken`) [m].
+    seen_through_m
+        The unbroken stretches of wall that the other robot saw through (`merging.seen_through`) [m].
     pieces
         The same by separate pieces of wall.
     """
@@ -61,7 +61,7 @@ class Evidence:
     agreement: float
     conflict: float
     larger_wall_m: float
-    unbroken_m: float
+    seen_through_m: float
     pieces: Pieces
 
 
@@ -125,7 +125,7 @@ def _evidence(
         agreement=agreed / compared if compared > 0.0 else 0.0,
         conflict=float(mean[CONFLICTING]) / compared if compared > 0.0 else 0.0,
         larger_wall_m=larger_m,
-        unbroken_m=unbroken_m(target, source, motion, config.bent_limits()),
+        seen_through_m=seen_through_m(target, source, motion, config.see_through_m),
         pieces=count_pieces(target, source, motion, config.limits()),
     )
 

@@ -20,13 +20,14 @@ from tbmslam.kernels.walls import (
     Walls,
     compare_walls,
     hold_walls,
+    see_through_walls,
     slide_walls,
 )
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import Limits
 
 __all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
-__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "slide"]
+__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "see_through", "slide"]
 
 Indices = npt.NDArray[np.int64]
 
@@ -61,6 +62,11 @@ def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits
     OUTSIDE what the fixed map knows, or one of AGREES, CONFLICTS, NEITHER and NOT_SEEN, as `compare` counts them.
     """
     return hold_walls(moving, some, fixed, T_fixed_moving, limits)
+
+
+def see_through(moving: Walls, fixed: Walls, T_fixed_moving: SE2, reach_m: float) -> npt.NDArray[np.bool_]:
+    """Return which walls (N,) of one map another saw through: it knows free space so far before and behind them."""
+    return see_through_walls(moving, fixed, T_fixed_moving, reach_m)
 
 
 def slide(

@@ -10,7 +10,7 @@ from merging.verification import Evidence
 
 GOOD = Evidence(
     overlap_m2=50.0, compared_wall_m=50.0, agreed_wall_m=44.0, conflicting_wall_m=2.0, unseen_wall_m=1.0,
-    weakest_wall_m=20.0, rmse_m=0.03, agreement=0.88, conflict=0.04, larger_wall_m=120.0, unbroken_m=0.0,
+    weakest_wall_m=20.0, rmse_m=0.03, agreement=0.88, conflict=0.04, larger_wall_m=120.0, seen_through_m=0.0,
     pieces=Pieces(45.0, 2.0, 55.0, 20.0),
 )  # fmt: skip
 CHANCE = replace(
@@ -63,7 +63,7 @@ def test_conflict_never_helps_and_wall_never_harms():
 def test_walls_that_contradict_tell_a_false_place():
     """However many others agree: two rooms of a row are alike but for the wall behind them."""
     alone = confidences([GOOD, *[CHANCE] * 9], DECOYS)[0]
-    for crossed in (replace(GOOD, compared_wall_m=75.0), replace(GOOD, unbroken_m=31.0)):
+    for crossed in (replace(GOOD, compared_wall_m=75.0), replace(GOOD, seen_through_m=31.0)):
         doubtful = confidences([crossed, *[CHANCE] * 9], DECOYS)[0]
         assert 1.0 - doubtful > 3.0 * (1.0 - alone)
 
@@ -82,7 +82,7 @@ def test_a_larger_overlap_that_fits_worse_does_not_hide_a_place_that_fits():
         larger_wall_m=1020.0, pieces=Pieces(408.0, 10.0, 438.0, 108.0),
     )  # fmt: skip
     mirrored = replace(
-        true, overlap_m2=540.0, compared_wall_m=560.0, agreed_wall_m=415.0, unseen_wall_m=23.0, unbroken_m=13.0,
+        true, overlap_m2=540.0, compared_wall_m=560.0, agreed_wall_m=415.0, unseen_wall_m=23.0, seen_through_m=13.0,
         pieces=Pieces(420.0, 100.0, 565.0, 90.0),
     )  # fmt: skip
     assert confidences([true, *[mirrored] * 9], [mirrored])[0] > 0.9

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.kernels.walls import Walls, compare_walls, hold_walls, slide_walls
+from tbmslam.kernels.walls import Walls, compare_walls, hold_walls, see_through_walls, slide_walls
 from tbmslam.se2 import SE2
 from tbmslam.wall_limits import Limits
 from tests import wall_reference
@@ -56,6 +56,17 @@ def test_what_becomes_of_a_wall_is_the_plain_answer(maps):
         np.testing.assert_array_equal(found, expected)
         seen |= set(expected)
     assert seen == {0, 1, 2, 3, 4}  # all of them occur
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.2, 0.45])
+def test_walls_seen_through_are_the_plain_ones(maps, reach):
+    fixed, moving = maps
+    found = [see_through_walls(moving, fixed, motion, reach) for motion in MOTIONS]
+    for motion, some in zip(MOTIONS, found, strict=True):
+        np.testing.assert_array_equal(
+            some, [wall_reference.seen_through(moving, k, fixed, motion, reach) for k in every(moving)]
+        )
+    assert 0 < np.count_nonzero(found) < np.size(found)
 
 
 def test_sums_are_the_plain_ones(maps):

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from merging.config import StructureConfig, VerificationConfig
+from merging.seen_through import seen_through_m
+from merging.structure import Structure
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+
+REACH_M = VerificationConfig().see_through_m
+
+
+def hall(*things):
+    """A hall of 10 x 10 m with things in it, given as windows of cells."""
+    masses = np.zeros((240, 240, 4), dtype=np.float32)
+    masses[..., 3] = 1.0
+    masses[18:222, 18:222] = (0.0, 0.0, 1.0, 0.0)
+    masses[20:220, 20:220] = (0.0, 1.0, 0.0, 0.0)
+    for thing in things:
+        masses[thing] = (0.0, 0.0, 1.0, 0.0)
+    return Structure.from_grid(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 240, 240), masses), StructureConfig())
+
+
+def test_a_wall_across_a_free_room_counts_but_for_a_door():
+    across = hall(np.s_[119:121, 60:180])
+    assert seen_through_m(hall(), across, SE2.identity(), REACH_M) == pytest.approx((6.0 - 0.8) / 2.0, abs=0.2)
+    assert seen_through_m(across, hall(), SE2.identity(), REACH_M) == pytest.approx((6.0 - 0.8) / 2.0, abs=0.2)
+
+
+def test_things_and_doors_do_not():
+    furnished = hall(np.s_[60:74, 60:74], np.s_[100:102, 80:98], np.s_[160:176, 100:102])
+    assert seen_through_m(hall(), furnished, SE2.identity(), REACH_M) == 0.0
+    assert seen_through_m(hall(), hall(), SE2.identity(), REACH_M) == 0.0
+
+
+def test_a_wall_that_bent_away_does_not_and_what_stands_beside_it_hides_nothing():
+    across, bent = hall(np.s_[119:121, 60:180]), hall(np.s_[127:129, 60:180])
+    assert seen_through_m(across, bent, SE2.identity(), REACH_M) == 0.0
+    crossed = hall(*(np.s_[col - 20 : col + 20, col : col + 2] for col in (100, 140)))  # stand upright, seen end on
+    assert seen_through_m(crossed, across, SE2.identity(), REACH_M) > 0.0
+
+
+def test_it_is_as_long_in_any_direction():
+    aslant = hall(*(np.s_[row, row - 1 : row + 2] for row in range(60, 160)))
+    assert seen_through_m(hall(), aslant, SE2.identity(), REACH_M) == pytest.approx((5.0 * 2**0.5 - 0.8) / 2.0, abs=0.2)
+
+
+def test_maps_apart_do_not_contradict():
+    assert seen_through_m(hall(), hall(), SE2(500.0, 0.0, 0.0), REACH_M) == 0.0
