@@ -48,8 +48,8 @@ class Measure:
 
 
 def _doubtful_m(evidence: Evidence) -> float:
-    """Return the length of wall that does not agree, unbroken stretches of it twice."""
-    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m + evidence.seen_through_m
+    """Return the length of wall that does not agree."""
+    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m
 
 
 def _beyond_chance(evidence: Evidence) -> float:
@@ -88,14 +88,16 @@ MEASURES = {
 """What the score weighs, in m and m^2. How near the agreeing walls lie is left out: it tells how maps were bent, not
 where they belong. Where much overlaps, much agrees by chance."""
 
-SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1}
+SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1, "log of wall seen through": -1}
 """What the logit weighs beside the margin, and whether it can only speak for (1) or against (-1) a candidate.
 
-The larger the maps, the more places there are for chance; logarithms are of one plus the number. Unbroken walls on free
-space tell no more than that they do not agree: of real drives up to a tenth as much as agrees stands there too."""
+The larger the maps, the more places there are for chance; logarithms are of one plus the number. A wall seen through
+tells the most: at their true place hardly any two maps have one, and at the best of the false ones most do."""
 FEATURES = tuple(SIGNS)
 _CHANCE = 2
 """So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
+_LITTLE_M = 0.25
+"""So much wall seen through is little [m]."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
 
@@ -178,7 +180,7 @@ def _features(evidence: Evidence) -> list[float]:
     # Half a metre more than there is: of a few cells of wall nobody can say a share.
     agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + _doubtful_m(evidence) + 0.5)
     corners = math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS))
-    return [math.log1p(evidence.larger_wall_m), agreement, corners]
+    return [math.log1p(evidence.larger_wall_m), agreement, corners, math.log1p(evidence.seen_through_m / _LITTLE_M)]
 
 
 @cache

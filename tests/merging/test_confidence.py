@@ -63,7 +63,7 @@ def test_conflict_never_helps_and_wall_never_harms():
 def test_walls_that_contradict_tell_a_false_place():
     """However many others agree: two rooms of a row are alike but for the wall behind them."""
     alone = confidences([GOOD, *[CHANCE] * 9], DECOYS)[0]
-    for crossed in (replace(GOOD, compared_wall_m=75.0), replace(GOOD, seen_through_m=31.0)):
+    for crossed in (replace(GOOD, compared_wall_m=75.0), replace(GOOD, seen_through_m=2.0)):
         doubtful = confidences([crossed, *[CHANCE] * 9], DECOYS)[0]
         assert 1.0 - doubtful > 3.0 * (1.0 - alone)
 
