@@ -29,11 +29,15 @@ def test_a_map_too_bent_to_fit_as_a_whole_is_placed_in_stretches(straight_and_be
     assert found.alignment.accepted
     assert "stretches of the drive" in found.alignment.reason
     assert found.alignment.confidence >= 0.7
+    assert align(*map(TbmMap, found.grids)).agreement == pytest.approx(found.alignment.agreement, abs=0.05)
 
     result = merge({"b": bent, "a": straight})  # the one whose frame counts is the bent one
     assert list(result.poses) == ["b", "a"]
     assert result.alignments["b", "a"].accepted
     assert result.joint is not None
+    for name, shown in zip("ba", result.judged_by["b", "a"], strict=True):  # each in its own frame
+        own = {"a": straight, "b": bent}[name].grid.geometry
+        assert shown.geometry[1:3] == pytest.approx(own[1:3], abs=2.0)
     assert result.alignments["b", "a"].agreement > whole.agreement + 0.1
     straightened = align(result.joint.maps["a"], result.joint.maps["b"])
     assert straightened.agreement > 0.8
