@@ -88,16 +88,26 @@ MEASURES = {
 """What the score weighs, in m and m^2. How near the agreeing walls lie is left out: it tells how maps were bent, not
 where they belong. Where much overlaps, much agrees by chance."""
 
-SIGNS = {"log of all walls": -1, "agreement": 1, "log of corners": 1, "log of wall seen through": -1}
+SIGNS = {
+    "log of all walls": -1,
+    "agreement": 1,
+    "log of corners": 1,
+    "log of wall seen through": -1,
+    "agreement of things": 1,
+}
 """What the logit weighs beside the margin, and whether it can only speak for (1) or against (-1) a candidate.
 
 The larger the maps, the more places there are for chance; logarithms are of one plus the number. A wall seen through
-tells the most: at their true place hardly any two maps have one, and at the best of the false ones most do."""
+tells the most: at their true place hardly any two maps have one, and at the best of the false ones most do. Where what
+people move agrees, two robots were there in one hour; where it does not, nothing follows.
+"""
 FEATURES = tuple(SIGNS)
 _CHANCE = 2
 """So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
 _LITTLE_M = 0.25
 """So much wall seen through is little [m]."""
+_FEW_THINGS_M = 2.0
+"""Of things with outlines shorter than this together nobody can say a share [m]."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
 
@@ -180,7 +190,9 @@ def _features(evidence: Evidence) -> list[float]:
     # Half a metre more than there is: of a few cells of wall nobody can say a share.
     agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + _doubtful_m(evidence) + 0.5)
     corners = math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS))
-    return [math.log1p(evidence.larger_wall_m), agreement, corners, math.log1p(evidence.seen_through_m / _LITTLE_M)]
+    seen_through = math.log1p(evidence.seen_through_m / _LITTLE_M)
+    things = evidence.agreed_things_m / (evidence.compared_things_m + _FEW_THINGS_M)
+    return [math.log1p(evidence.larger_wall_m), agreement, corners, seen_through, things]
 
 
 @cache

@@ -15,6 +15,8 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import FloatArray
 from tbmslam.walls import Walls
 
+_MOVABLE = 0.5
+"""What counts less than this is a thing."""
 _FLAT = 0.1
 """Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
 
@@ -97,6 +99,11 @@ class Structure:
             float(g.origin_x),
             float(g.origin_y),
         )
+
+    @cached_property
+    def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:
+        """The surface cells as they are, no less for being movable, and the indices (K,) of those that are."""
+        return self.walls._replace(weights=np.ones_like(self.weights)), np.flatnonzero(self.weights < _MOVABLE)
 
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
         """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""

@@ -1,6 +1,7 @@
 """What the aligned maps say about each other, for and against."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,10 @@ from merging.pieces import Pieces, count_pieces
 from merging.seen_through import seen_through_m
 from merging.structure import Structure
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, compare
+from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, Walls, compare
+
+_Chosen = tuple[Walls, npt.NDArray[np.int64], float]
+"""Walls, the indices of those that are looked at, and the length that each of them stands for [m]."""
 
 _MANY_CELLS = 4000
 """Known cells that are enough to measure an overlap."""
@@ -47,6 +51,9 @@ class Evidence:
         All walls of the map that has more of them [m].
     seen_through_m
         The unbroken stretches of wall that the other robot saw through (`merging.seen_through`) [m].
+    agreed_things_m, compared_things_m
+        What people move, and lies where the other map knows something: the outlines that agree, and all [m]. Things of
+        two visits seldom agree, those of one visit mostly.
     pieces
         The same by separate pieces of wall.
     """
@@ -62,6 +69,8 @@ class Evidence:
     conflict: float
     larger_wall_m: float
     seen_through_m: float
+    agreed_things_m: float
+    compared_things_m: float
     pieces: Pieces
 
 
@@ -72,7 +81,7 @@ def support_m(
 
     `limit` is the number of walls of each map that are held against the other; None takes all.
     """
-    forth, back = _sums(target, source, motions, config, limit)
+    forth, back = _sums(target, source, motions, config, lambda one: _walls_of(one, limit))
     agreed = (forth + back)[:, AGREED]
     others = (forth + back)[:, COMPARED] - agreed + (forth + back)[:, UNSEEN]
     return np.asarray((agreed - config.other_weight * others) / 2.0)
@@ -85,11 +94,22 @@ def examine(target: Structure, source: Structure, T_target_source: SE2, config: 
 
 def examine_all(target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
     """Compare two maps under each of some alignments; see `examine`."""
-    means = np.mean(_sums(target, source, motions, config, None), axis=0)
+    means = np.mean(_sums(target, source, motions, config, lambda one: _walls_of(one, None)), axis=0)
+    things = np.mean(_sums(target, source, motions, config, _things_of), axis=0)
     larger_m = max(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
     return [
-        _evidence(target, source, motion, mean, larger_m, config) for motion, mean in zip(motions, means, strict=True)
+        _evidence(target, source, motion, walls, movable, larger_m, config)
+        for motion, walls, movable in zip(motions, means, things, strict=True)
     ]
+
+
+def _walls_of(structure: Structure, limit: int | None) -> _Chosen:
+    some = structure.some(limit)
+    return structure.walls, some, structure.geometry.resolution * len(structure.points) / max(len(some), 1)
+
+
+def _things_of(structure: Structure) -> _Chosen:
+    return *structure.things, structure.geometry.resolution
 
 
 def _sums(
@@ -97,20 +117,25 @@ def _sums(
     source: Structure,
     motions: list[SE2],
     config: VerificationConfig,
-    limit: int | None,
+    chosen: Callable[[Structure], _Chosen],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the sums (M, 8) of `compare` in metres: the source's walls held against the target, and the reverse."""
+    """Return the sums (M, 8) of `compare` in metres: what is chosen of the source held against the target, and back."""
     backward = [motion.inverse() for motion in motions]
     sums = []
     for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
-        some = moving.some(limit)
-        metres = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
-        sums.append(compare(moving.walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
+        walls, some, metres = chosen(moving)
+        sums.append(compare(walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
     return sums[0], sums[1]
 
 
 def _evidence(
-    target: Structure, source: Structure, motion: SE2, mean: FloatArray, larger_m: float, config: VerificationConfig
+    target: Structure,
+    source: Structure,
+    motion: SE2,
+    mean: FloatArray,
+    things: FloatArray,
+    larger_m: float,
+    config: VerificationConfig,
 ) -> Evidence:
     compared, agreed = float(mean[COMPARED]), float(mean[AGREED])
     weakest = np.linalg.eigvalsh([[mean[XX], mean[XY]], [mean[XY], mean[YY]]])[0]
@@ -126,6 +151,8 @@ def _evidence(
         conflict=float(mean[CONFLICTING]) / compared if compared > 0.0 else 0.0,
         larger_wall_m=larger_m,
         seen_through_m=seen_through_m(target, source, motion, config.see_through_m),
+        agreed_things_m=float(things[AGREED]),
+        compared_things_m=float(things[COMPARED]),
         pieces=count_pieces(target, source, motion, config.limits()),
     )
 

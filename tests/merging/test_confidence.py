@@ -11,7 +11,7 @@ from merging.verification import Evidence
 GOOD = Evidence(
     overlap_m2=50.0, compared_wall_m=50.0, agreed_wall_m=44.0, conflicting_wall_m=2.0, unseen_wall_m=1.0,
     weakest_wall_m=20.0, rmse_m=0.03, agreement=0.88, conflict=0.04, larger_wall_m=120.0, seen_through_m=0.0,
-    pieces=Pieces(45.0, 2.0, 55.0, 20.0),
+    agreed_things_m=3.0, compared_things_m=6.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
 )  # fmt: skip
 CHANCE = replace(
     GOOD, compared_wall_m=13.0, agreed_wall_m=5.0, conflicting_wall_m=4.0, weakest_wall_m=1.5, agreement=0.38,
@@ -66,6 +66,15 @@ def test_walls_that_contradict_tell_a_false_place():
     for crossed in (replace(GOOD, compared_wall_m=75.0), replace(GOOD, seen_through_m=2.0)):
         doubtful = confidences([crossed, *[CHANCE] * 9], DECOYS)[0]
         assert 1.0 - doubtful > 3.0 * (1.0 - alone)
+
+
+def test_things_that_agree_speak_for_a_place_and_their_absence_is_no_worse_than_things_moved():
+    shares = ((0.0, 0.0), (0.0, 9.0), (4.0, 9.0), (9.0, 9.0))
+    none, moved, some, all_ = (
+        confidences([replace(GOOD, agreed_things_m=agreed, compared_things_m=m), *[CHANCE] * 9], DECOYS)[0]
+        for agreed, m in shares
+    )
+    assert none == moved < some < all_
 
 
 def test_a_large_overlap_half_of_which_agrees_speaks_for_nothing():

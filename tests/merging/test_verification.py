@@ -133,3 +133,22 @@ def test_support_weighs_what_speaks_against(rooms):
     here, elsewhere = support_m(target, source, [SE2.identity(), SE2(3.0, 1.0, 0.5)], CONFIG)
     assert here == pytest.approx(float(target.weights.sum()) * target.geometry.resolution)  # all agrees with itself
     assert elsewhere < 0.0 < here
+
+
+def furnished(*things):
+    """A long corridor with things of 0.5 x 0.5 m in it, at columns of cells."""
+    grid = corridor()
+    for col in things:
+        grid.masses[25:35, col : col + 10] = (0.0, 0.0, 1.0, 0.0)
+    return structure(grid)
+
+
+def test_things_are_told_apart_from_walls():
+    same, moved, none = (
+        examine(furnished(40, 120), furnished(*things), SE2.identity(), CONFIG) for things in ((40, 120), (40, 160), ())
+    )
+    assert same.agreed_things_m == same.compared_things_m == pytest.approx(2 * 4 * 0.5, rel=0.15)
+    assert moved.compared_things_m == pytest.approx(same.compared_things_m)
+    assert moved.agreed_things_m == pytest.approx(same.agreed_things_m / 2.0)
+    assert none.agreed_things_m == 0.0
+    assert same.agreed_wall_m == pytest.approx(moved.agreed_wall_m, rel=0.05)

@@ -13,7 +13,7 @@ from tools.confidence_fit import Trial, fit_model, held_out
 CHANCE = Evidence(
     overlap_m2=30.0, compared_wall_m=20.0, agreed_wall_m=12.0, conflicting_wall_m=4.0, unseen_wall_m=1.0,
     weakest_wall_m=3.0, rmse_m=0.08, agreement=0.6, conflict=0.2, larger_wall_m=100.0, seen_through_m=0.5,
-    pieces=Pieces(12.0, 5.0, 22.0, 2.0),
+    agreed_things_m=1.0, compared_things_m=5.0, pieces=Pieces(12.0, 5.0, 22.0, 2.0),
 )  # fmt: skip
 
 
