@@ -61,9 +61,11 @@ def wait_at(moment: Moment) -> None:
             if moment.state != "named":
                 file = Path(str(args[0]))
                 size = file.stat().st_size
+                content = file.read_bytes()
                 # A writer that is stopped earlier leaves the beginning.
                 os.truncate(file, {"empty": 0, "half": size // 2, "whole": size}[moment.state])
                 _wait(moment)
+                file.write_bytes(content)  # who is let go on has written all
         elif event == "open" and renamed and str(args[0]) == folder and not moment.has_come():
             _wait(moment)
 
