@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import requests
 
@@ -100,9 +101,19 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
         whole = have + int(length) if length else None
         with part.open("ab" if goes_on else "wb") as stream:
             for chunk in answer.iter_content(_CHUNK):
-                stream.write(chunk)
+                _add(chunk, stream)
                 have += len(chunk)
                 progress(have, whole)
+
+
+def _add(chunk: bytes, stream: BinaryIO) -> None:
+    try:
+        stream.write(chunk)
+        stream.flush()  # a full disk is told here, and not where the file is closed
+    except OSError as error:
+        raise DownloadError(
+            f"{stream.name}: cannot be written ({error.strerror}): make room or choose another place and run again"
+        ) from error
 
 
 def _check_kept(target: Path, sha256: str | None) -> None:

@@ -57,11 +57,14 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> None:
     from datasets.known_recordings import known_recording
+    from tools.output_folder import output_folder
 
     if args.list:
         _list()
-    for recording in [known_recording(name) for name in args.names]:
-        _download(recording, args.out)
+    if recordings := [known_recording(name) for name in args.names]:
+        with output_folder(args.out):  # two that add to one file would spoil it, and nobody knows what it should be
+            for recording in recordings:
+                _download(recording, args.out)
 
 
 def _list() -> None:

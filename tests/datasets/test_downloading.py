@@ -2,6 +2,7 @@ import hashlib
 import re
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
@@ -137,3 +138,10 @@ def test_no_server_and_no_address(tmp_path):
         download("http://127.0.0.1:1/a.bag", tmp_path / "a.bag")
     with pytest.raises(DownloadError, match=r"cannot be asked for .*: check the address"):
         download("nowhere", tmp_path / "a.bag")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
+def test_a_full_disk_is_told_with_the_file(server, tmp_path):
+    (tmp_path / "a.bag.part").symlink_to("/dev/full")
+    with pytest.raises(DownloadError, match=r"a\.bag\.part: cannot be written \(No space left on device\): make room"):
+        download(server.address, tmp_path / "a.bag")

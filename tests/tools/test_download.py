@@ -4,6 +4,7 @@ import pytest
 
 from datasets import downloading, known_recordings
 from tools import build_maps, download
+from tools.output_folder import output_folder
 
 
 def test_the_list_is_honest_about_what_was_tried(capsys):
@@ -53,3 +54,9 @@ def test_an_unknown_name_is_exit_1_and_nothing_at_all_is_exit_2(capsys):
     with pytest.raises(SystemExit) as left:
         download.main([])
     assert left.value.code == 2
+
+
+def test_two_runs_do_not_add_to_one_file(tmp_path, capsys):
+    with output_folder(tmp_path):
+        assert download.main(["freiburg/intel", "-o", str(tmp_path)]) == 1
+    assert "another run is writing there" in capsys.readouterr().err
