@@ -174,7 +174,10 @@ def test_pairs_are_cut_from_a_real_floor(folder, tmp_path, capsys):
 def test_a_floor_needs_a_name(capsys):
     with pytest.raises(SystemExit):
         make_map_pairs.main(["-o", "x", "--floor", "pair.npz"])
-    assert "--floor must be NAME=PATH with a name without underscores, got pair.npz" in capsys.readouterr().err
+    assert (
+        "--floor must be NAME=PATH with a name of letters, digits, dots and dashes, got pair.npz"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_floor_that_is_not_there_is_an_error(tmp_path, capsys):
