@@ -7,7 +7,7 @@ are aligned with each other there without being told.
 
 import itertools
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from merging.aligner import align
@@ -57,6 +57,7 @@ def place_bent_map(
     workers: int,
     watch: Watch,
     scheduler: str | None = None,
+    placed: Collection[Pair] = (),
 ) -> tuple[Pair, BentMap] | None:
     """Place one of the maps left out so far, and say on which map; None where none can be placed.
 
@@ -72,6 +73,8 @@ def place_bent_map(
         How stretches are cut and believed.
     workers, watch, scheduler
         See `merging.all_pairs.align_all`.
+    placed
+        What was returned before. Where that joined no maps, since too much else spoke against it, it would not again.
 
     Returns
     -------
@@ -84,6 +87,8 @@ def place_bent_map(
     else:
         tries = [(target, maps[target], source) for target, source in itertools.combinations(maps, 2)]
     for base, target, name in tries:
+        if (base, name) in placed:
+            continue
         found = place_bent(target, maps[name], config, workers, watch, scheduler)
         if found is not None:
             onto = "" if joined is None else f"onto {len(joined.poses)} maps merged so far: "

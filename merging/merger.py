@@ -96,17 +96,18 @@ def merge(
         groups = groups_of(list(maps), alignments, config.graph)
     near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
     alignments |= near.alignments
-    judged_by = dict(near.grids)
+    judged_by, placed = dict(near.grids), list[Pair]()
     while True:
         with watch.during("grouping"):
             groups = groups_of(list(maps), alignments, config.graph)
         joined = merge_group(maps, groups[0], config, watch) if len(groups[0]) > 1 else None
-        bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler)
+        bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler, placed)
         if bent is None:
             break
-        (base, name), found = bent
-        maps = {**maps, name: found.straightened}
-        pair, alignment, grids = _in_order(list(maps), (base, name), found)
+        where, found = bent
+        placed.append(where)
+        maps = {**maps, where[1]: found.straightened}
+        pair, alignment, grids = _in_order(list(maps), where, found)
         alignments[pair], judged_by[pair] = alignment, grids
     if joined is None:
         left_out = dict.fromkeys(maps, "no other map could be aligned with it")

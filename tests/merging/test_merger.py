@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, align, merge
+from merging.alignment import Alignment
+from merging.bent_maps import BentMap
 from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
@@ -110,6 +112,33 @@ def test_three_maps_become_one_and_the_foreign_one_is_named(rooms):
     row, col = round(-back.geometry.origin_y / 0.05), round(-back.geometry.origin_x / 0.05)
     common = back.masses[row : row + 240, col : col + 320, 1] > 0.5
     assert np.mean(world.masses[: common.shape[0], : common.shape[1], 1][common] > 0.5) > 0.99
+
+
+def accepted_at(x, confidence):
+    return Alignment("correlation", accepted=True, reason="all is well", T_target_source=SE2(x, 0.0, 0.0),
+                     confidence=confidence, agreed_wall_m=10.0)  # fmt: skip
+
+
+def test_a_bent_map_that_is_placed_where_others_contradict_is_left_out_in_the_end(rooms, monkeypatch):
+    maps = dict.fromkeys("abc", TbmMap(rooms(1)))
+    found = {
+        ("a", "b"): accepted_at(0.0, 0.999),
+        ("a", "c"): accepted_at(0.0, 0.99),
+        ("b", "c"): accepted_at(20.0, 0.99),
+    }
+    monkeypatch.setattr("merging.merger.align_all", lambda *_: found)
+    tried = []
+
+    def placed(target, source, *_):
+        assert len(tried) < 3, "merge goes on for ever"
+        tried.append(source)
+        return BentMap(accepted_at(0.0, 0.99), source, (target.grid, source.grid))
+
+    monkeypatch.setattr("merging.bent_maps.place_bent", placed)
+    result = merge(maps)
+    assert tried == [maps["c"]]
+    assert list(result.poses) == ["a", "b"]
+    assert result.left_out.keys() == {"c"}
 
 
 def test_every_robot_s_drive_moves_along(rooms):
