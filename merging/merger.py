@@ -143,5 +143,8 @@ def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment])
         for (target, source), found in alignments.items()
         if (target == name and source in group.poses) or (source == name and target in group.poses)
     }
-    nearest = max(tried, key=lambda other: (tried[other].agreed_wall_m, tried[other].inliers))
-    return f"no alignment with a merged map was accepted; with {nearest}: {tried[nearest].reason}"
+    nearest = max(tried, key=lambda one: (tried[one].accepted, tried[one].agreed_wall_m, tried[one].inliers))
+    was = "no alignment with a merged map was accepted"
+    if tried[nearest].accepted:
+        was = "too much speaks against what was accepted of its alignments with merged maps"
+    return f"{was}; with {nearest}: {tried[nearest].reason}"
