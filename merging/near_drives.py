@@ -51,6 +51,8 @@ def align_by_drives(
 ) -> NearPair | None:
     """Align each drive of a map with each of another; None where these are one pair, or do not agree on a place.
 
+    Nor is a place that is an alternative only, and the best of no pair: of it no pair's evidence tells.
+
     See `merging.all_pairs.align_all` for `workers`, `watch` and `scheduler`.
     """
     drives = [_near_drives(one, name, config) for one, name in ((target, "target"), (source, "source"))]
@@ -65,6 +67,8 @@ def align_by_drives(
         return None
     place, odds = joint
     agreeing = {pair: one for pair, one in found.items() if _leads_to(place, one, config)}
+    if not agreeing:
+        return None
     surest = max(agreeing, key=lambda pair: agreeing[pair].confidence)
     alignment = replace(
         agreeing[surest],

@@ -6,6 +6,7 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.drives import plan_drives
 from merging import MergeConfig, align, merge
+from merging.alignment import Alignment, Alternative
 from merging.near_drives import align_by_drives
 from merging.redrawing import redraw
 from tbmslam.se2 import SE2
@@ -64,3 +65,19 @@ def test_drives_of_another_building_do_not_agree(drives):
 def test_two_maps_of_one_drive_are_not_looked_at_again(drives):
     first, second, _ = drives
     assert align_by_drives(first, second, CONFIG) is None
+
+
+def test_a_place_that_is_no_pair_s_best_is_none(drives, monkeypatch):
+    first, second, _ = drives
+    crew = together(first, second, first)
+
+    def found(_, __, ___, ____, _____, pairs):
+        places = [SE2(10.0 * number, 0.0, 0.0) for number in range(1, 1 + len(pairs))]
+        others = (Alternative(SE2.identity(), 0.3, 5.0),)
+        return {
+            pair: Alignment("correlation", False, "", place, confidence=0.4, alternatives=others)
+            for pair, place in zip(pairs, places, strict=True)
+        }
+
+    monkeypatch.setattr("merging.near_drives.align_all", found)
+    assert align_by_drives(crew, second, CONFIG) is None
