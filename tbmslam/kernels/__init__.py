@@ -24,6 +24,7 @@ BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Pose = tuple[float, float, float]
+"""x [m], y [m], theta [rad]; an SE2 is one."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 

@@ -5,8 +5,6 @@ import math
 from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.lattice import Lattice
 
-"""x [m], y [m], theta [rad]; an SE2 is one."""
-
 
 @kernel
 def impact_at(ratios: FloatArray, row: int, col: int, disjunctive: bool = False) -> float:

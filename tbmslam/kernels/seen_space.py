@@ -7,8 +7,6 @@ import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
 
-"""x, y [m] and theta [rad]."""
-
 
 @kernel
 def seen_distances(points: FloatArray, directions: int) -> FloatArray:

@@ -26,8 +26,6 @@ TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
 FACING = (0.7986, 0.6018)
 """Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
 
-"""x [m], y [m], theta [rad]; an SE2 is one."""
-
 
 class Surfels(NamedTuple):
     """The arrays of a surfel map; a cell with hits has two more cells on every side."""
