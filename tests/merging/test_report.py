@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 CONFIG = MergeConfig(method="features")
+DESCRIPTION = Path(__file__).resolve().parents[2] / "docs/report-json.md"
 PAIR_KEYS = {
     "target", "source", "accepted", "reason", "T_target_source", "matches", "inliers", "rmse_m", "scale", "overlap_m2",
     "agreement", "conflict",
@@ -45,6 +47,23 @@ def test_the_report_has_every_pair_and_every_map(maps, tmp_path):
     assert report["fusion"]["seen_by_several_m2"] == pytest.approx(192.0, rel=0.05)
     for picture in ("overlay.png", "contradictions.png"):
         assert cv2.imread(str(tmp_path / "deep" / "merged" / picture)) is not None
+
+
+def keys_in(value):
+    """All names in a report, however deep."""
+    if isinstance(value, dict):
+        return value.keys() | set().union(*map(keys_in, value.values()))
+    return set().union(*map(keys_in, value)) if isinstance(value, list | tuple) else set()
+
+
+def test_every_key_is_described(maps):
+    report = as_json(merge(maps, CONFIG), CONFIG)
+    del report["config"]  # whose parameters --print-config describes
+    report["maps"] = list(report["maps"].values())
+    found = keys_in(report)
+    assert {"evidence", "pieces", "alternatives", "conflict_m2"} <= found
+    text = DESCRIPTION.read_text(encoding="utf-8")
+    assert [key for key in sorted(found) if f"`{key}`" not in text] == []
 
 
 def test_a_refusal_is_reported_without_pictures(maps, tmp_path):
