@@ -1,10 +1,12 @@
+import itertools
 import math
 
 import pytest
 
 from merging import MergeConfig
 from merging.alignment import Alignment, Alternative
-from merging.map_graph import groups_of, join
+from merging.config import GraphConfig
+from merging.map_graph import _without_outvoted, groups_of, join, offers_of
 from tbmslam.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
@@ -34,6 +36,18 @@ def test_a_chain_is_one_group_in_the_frame_of_the_first():
 def test_refused_alignments_connect_nothing():
     groups = groups_of(list("ab"), found("a", "b", accepted=False))
     assert [list(group.poses) for group in groups] == [["a"], ["b"]]
+
+
+def test_of_forty_maps_the_one_false_alignment_is_outvoted_at_once():
+    places = {number: SE2(float(number), 0.5 * number, 0.1 * number) for number in range(40)}
+    config, offers = GraphConfig(), []
+    for target, source in itertools.combinations(places, 2):  # 78 million threes of alignments, minutes to look at all
+        motion = SE2(30.0, 0.0, 0.0) if (target, source) == (7, 21) else places[target].inverse() @ places[source]
+        (pair, one), *_ = found(str(target), str(source), T=motion).items()
+        offers += offers_of(pair, one, config)
+    kept = _without_outvoted(offers, config)
+    assert [offer for offer in offers if offer not in kept] == [one for one in offers if one.pair == ("7", "21")]
+    assert len(kept) == len(offers) - 1
 
 
 def test_the_largest_group_comes_first_in_its_own_frame():
