@@ -99,10 +99,11 @@ def groups_of(
     trusted = _without_outvoted(offers, config)
     groups = [{name: SE2.identity()} for name in names]
     while True:
+        between = _by_groups(groups, trusted)
         joints = [
             joint
             for first, second in itertools.combinations(range(len(groups)), 2)
-            if (joint := _best_joint(groups, first, second, trusted, config)) is not None
+            if (joint := _best_joint(groups, first, second, between, config)) is not None
         ]
         if not joints:
             break
@@ -129,7 +130,8 @@ def join(
         When places are one, and what a confirmation is worth.
     """
     offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
-    joint = _best_joint([dict(first), dict(second)], 0, 1, offers, config)
+    groups = [dict(first), dict(second)]
+    joint = _best_joint(groups, 0, 1, _by_groups(groups, offers), config)
     return None if joint is None else (joint[4], joint[0])
 
 
@@ -203,21 +205,40 @@ _Joint = tuple[float, float, int, int, SE2]
 """Support, metres of wall, the indices of two groups, and where the second lies in the first's frame."""
 
 
+_Between = Mapping[tuple[int, int], Sequence[tuple[Offer, SE2]]]
+"""By the indices of two groups, the offers that join them, and where each puts the second in the first's frame."""
+
+
+def _by_groups(groups: list[dict[str, SE2]], offers: list[Offer]) -> _Between:
+    """Sort offers by the groups that they join, either way round."""
+    where = {name: index for index, group in enumerate(groups) for name in group}
+    between: dict[tuple[int, int], list[tuple[Offer, SE2]]] = {}
+    for offer in offers:
+        ends = tuple(where.get(name) for name in offer.pair)
+        for first, second in (ends, ends[::-1]):
+            if first is not None and second is not None and first != second:
+                motion = _between(groups[first], groups[second], offer)
+                between.setdefault((first, second), []).append((offer, motion))
+    return between
+
+
 def _best_joint(
-    groups: list[dict[str, SE2]], first: int, second: int, offers: list[Offer], config: GraphConfig
+    groups: list[dict[str, SE2]], first: int, second: int, between: _Between, config: GraphConfig
 ) -> _Joint | None:
     """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
-    direct = [
-        (offer, motion) for offer in offers if (motion := _between(groups[first], groups[second], offer)) is not None
-    ]
-    others = [group for index, group in enumerate(groups) if index not in {first, second}]
-    ways = [way for other in others for way in _ways_over(groups[first], other, groups[second], offers)]
+    direct = between.get((first, second), ())
+    if not direct:
+        return None
+    others = [index for index in range(len(groups)) if index not in {first, second}]
+    ways = [way for other in others for way in _ways_over(first, other, second, between)]
     joints = [(_support(motion, direct, ways, config), offer.wall_m, first, second, motion) for offer, motion in direct]
     good = [joint for joint in joints if joint[0] >= config.min_support]
     return max(good, key=lambda joint: joint[:2]) if good else None
 
 
-def _support(place: SE2, direct: list[tuple[Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig) -> float:
+def _support(
+    place: SE2, direct: Sequence[tuple[Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig
+) -> float:
     """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere.
 
     One doubtful alignment stays doubtful, but chance seldom leads to one place twice: each further one adds at least
@@ -230,22 +251,17 @@ def _support(place: SE2, direct: list[tuple[Offer, SE2]], ways: list[tuple[float
     return leading[0] + sum(max(odds, config.confirmation) for odds in leading[1:]) - sum(against)
 
 
-def _between(first: dict[str, SE2], second: dict[str, SE2], offer: Offer) -> SE2 | None:
-    """Return where an offer puts the second group in the first's frame; None where it joins others."""
+def _between(first: dict[str, SE2], second: dict[str, SE2], offer: Offer) -> SE2:
+    """Return where an offer that joins two groups puts the second in the first's frame."""
     target, source = offer.pair
-    if target in first and source in second:
+    if target in first:
         return first[target] @ offer.motion @ second[source].inverse()
-    if source in first and target in second:
-        return first[source] @ offer.motion.inverse() @ second[target].inverse()
-    return None
+    return first[source] @ offer.motion.inverse() @ second[target].inverse()
 
 
-def _ways_over(
-    first: dict[str, SE2], middle: dict[str, SE2], second: dict[str, SE2], offers: list[Offer]
-) -> list[tuple[float, SE2]]:
+def _ways_over(first: int, middle: int, second: int, between: _Between) -> list[tuple[float, SE2]]:
     """Return the log odds of every way over a third group, and where it leads."""
-    there = [(offer, motion) for offer in offers if (motion := _between(first, middle, offer)) is not None]
-    onward = [(offer, motion) for offer in offers if (motion := _between(middle, second, offer)) is not None]
+    there, onward = between.get((first, middle), ()), between.get((middle, second), ())
     # A way is right where both of its halves are.
     return [(min(a.odds, b.odds) - math.log(2.0), p @ q) for (a, p), (b, q) in itertools.product(there, onward)]
 
