@@ -12,7 +12,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.seen_space import SeenSpace, may_walk
+from tbmslam.seen_space import SeenSpace
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 
 _HELD = np.array([1e-4, 1e-4, 1e-5])
@@ -124,19 +124,16 @@ class SurfelTracker:
         odometry since the last keyframe is not held back. It is believed where what stands still fits as well; it may
         fit worse by as much as is seen to move, since of those who go ahead nobody saw the place empty before. Walls
         tell the heading in any case.
-
-        Where the scan was found nobody may seem to walk, since they hold it back until they stand still. Then things as
-        small as people must walk where the odometry says it is: of a wrong odometry walls would, too.
         """
         hits, found = self._hits_of(scan), match.T_map_sensor
         most = (1.0 - self._config.walking) * len(hits.points)
         self.sees_walkers = len(self._space.standing(hits, found).points) < most
+        if not self.sees_walkers:
+            return match
         there, deviations = since()
         guess = SE2(there.x, there.y, found.theta)
-        if not self.sees_walkers and not may_walk(hits.points[self._space.in_seen_space(hits, guess)]):
-            return match
         still = self._space.standing(hits, guess)
-        # From a wrong place walls, too, seem to stand where nothing was.
+        # From a wrong place walls, too, seem to stand where nothing was: both must say that something moves.
         if not 0 < len(still.points) < most:
             return match
         moving = 1.0 - len(still.points) / len(hits.points)
@@ -144,7 +141,6 @@ class SurfelTracker:
         as_found = self._register(still, found, _HELD)
         if by_odometry.matched < as_found.matched - moving:
             return match
-        self.sees_walkers = True
         return ScanMatch(by_odometry.pose, by_odometry.matched, moved=True, information=by_odometry.hessian)
 
     def _hits_of(self, scan: LaserScan) -> Hits:
