@@ -62,6 +62,14 @@ def test_drives_agree_with_the_true_relations(shared_data, mapped, name, worst_m
     assert errors.rotations_deg.mean() < 2.0
 
 
+def test_no_part_of_a_drive_follows_odometry_that_stands_still(shared_data, tmp_path):
+    """CSAIL's does for a second of a turn by 85 degrees, and each part meets it with other keyframes behind it."""
+    maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 3, "--overlap", 0.3)
+    robots = json.loads((maps / "truth.json").read_text())["robots"]
+    assert len(robots) == 3
+    assert max(robot["ate_m"] for robot in robots.values()) < 0.2
+
+
 def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 2)
     merged = merge_maps(tmp_path / "merged", maps / "robot_0", maps / "robot_1")
