@@ -74,7 +74,8 @@ def compared(moving, some, fixed, motion, limits):
 def seen_through(moving, k, fixed, motion, reach):
     """Return whether all along a wall's normal, from behind it to before it, is free."""
     point, normal = motion.apply(moving.points[k]), SE2(0.0, 0.0, motion.theta).apply(moving.normals[k])
-    steps = np.arange(-round(reach / fixed.resolution), round(reach / fixed.resolution) + 1)
+    most = max(round(reach / fixed.resolution), 1)
+    steps = np.arange(-most, most + 1)
     cells = [cell_of(fixed, point + step * fixed.resolution * normal) for step in steps]
     return all(cell is not None and fixed.states[cell] == 1 for cell in cells)
 

@@ -150,7 +150,7 @@ def see_through_walls(moving: Walls, fixed: Walls, motion: Pose, reach: float) -
     found = np.zeros(len(moving.points), dtype=np.bool_)
     rows, cols = fixed.states.shape
     cosine, sine = math.cos(motion[2]), math.sin(motion[2])
-    steps = round(reach / fixed.resolution)
+    steps = max(round(reach / fixed.resolution), 1)
     for k in range(len(moving.points)):
         px, py = moving.points[k, 0], moving.points[k, 1]
         x, y = motion[0] + cosine * px - sine * py, motion[1] + sine * px + cosine * py
