@@ -92,14 +92,13 @@ def merge(
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     alignments = align_all(maps, config, workers, watch, scheduler)
-    with watch.during("grouping"):
-        groups = groups_of(list(maps), alignments, config.graph)
+    groups = _grouped(maps, alignments, config, watch)
     near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
-    alignments |= near.alignments
     judged_by, placed = dict(near.grids), list[Pair]()
+    if near.alignments:
+        alignments |= near.alignments
+        groups = _grouped(maps, alignments, config, watch)
     while True:
-        with watch.during("grouping"):
-            groups = groups_of(list(maps), alignments, config.graph)
         joined = merge_group(maps, groups[0], config, watch) if len(groups[0]) > 1 else None
         bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler, placed)
         if bent is None:
@@ -109,6 +108,7 @@ def merge(
         maps = {**maps, where[1]: found.straightened}
         pair, alignment, grids = _in_order(list(maps), where, found)
         alignments[pair], judged_by[pair] = alignment, grids
+        groups = _grouped(maps, alignments, config, watch)
     if joined is None:
         left_out = dict.fromkeys(maps, "no other map could be aligned with it")
         return Merge(None, {}, alignments, left_out, None, judged_by=judged_by)
@@ -125,6 +125,13 @@ def merge(
         group.outvoted,
         judged_by,
     )
+
+
+def _grouped(
+    maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], config: MergeConfig, watch: Watch
+) -> list[Group]:
+    with watch.during("grouping"):
+        return groups_of(list(maps), alignments, config.graph)
 
 
 def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:
