@@ -13,6 +13,7 @@ from tbmslam.scan_matching.hill_climbing import HillClimbingConfig, HillClimbing
 from tbmslam.scan_matching.monte_carlo import MonteCarloConfig, MonteCarloMatcher
 from tbmslam.scan_matching.scan_match import ScanMatch, ScanMatcher
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tracker import Since
 
 
 class GridTrackerConfig(FrozenConfig):
@@ -50,7 +51,7 @@ class GridTracker:
         """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
         return self._matcher.match(scan, self._cells, guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:  # noqa: ARG002
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:  # noqa: ARG002
         """Leave the scan where it was placed."""
         return match
 

@@ -21,6 +21,7 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tile_maps import TileMaps
+from tbmslam.tracker import Since
 
 
 class ParticleTrackerConfig(FrozenConfig):
@@ -94,7 +95,7 @@ class ParticleTracker:
         pose, value = self._climb(self._ancestry.best(), points, guess, deviations)
         return ScanMatch(pose, value, moved=pose != guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:  # noqa: ARG002
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:  # noqa: ARG002
         """Leave the scan where it was placed."""
         return match
 

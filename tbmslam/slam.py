@@ -173,7 +173,7 @@ class Slam:
         """Return where a keyframe was taken, which what walks along must not decide."""
         T_map_before, T_odom_before, T_odom_robot = self._T_map_keyframe, self._T_odom_keyframe, reading.T_odom_robot
         if T_map_before is None or T_odom_before is None or T_odom_robot is None or not match.moved:
-            return match
+            return self._tracker.settled(scan, match, None)
 
         def since() -> tuple[SE2, FloatArray]:
             by_odometry = self._motion.by_odometry(T_odom_before, T_odom_robot, T_map_before)

@@ -14,6 +14,7 @@ from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.seen_space import SeenSpace
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
+from tbmslam.tracker import Since
 
 _HELD = np.array([1e-4, 1e-4, 1e-5])
 """Deviations [m, m, rad] with which a scan stays where it is."""
@@ -117,14 +118,17 @@ class SurfelTracker:
         self._rest, self._in_vain = (config.search_rest, result.matched) if best is result else (0, 1.0)
         return best
 
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:
         """Return where a scan was taken around which people walk.
 
         Who goes along with the robot holds it back a little from scan to scan, most where walls leave the way open. The
         odometry since the last keyframe is not held back. It is believed where what stands still fits as well; it may
         fit worse by as much as is seen to move, since of those who go ahead nobody saw the place empty before. Walls
-        tell the heading in any case.
+        tell the heading in any case. Without odometry there is nothing to believe, and nobody is looked for.
         """
+        self.sees_walkers = False
+        if since is None:
+            return match
         hits, found = self._hits_of(scan), match.T_map_sensor
         most = (1.0 - self._config.walking) * len(hits.points)
         self.sees_walkers = len(self._space.standing(hits, found).points) < most

@@ -16,7 +16,7 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.slam import Slam
-from tbmslam.tracker import Tracker
+from tbmslam.tracker import Since, Tracker
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -84,7 +84,7 @@ class _TimedTracker:
     def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
 
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:
         return self._clock.timed("matching", self._tracker.settled, scan, match, since)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:

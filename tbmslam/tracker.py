@@ -8,6 +8,8 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 
+Since = Callable[[], tuple[SE2, FloatArray]]
+
 
 class Tracker(Protocol):
     """Places scans in what it has learnt from earlier scans.
@@ -40,7 +42,7 @@ class Tracker(Protocol):
         """
         ...
 
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Callable[[], tuple[SE2, FloatArray]]) -> ScanMatch:
+    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:
         """Return where a scan that is to be learnt was taken, now that its guess is the odometry's since the last one.
 
         Parameters
@@ -49,7 +51,7 @@ class Tracker(Protocol):
             The scan, and where `match` has placed it.
         since
             Tells where the odometry since the last one learnt puts it, T_map_sensor, and standard deviations (3,) of
-            that; most scans need not know.
+            that; most scans need not know. None where there is no such odometry, or nothing of the scan was matched.
         """
         ...
 

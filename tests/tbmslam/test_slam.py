@@ -169,3 +169,15 @@ def test_people_who_go_along_in_a_corridor_do_not_hold_the_robot_back(drive_in):
     settled = ate(robot, slam.finish())
     assert settled < 0.5 * held_back
     assert settled < 0.1
+
+
+def test_nobody_is_thought_to_walk_once_no_odometry_could_tell(drive_in):
+    """Who was seen before it failed would else be sought in every scan, and the odometry's errors never be learnt."""
+    alone = drive_in("corridor", 30.0, odometry="good", seed=2)
+    readings = iter(inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", 2)).readings)
+    slam = Slam()
+    while not slam._tracker.sees_walkers:
+        slam.process(next(readings))
+    while slam._tracker.sees_walkers:
+        slam.process(replace(next(readings), T_odom_robot=None))
+    assert slam._T_odom_keyframe is None
