@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import FileLock, SoftFileLock, Timeout
 
 from tbmslam.errors import TbmSlamError
 
 _LOCK = ".tbmslam.lock"
+_TRIES = 100
 
 
 class OutputError(TbmSlamError):
@@ -24,11 +25,10 @@ def output_folder(folder: Path) -> Iterator[None]:
     OutputError
         The folder cannot be written into, or another run is writing there.
     """
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    made: list[Path] = []
     lock = FileLock(folder / _LOCK, timeout=0)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
+        _take(lock, folder, made)
     except Timeout:
         raise OutputError(
             f"{folder}: another run is writing there: wait for it, or choose another folder with -o"
@@ -41,11 +41,27 @@ def output_folder(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # While it is held, so that nobody else's is removed; whoever waits for nothing finds it or makes a new one.
-        with suppress(OSError):
-            (folder / _LOCK).unlink()
+        # While it is held, so that nobody else's is removed: who has opened it already finds that it has no name any
+        # more, and does not take it. Where the disk knows no locks, there is only the name, and releasing removes that.
+        if not isinstance(lock, SoftFileLock):
+            with suppress(OSError):
+                (folder / _LOCK).unlink()
         lock.release()
         _remove_empty(made)
+
+
+def _take(lock: FileLock, folder: Path, made: list[Path]) -> None:
+    """Lock a folder, noting which folders were not there; another run may remove an empty one just as it is made."""
+    for attempt in range(_TRIES):
+        made[:] = [path for path in (folder, *folder.parents) if not path.exists()]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+        except (FileNotFoundError, FileExistsError):  # the second where it goes between being made and looked at
+            if attempt == _TRIES - 1:
+                raise
+        else:
+            return
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -1,6 +1,28 @@
+import subprocess
+import sys
+
 import pytest
 
 from tools.output_folder import OutputError, output_folder
+
+TAKING_TURNS = """
+import sys, time
+from pathlib import Path
+from tools.output_folder import OutputError, output_folder
+
+folder, mine, ends = Path(sys.argv[1]), Path(sys.argv[2]), time.monotonic() + 1.0
+while time.monotonic() < ends:
+    try:
+        with output_folder(folder):
+            with mine.open("x"):
+                (folder / "result").touch()
+            (folder / "result").unlink()
+            mine.unlink()
+    except OutputError as error:
+        if "another run is writing there" not in str(error):
+            raise
+"""
+"""Two that have the folder at a time would both make the file `mine`, which ends them with an error."""
 
 
 def test_two_runs_never_write_into_one_folder(tmp_path):
@@ -15,6 +37,12 @@ def test_two_runs_never_write_into_one_folder(tmp_path):
     with output_folder(folder):
         pass
     assert [path.name for path in folder.iterdir()] == ["result"]
+
+
+def test_of_runs_that_end_as_others_begin_no_two_have_the_folder(tmp_path):
+    command = [sys.executable, "-c", TAKING_TURNS, tmp_path / "a" / "out", tmp_path / "mine"]
+    runs = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]  # noqa: S603 - our own
+    assert [run.communicate()[1] for run in runs] == ["", ""]
 
 
 def test_a_lock_left_by_a_run_that_was_killed_does_not_matter(tmp_path):
