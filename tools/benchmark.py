@@ -20,6 +20,7 @@ from typing import Any
 
 from tools.build_maps import MOST_ROBOTS
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.merge import METHODS
 from tools.path_argument import path_argument
 
@@ -46,7 +47,7 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     more: dict[str, Any] = {

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from tools.configuration_options import add_configuration_options
 from tools.ending import ended
 from tools.extra_files import add_extra_files
+from tools.grammar import Grammar
 from tools.loading import loading
 from tools.mapping.viewer_option import add_viewer_option
 from tools.path_argument import path_argument
@@ -42,7 +43,7 @@ MOST_ROBOTS = 10_000
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(

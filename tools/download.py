@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="download", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     what = grammar.add_argument_group("what")

@@ -48,13 +48,14 @@ def ended(
         interruption.ends_at_once = True
         # Libraries, gtsam for one, make errors of their own of an interrupt.
         if isinstance(error, KeyboardInterrupt) or interruption.came is not None:
-            _say(interruption.line)
+            say(interruption.line)
             return interruption.code
-        if debug or not isinstance(error, TbmSlamError | OSError | MemoryError):
+        is_shown = debug and not (isinstance(error, OSError) and error.filename is None and _prints_nothing())
+        if is_shown or not isinstance(error, TbmSlamError | OSError | MemoryError):
             raise
         no_memory = isinstance(error, MemoryError)
-        _say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
-        _forget_unprinted()
+        say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
+        forget_unprinted()
         return FAILED
     finally:
         sys.unraisablehook = dropping
@@ -63,7 +64,7 @@ def ended(
     return code
 
 
-def _forget_unprinted() -> None:
+def forget_unprinted() -> None:
     """Drop what cannot be printed, on a full disk or for nobody who reads it: Python would fail on it once more."""
     with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is none of the system's
         try:
@@ -72,6 +73,16 @@ def _forget_unprinted() -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _say(line: str) -> None:
+def _prints_nothing() -> bool:
+    """Tell whether stdout takes nothing more, as only trying tells."""
+    try:
+        print(flush=True)
+    except OSError:
+        return True
+    return False
+
+
+def say(line: str) -> None:
+    """Say a line on stderr, where there is one."""
     with suppress(AttributeError, OSError):  # there is no stderr, or it is full
         sys.stderr.write(f"{line}\n")

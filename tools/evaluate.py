@@ -14,6 +14,7 @@ import sys
 from typing import Any
 
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.loading import loading
 from tools.path_argument import path_argument
 
@@ -32,7 +33,7 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="evaluate", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     more: dict[str, Any] = {

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.grammar import Grammar
 
 if TYPE_CHECKING:
     from tools.fault_cases.fault_case import FaultCase, Outcome
@@ -35,7 +36,7 @@ FAMILIES = ("bags", "sensors", "files")
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="faults", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument("--short", action="store_true", help="only some of each family, less than two minutes")

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ FAULTS = (
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="make_world", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(

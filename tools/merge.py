@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from tools.configuration_options import add_configuration_options
 from tools.ending import DONE, ended
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
+from tools.grammar import Grammar
 from tools.loading import loading
 from tools.map_listing import list_maps
 from tools.path_argument import path_argument
@@ -141,7 +142,7 @@ def _naming_parts(path: Path) -> tuple[str, ...]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Grammar(
         prog="merge", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(

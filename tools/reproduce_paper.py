@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.make_world import WORLDS
 from tools.path_argument import path_argument
 
@@ -41,7 +42,7 @@ _MOST, _FAR = 1000, 1e6
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="reproduce_paper",
         description=__doc__,
         epilog=EXAMPLES,

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tbmslam.atomic_file import write_bytes
 from tools.ending import ended
+from tools.grammar import Grammar
 from tools.path_argument import path_argument
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -31,7 +32,7 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = argparse.ArgumentParser(
+    grammar = Grammar(
         prog="screenshot", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument("page", type=path_argument, help="a report.html")

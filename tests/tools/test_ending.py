@@ -38,6 +38,11 @@ def test_a_known_error_is_one_line_and_with_debug_an_error(capsys, error, line):
         ended("merge", raising(error), debug=True)
 
 
+def test_with_debug_the_systems_error_of_something_else_is_shown_as_well():
+    with pytest.raises(BrokenPipeError):
+        ended("merge", raising(BrokenPipeError()), debug=True)
+
+
 def test_a_mistake_of_ours_is_not_hidden():
     with pytest.raises(ZeroDivisionError):
         ended("merge", raising(ZeroDivisionError()))
@@ -53,9 +58,10 @@ def printed_into(place, *words):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
-def test_a_full_disk_for_what_is_printed_is_one_line():
+@pytest.mark.parametrize("words", [["--print-config"], ["--print-config", "--debug"], ["--help"]], ids=" ".join)
+def test_a_full_disk_for_what_is_printed_is_one_line(words):
     with Path("/dev/full").open("w") as full:
-        done = printed_into(full, "--print-config")
+        done = printed_into(full, *words)
     said = "merge: No space left on device: check what is read and printed\n"
     assert (done.returncode, done.stderr) == (1, said)
 

@@ -1,0 +1,46 @@
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.grammar import Grammar
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+
+
+class FullDisk(io.StringIO):
+    def flush(self):
+        raise OSError(28, "No space left on device")
+
+
+def test_help_that_cannot_be_printed_is_one_line(monkeypatch, capsys):
+    grammar = Grammar(prog="merge")
+    below = grammar.add_subparsers().add_parser("maps")
+    monkeypatch.setattr(sys, "stdout", FullDisk())
+    for one in (grammar, below):
+        with pytest.raises(SystemExit) as ended:
+            one.parse_args(["--help"])
+        assert ended.value.code == 1
+        assert capsys.readouterr().err == "merge: No space left on device: check what is read and printed\n"
+
+
+def test_help_is_printed_where_it_can(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as ended:
+        Grammar(prog="merge").parse_args(["--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("usage: merge")
+    monkeypatch.setattr(sys, "stdout", None)
+    with pytest.raises(SystemExit) as ended:
+        Grammar(prog="merge").parse_args(["--help"])
+    assert ended.value.code == 0
+    file = io.StringIO()
+    Grammar(prog="merge").print_help(file)
+    assert file.getvalue().startswith("usage: merge")
+
+
+def test_every_program_has_such_a_grammar():
+    sources = [path.read_text(encoding="utf-8") for path in TOOLS.glob("*.py")]
+    programs = [source for source in sources if "def main(" in source]
+    assert len(programs) > 5
+    assert not any("argparse.ArgumentParser(" in source for source in programs)
