@@ -110,7 +110,7 @@ def merge(
         alignments[pair], judged_by[pair] = alignment, grids
         groups = _grouped(maps, alignments, config, watch)
     if joined is None:
-        left_out = dict.fromkeys(maps, "no other map could be aligned with it")
+        left_out = {name: _why_alone(name, alignments) for name in maps}
         return Merge(None, {}, alignments, left_out, None, judged_by=judged_by)
     group = groups[0]
     left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
@@ -141,6 +141,20 @@ def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Align
         return pair, alignment, found.grids
     turned = replace(alignment, T_target_source=alignment.T_target_source.inverse())
     return (source, target), turned, found.grids[::-1]
+
+
+def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
+    """Tell why a map was joined with no other, where no two were."""
+    accepted = {
+        target if source == name else source: found
+        for (target, source), found in alignments.items()
+        if name in (target, source) and found.accepted
+    }
+    if not accepted:
+        return "no other map could be aligned with it"
+    surest = max(accepted, key=lambda one: accepted[one].confidence)
+    was = "too much speaks against what was accepted of its alignments: accepted ones contradict each other"
+    return f"{was}; the surest, with {surest}: {accepted[surest].reason}"
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:

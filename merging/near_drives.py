@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
-from merging.map_graph import is_same_place, join
+from merging.map_graph import is_same_place, join, offers_of
 from merging.redrawing import redraw
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -69,13 +69,16 @@ def align_by_drives(
     agreeing = {pair: one for pair, one in found.items() if _leads_to(place, one, config)}
     if not agreeing:
         return None
+    others = [offers_of(pair, one, config.graph) for pair, one in found.items() if pair not in agreeing]
+    also = sum(any(is_same_place(place, offer.motion, config.graph) for offer in offers) for offers in others)
+    more = f", {also} more by an alternative" if also else ""
     surest = max(agreeing, key=lambda pair: agreeing[pair].confidence)
     alignment = replace(
         agreeing[surest],
         accepted=True,
         ambiguous=False,
         confidence=1.0 / (1.0 + math.exp(-odds)),
-        reason=f"{len(agreeing)} of {len(pairs)} pairs of drives agree, the surest with {found[surest].reason}",
+        reason=f"{len(agreeing)} of {len(pairs)} pairs of drives agree{more}, the surest with {found[surest].reason}",
         T_target_source=place,
         alternatives=(),
     )

@@ -312,11 +312,11 @@ def _save(
 def _tell(result: "Merge", out: Path) -> None:
     for (target, source), found in result.alignments.items():
         print(f"{source} in {target}: {'accepted' if found.accepted else 'refused'}: {found.reason}")
+    for name, reason in result.left_out.items():
+        print(f"left out: {name}: {reason}")
     if result.merged is None:
         print(f"nothing merged; the reasons are in {out / 'report.json'}")
         return
-    for name, reason in result.left_out.items():
-        print(f"left out: {name}: {reason}")
     print(f"merged {', '.join(result.poses)} into {out}")
 
 

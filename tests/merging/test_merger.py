@@ -171,6 +171,22 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert dict(result.left_out) == dict.fromkeys(["one", "two"], "no other map could be aligned with it")
 
 
+def test_where_accepted_alignments_outweigh_each_other_that_is_said(rooms, monkeypatch):
+    found = {
+        ("a", "b"): accepted_at(0.0, 0.99),
+        ("a", "c"): accepted_at(0.0, 0.98),
+        ("b", "c"): accepted_at(20.0, 0.97),
+        ("a", "d"): Alignment("correlation", accepted=False, reason="too little"),
+    }
+    monkeypatch.setattr("merging.merger.align_all", lambda *_: found)
+    result = merge(dict.fromkeys("abcd", TbmMap(rooms(1))))
+    assert result.merged is None
+    why = "too much speaks against what was accepted of its alignments: accepted ones contradict each other"
+    surest = {"a": "b", "b": "a", "c": "a"}
+    expected = {name: f"{why}; the surest, with {other}: all is well" for name, other in surest.items()}
+    assert result.left_out == {**expected, "d": "no other map could be aligned with it"}
+
+
 def test_rules_and_resolution_are_obeyed(rooms):
     maps = three_parts(rooms(1))
     chosen = {"coverage": "overlap", "rule": "conjunctive", "merged_resolution": 0.1}

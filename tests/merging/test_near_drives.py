@@ -81,3 +81,27 @@ def test_a_place_that_is_no_pair_s_best_is_none(drives, monkeypatch):
 
     monkeypatch.setattr("merging.near_drives.align_all", found)
     assert align_by_drives(crew, second, CONFIG) is None
+
+
+def test_pairs_that_agree_by_an_alternative_are_told_as_such(drives, monkeypatch):
+    first, second, _ = drives
+    crew = together(first, second, first)
+
+    def found(_, __, ___, ____, _____, pairs):
+        here, there = SE2.identity(), SE2(10.0, 0.0, 0.0)
+        return dict(
+            zip(
+                pairs,
+                (
+                    Alignment("correlation", True, "much", here, confidence=0.9),
+                    Alignment("correlation", False, "", there, alternatives=(Alternative(here, 0.9, 5.0),)),
+                    Alignment("correlation", False, "", there, alternatives=(Alternative(here, 0.0, 5.0),)),
+                ),
+                strict=True,
+            )
+        )
+
+    monkeypatch.setattr("merging.near_drives.align_all", found)
+    near = align_by_drives(crew, second, CONFIG)
+    assert near is not None
+    assert near.alignment.reason == "1 of 3 pairs of drives agree, 1 more by an alternative, the surest with much"
