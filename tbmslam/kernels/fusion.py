@@ -33,14 +33,14 @@ def add_layer(rule: int, masses: Cells, trust: float, kept: Cells, agreed: Cells
         for col in range(masses.shape[1]):
             if not masses[row, col, 3] < 1.0:
                 continue
-            belief = _believed(masses[row, col], trust)
+            belief = _believed(_read(masses, row, col, 0), trust)
             peaceful = _normalised(belief)
             if seen_by[row, col] == 0:
-                _start(rule, belief, kept[row, col])
-                _store(agreed[row, col], peaceful)
+                _start(rule, belief, kept, row, col)
+                _store(agreed, row, col, 0, peaceful)
             else:
-                _add(rule, belief, kept[row, col])
-                _store(agreed[row, col], _conjunction(_read(agreed[row, col]), peaceful))
+                _add(rule, belief, kept, row, col)
+                _store(agreed, row, col, 0, _conjunction(_read(agreed, row, col, 0), peaceful))
             seen_by[row, col] += 1
 
 
@@ -58,69 +58,71 @@ def finish(
             count = seen_by[row, col]
             conflict[row, col] = agreed[row, col, 0] if count > 1 else 0.0
             if count < max(required, 1):
-                _store(fused[row, col], (0.0, 0.0, 0.0, 1.0))
+                _store(fused, row, col, 0, (0.0, 0.0, 0.0, 1.0))
             else:
-                _store(fused[row, col], _finished(rule, kept[row, col], count))
+                _store(fused, row, col, 0, _finished(rule, kept, row, col, count))
 
 
 @kernel
-def _start(rule: int, belief: Belief, kept: Cells) -> None:
-    _store(kept, belief)
+def _start(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
+    _store(kept, row, col, 0, belief)
     if rule == DUBOIS_PRADE:
-        _store(kept[4:], belief)
-        kept[8], kept[9] = belief[1], belief[2]
+        _store(kept, row, col, 4, belief)
+        kept[row, col, 8], kept[row, col, 9] = belief[1], belief[2]
     elif rule == UNANIMOUS:
-        kept[4] = 1.0 if belief[1] > belief[2] else 0.0
-        kept[5] = 1.0 if belief[2] > belief[1] else 0.0
-    elif rule in {LOG_ODDS, ENTROPY_FILTER}:
-        kept[4] = kept[5] = _log_odds(belief)
+        kept[row, col, 4] = 1.0 if belief[1] > belief[2] else 0.0
+        kept[row, col, 5] = 1.0 if belief[2] > belief[1] else 0.0
+    elif rule >= LOG_ODDS:  # a set of rules would be made anew for every cell
+        kept[row, col, 4] = kept[row, col, 5] = _log_odds(belief)
 
 
 @kernel
-def _add(rule: int, belief: Belief, kept: Cells) -> None:
-    before = _read(kept)
+def _add(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule >= UNANIMOUS:
-        _add_evidence(rule, belief, kept)
+        _add_evidence(rule, belief, kept, row, col)
         return
+    before = _read(kept, row, col, 0)
     if rule == AVERAGE:
-        _store(kept, (before[0] + belief[0], before[1] + belief[1], before[2] + belief[2], before[3] + belief[3]))
+        after = (before[0] + belief[0], before[1] + belief[1], before[2] + belief[2], before[3] + belief[3])
     elif rule == DISJUNCTIVE:
         # Sums of masses multiply under the associative rules: a rounding of each map would grow with their number.
-        _store(kept, _rescaled(_disjunction(before, belief)))
+        after = _rescaled(_disjunction(before, belief))
     elif rule == DEMPSTER:
-        _store(kept, _normalised(_conjunction(before, belief)))
+        after = _normalised(_conjunction(before, belief))
     elif rule == CONJUNCTIVE:
-        _store(kept, _rescaled(_conjunction(before, belief)))
+        after = _rescaled(_conjunction(before, belief))
     else:
-        _store(kept, _conjunction(before, belief))
+        after = _conjunction(before, belief)
         if rule == DUBOIS_PRADE:
-            _store(kept[4:], _disjunction(_read(kept[4:]), belief))
-            kept[8] *= belief[1]
-            kept[9] *= belief[2]
+            _store(kept, row, col, 4, _disjunction(_read(kept, row, col, 4), belief))
+            kept[row, col, 8] *= belief[1]
+            kept[row, col, 9] *= belief[2]
+    _store(kept, row, col, 0, after)
 
 
 @kernel
-def _add_evidence(rule: int, belief: Belief, kept: Cells) -> None:
+def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule == UNANIMOUS:
-        if kept[4] + kept[5] == 0.0:  # who says nothing may have come first
-            _store(kept, belief)
-        kept[4] += 1.0 if belief[1] > belief[2] else 0.0
-        kept[5] += 1.0 if belief[2] > belief[1] else 0.0
+        if kept[row, col, 4] + kept[row, col, 5] == 0.0:  # who says nothing may have come first
+            _store(kept, row, col, 0, belief)
+        kept[row, col, 4] += 1.0 if belief[1] > belief[2] else 0.0
+        kept[row, col, 5] += 1.0 if belief[2] > belief[1] else 0.0
         return
     odds = _log_odds(belief)
-    kept[4] += odds
+    surest = kept[row, col, 5]
+    kept[row, col, 4] += odds
     # Of two equally sure sources either may come first, and the order of the sources must not matter.
-    if abs(odds) > abs(kept[5]) or (abs(odds) == abs(kept[5]) and odds < kept[5]):
-        kept[5] = odds
+    if abs(odds) > abs(surest) or (abs(odds) == abs(surest) and odds < surest):
+        kept[row, col, 5] = odds
 
 
 @kernel
-def _finished(rule: int, kept: Cells, count: int) -> Belief:
-    m = _read(kept)
-    if rule == UNANIMOUS and kept[4] + kept[5] == 1.0:
+def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
+    m = _read(kept, row, col, 0)
+    if rule == UNANIMOUS and kept[row, col, 4] + kept[row, col, 5] == 1.0:
         return m  # of the only source that takes a side
     if rule >= UNANIMOUS:
-        return m if count < 2 else _weighed(rule, kept[4], kept[5])
+        return m if count < 2 else _weighed(rule, kept[row, col, 4], kept[row, col, 5])
     if rule == AVERAGE:
         return (m[0] / count, m[1] / count, m[2] / count, m[3] / count)
     if rule == YAGER:
@@ -128,8 +130,8 @@ def _finished(rule: int, kept: Cells, count: int) -> Belief:
     if rule == DUBOIS_PRADE:
         # A set gets the products whose intersection it is, and those with an empty intersection whose union it is. Of
         # the products with union {free}, all but the one where every source says {free} have an empty intersection.
-        either = _read(kept[4:])
-        all_free, all_occupied = float(kept[8]), float(kept[9])
+        either = _read(kept, row, col, 4)
+        all_free, all_occupied = float(kept[row, col, 8]), float(kept[row, col, 9])
         mixed = m[1] - all_free + m[2] - all_occupied  # {free} or {occupied} in common, though some say unknown
         return (
             max(either[0], 0.0),
@@ -161,8 +163,7 @@ def _log_odds(m: Belief) -> float:
 
 
 @kernel
-def _believed(masses: Cells, trust: float) -> Belief:
-    m = _read(masses)
+def _believed(m: Belief, trust: float) -> Belief:
     if trust == 1.0:
         return m
     doubt = (1.0 - trust) * (m[0] + m[1] + m[2] + m[3])
@@ -207,10 +208,17 @@ def _rescaled(m: Belief) -> Belief:
 
 
 @kernel
-def _read(cell: Cells) -> Belief:
-    return (float(cell[0]), float(cell[1]), float(cell[2]), float(cell[3]))
+def _read(cells: Cells, row: int, col: int, first: int) -> Belief:
+    # The array and the place, not a view of the cell: views are counted, which took most of the time.
+    return (
+        float(cells[row, col, first]),
+        float(cells[row, col, first + 1]),
+        float(cells[row, col, first + 2]),
+        float(cells[row, col, first + 3]),
+    )
 
 
 @kernel
-def _store(cell: Cells, m: Belief) -> None:
-    cell[0], cell[1], cell[2], cell[3] = m
+def _store(cells: Cells, row: int, col: int, first: int, m: Belief) -> None:
+    for subset in range(4):
+        cells[row, col, first + subset] = m[subset]
