@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from datasets.salvaged_bag import Loss
+from tbmslam.special_file import why_unreadable
 
 _LARGEST = 10_000_000  # of a description [bytes]
 
@@ -47,7 +48,7 @@ def announced_by(folder: Path) -> BagAnnouncement:
     """Read the description of a ROS 2 bag; where it cannot be read, nothing is announced."""
     path = folder / "metadata.yaml"
     try:
-        if path.stat().st_size > _LARGEST:
+        if why_unreadable(path) or path.stat().st_size > _LARGEST:
             return BagAnnouncement()
         said = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
         files = tuple(Path(str(name)).name for name in said["relative_file_paths"])

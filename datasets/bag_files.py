@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from tbmslam.special_file import why_unreadable
+
 STORAGE_SUFFIXES = (".db3", ".mcap")
 
 
@@ -20,12 +22,14 @@ def storage_files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
 
 
-class CutDatabaseError(ValueError):
-    """A database ends too soon."""
+class CutFileError(ValueError):
+    """A file of a bag ends too soon."""
 
 
-def check_databases(path: Path) -> None:
+def check_files(path: Path) -> None:
     """Refuse a database that is shorter than it says: sqlite would read zeros where its last page is cut off.
+
+    And what passes for an empty file, since reading it might never end.
 
     Parameters
     ----------
@@ -34,10 +38,12 @@ def check_databases(path: Path) -> None:
 
     Raises
     ------
-    CutDatabaseError
+    CutFileError
         It is, or one of those in the directory.
     """
-    for file in storage_files(path) if path.is_dir() else [path]:
+    for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
+        if why := why_unreadable(file):
+            raise CutFileError(f"{file.name} {why}")
         if not file.is_file():
             continue
         with file.open("rb") as stream:
@@ -48,7 +54,7 @@ def check_databases(path: Path) -> None:
         stated = int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page)
         size = file.stat().st_size
         if size < stated:
-            raise CutDatabaseError(f"the database is cut off, {size} of {stated} bytes are there")
+            raise CutFileError(f"the database is cut off, {size} of {stated} bytes are there")
 
 
 def _parts(name: str) -> list[str]:

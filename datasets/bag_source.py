@@ -7,10 +7,11 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from datasets.bag_announcement import BagAnnouncement, announced_by
-from datasets.bag_files import CutDatabaseError, check_databases, is_ros1, storage_files
+from datasets.bag_files import CutFileError, check_files, is_ros1, storage_files
 from datasets.errors import DatasetError
 from datasets.open_bag import OpenBag, RawMessage
 from datasets.salvaged_bag import Loss, SalvagedBag
+from tbmslam.special_file import why_unreadable
 
 logger = logging.getLogger(__name__)
 
@@ -36,12 +37,14 @@ class BagSource:
         self._parts: list[BagSource] = []
         self._idle: OpenBag | None = None
         self._announced = BagAnnouncement()
+        if why := why_unreadable(path):
+            raise DatasetError(f"{path}: {why}")
         try:
             self.is_ros1 = is_ros1(path)
         except OSError as error:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
         try:
-            check_databases(path)  # sqlite reads zeros where a file is cut off
+            check_files(path)  # sqlite reads zeros where a file is cut off
             self._idle = OpenBag(path, self.is_ros1)
             self.connections = self._idle.connections
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
@@ -187,7 +190,7 @@ def _explained(path: Path, error: Exception) -> str:
         return f"cannot be read: {error.strerror or 'No such file or directory'}"
     if is_ros1(path):
         return _explained_ros1(path, error, text)
-    return text if isinstance(error, CutDatabaseError) else f"the bag is damaged ({type(error).__name__}: {text[:200]})"
+    return text if isinstance(error, CutFileError) else f"the bag is damaged ({type(error).__name__}: {text[:200]})"
 
 
 def _explained_ros1(path: Path, error: Exception, text: str) -> str:

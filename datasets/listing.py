@@ -11,18 +11,6 @@ _PACKED = (".gz", ".bz2", ".xz")
 _ROS_2 = (".db3", ".mcap", ".zstd")
 
 
-def check_is_file(path: Path) -> None:
-    """Refuse what is neither a file nor a directory: reading a pipe or a device might never end.
-
-    Raises
-    ------
-    DatasetError
-        It is such a thing. What does not exist passes.
-    """
-    if is_device_or_pipe(path):
-        raise DatasetError(f"{path}: is no file but a device or a pipe: give a recording's file or folder")
-
-
 def list_recordings(paths: Iterable[Path]) -> list[Path]:
     """Return recordings with those in directories, by name, in the place of the directories.
 
@@ -38,7 +26,8 @@ def list_recordings(paths: Iterable[Path]) -> list[Path]:
 
 
 def _recordings_at(path: Path) -> list[Path]:
-    check_is_file(path)
+    if is_device_or_pipe(path):
+        raise DatasetError(f"{path}: is no file but a device or a pipe: give a recording's file or folder")
     if not path.is_dir() or _is_ros2_bag(path):
         return [path]
     found = [entry for entry in _entries(path) if (_is_ros2_bag(entry) if entry.is_dir() else _is_recording(entry))]

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from datasets.bag_files import STORAGE_SUFFIXES
 from datasets.errors import DatasetError
-from datasets.listing import check_is_file
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
 from datasets.text_files import first_bytes
+from tbmslam.special_file import is_device_or_pipe, why_unreadable
 
 _MAGICS = (
     (b"#ROSBAG", "rosbag"),
@@ -55,7 +56,8 @@ def _kind(path: Path) -> str:
     """Return "rosbag" or "carmen" by the content of a file, never by its name."""
     if path.is_dir():
         return _kind_of_directory(path)
-    check_is_file(path)
+    if why := why_unreadable(path):
+        raise DatasetError(f"{path}: {why}: give a recording's file or folder")
     try:
         with path.open("rb") as stream:
             head = stream.read(4096)
@@ -63,8 +65,6 @@ def _kind(path: Path) -> str:
         raise DatasetError(f"{path}: no such file or directory") from None
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
-    if not head:
-        raise DatasetError(f"{path}: the file is empty")
     for magic, kind in _MAGICS:
         if head.startswith(magic):
             return kind
@@ -81,7 +81,14 @@ def _kind(path: Path) -> str:
 def _kind_of_directory(path: Path) -> str:
     """Accept a directory that is a ROS 2 bag."""
     names = sorted(entry.name for entry in path.iterdir())
-    if "metadata.yaml" in names or any(name.endswith((".db3", ".mcap", ".zstd")) for name in names):
+    of_bag = [path / name for name in names if name == "metadata.yaml" or name.endswith((*STORAGE_SUFFIXES, ".zstd"))]
+    for file in of_bag:
+        if is_device_or_pipe(file):
+            raise DatasetError(f"{file}: is no file but a device or a pipe: put the recording's there")
+    storage = [file for file in of_bag if file.name != "metadata.yaml"]
+    if storage and all(map(why_unreadable, storage)):
+        raise DatasetError(f"{storage[0]}: is empty: copy the recording again")
+    if of_bag:
         return "rosbag"
     bags = [name for name in names if name.endswith(".bag")]
     if bags:

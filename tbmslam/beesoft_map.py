@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import MapFileError, check_geometry, check_size
+from tbmslam.map_check import MapFileError, check_file, check_geometry, check_size
 from tbmslam.occupancy import masses_from_probability
 from tbmslam.se2 import FloatArray
 
@@ -62,6 +62,7 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
 def _text(path: Path) -> str:
     """Return the file's text, no more of it than a map can be."""
     try:
+        check_file(path)
         with path.open("rb") as plain:
             zipped = plain.read(2) == _GZIP_MAGIC
         with gzip.open(path) if zipped else path.open("rb") as file:

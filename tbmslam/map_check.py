@@ -1,6 +1,7 @@
 """What a map from a file must fulfil before anybody computes with it, whatever its format."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from tbmslam.grid import GridGeometry
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.memory import machine_memory
 from tbmslam.se2 import FloatArray
+from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import Drive
 
 MAX_CELLS = 400_000_000
@@ -32,6 +34,18 @@ MAX_LEVER = 1000.0
 
 class MapFileError(TbmSlamError):
     """A file that should hold a map does not: one line with the file, the fact and the remedy."""
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """Check what is there before it is opened, since that or reading it might never end.
+
+    Raises
+    ------
+    MapFileError
+        If it is a device, a pipe or an empty file. What does not exist passes.
+    """
+    if why := why_unreadable(Path(path)):
+        raise MapFileError(f"{path}: {why}: give a map's folder or file")
 
 
 def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None:

@@ -27,8 +27,9 @@ import numpy as np
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.keyframes import Keyframes
-from tbmslam.map_check import MapFileError, check_geometry, stray_number
+from tbmslam.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.npz import Array, ArrayZip, NpzError, write_npz
+from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 
@@ -86,6 +87,7 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
         The file is no map of this format, damaged, or of a newer version.
     """
     try:
+        check_file(path)
         with Path(path).open("rb"):
             pass
     except OSError as error:
@@ -107,10 +109,12 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
 def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:
     """Return names of a map's drives and how many poses each has; none where the file is no map."""
     try:
+        if why_unreadable(Path(path)):
+            return []
         with ArrayZip(path) as arrays:
             names = arrays.read("drives", np.str_, (None,)).tolist()
             sizes = [arrays.shape(f"drive_{number}_stamps", np.float64, (None,))[0] for number in range(len(names))]
-    except (NpzError, ValueError):
+    except (NpzError, OSError, ValueError):
         return []
     return list(zip(names, sizes, strict=True))
 

@@ -12,7 +12,6 @@ from tbmslam.map_file import drive_lengths, read_map_file, write_map_file
 from tbmslam.map_pictures import PICTURE_NAMES, write_pictures
 from tbmslam.ros_map import read_ros_map, write_ros_map
 from tbmslam.ros_map_header import read_ros_map_header
-from tbmslam.special_file import is_device_or_pipe
 from tbmslam.tbm_dump import read_tbm_dump
 from tbmslam.tbm_map import TbmMap
 from tbmslam.tum import write_tum
@@ -85,8 +84,6 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
         path = _map_in(path)
     if not path.exists():
         raise MapFileError(f"{path}: does not exist: give a map's folder or file")
-    if is_device_or_pipe(path):
-        raise MapFileError(f"{path}: is no file but a device or a pipe: give a map's folder or file")
     name = path.name.lower()
     if name.endswith(".npz"):
         return read_map_file(path)

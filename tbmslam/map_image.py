@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.map_check import MapFileError, check_size
-from tbmslam.special_file import is_device_or_pipe
+from tbmslam.special_file import why_unreadable
 
 # Magic, width, height and maximum, with comments between them; a single space ends the header.
 _SEPARATOR = rb"(?:\s|#[^\n]*\n)+"
@@ -56,8 +56,8 @@ def read_image(path: Path) -> MapImage:
     MapFileError
         If the file is missing, damaged, too large, or no picture of 8 or 16 bits.
     """
-    if path.is_dir() or is_device_or_pipe(path):
-        raise MapFileError(f"{path}: the map's image is no file but a folder or a device: name a picture")
+    if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
+        raise MapFileError(f"{path}: the map's image {why}: name a picture")
     try:
         with path.open("rb") as file:
             content = file.read(_HEAD_BYTES)

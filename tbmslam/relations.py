@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.special_file import is_device_or_pipe
+from tbmslam.special_file import why_unreadable
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import matching_stamps
 
@@ -67,8 +67,8 @@ def read_relations(path: Path) -> Relations:
     RelationsError
         When the file cannot be read or has other columns.
     """
-    if is_device_or_pipe(path):
-        raise RelationsError(f"{path}: is no file but a device or a pipe: give a file of relations")
+    if why := why_unreadable(path):
+        raise RelationsError(f"{path}: {why}: give a file of relations")
     try:
         with warnings.catch_warnings(action="ignore"):  # that there is nothing in it is told below
             values = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)

@@ -9,7 +9,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import yaml
 
-from tbmslam.map_check import MAX_TURN, MapFileError
+from tbmslam.map_check import MAX_TURN, MapFileError, check_file
 from tbmslam.se2 import SE2, wrap_angle
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -84,6 +84,7 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
 
 def _parse(path: Path) -> dict[object, object]:
     try:
+        check_file(path)
         with path.open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
         # Yaml can be made to take hours or gigabytes; a map's never is long.

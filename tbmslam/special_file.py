@@ -14,3 +14,18 @@ def is_device_or_pipe(path: Path) -> bool:
         If a folder on the way may not be entered.
     """
     return path.exists() and not (path.is_file() or path.is_dir())
+
+
+def why_unreadable(path: Path) -> str | None:
+    """Return what is wrong with a file that is to be read, as the rest of a sentence; None where nothing shows.
+
+    Some of the system's files, /proc/kmsg for one, pass for empty files, and reading them might never end either.
+
+    Raises
+    ------
+    OSError
+        If a folder on the way may not be entered.
+    """
+    if is_device_or_pipe(path):
+        return "is no file but a device or a pipe"
+    return "is empty" if path.is_file() and path.stat().st_size == 0 else None

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import MapFileError, check_geometry
+from tbmslam.map_check import MapFileError, check_file, check_geometry
 
 Layout = Literal["slam", "merging"]
 
@@ -125,6 +125,7 @@ def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
 def _unpacked(path: Path) -> tuple[GridGeometry, bytes]:
     """Return where the cells lie and their bytes, at most one more than they can be."""
     try:
+        check_file(path)
         with path.open("rb") as plain:
             packed = plain.read(len(_XZ_MAGIC)) == _XZ_MAGIC
         with lzma.open(path) if packed else path.open("rb") as file:

@@ -10,7 +10,7 @@ from tbmslam.atomic_file import write_text
 from tbmslam.errors import TbmSlamError
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import FloatArray, wrap_angles
-from tbmslam.special_file import is_device_or_pipe
+from tbmslam.special_file import why_unreadable
 from tbmslam.trajectory import Trajectory
 
 
@@ -55,8 +55,8 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 def _pose_lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines that should hold a pose, with their numbers from 1."""
-    if is_device_or_pipe(path):
-        raise TumError(f"{path}: is no file but a device or a pipe: give a trajectory's file")
+    if why := why_unreadable(path):
+        raise TumError(f"{path}: {why}: give a trajectory's file")
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tbmslam.atomic_file import write_text
 from tbmslam.map_folder import map_files
+from tbmslam.special_file import why_unreadable
 
 NAME = "SHA256SUMS"
 _BESIDE_THE_MAP = (
@@ -30,7 +31,7 @@ def write_checksums(folder: Path) -> None:
 def changed_files(folder: Path) -> list[str] | None:
     """Return the names of files that are gone or not as they were written; None where nobody noted how they were."""
     try:
-        if not (folder / NAME).is_file():  # reading a pipe might never end
+        if why_unreadable(folder / NAME):
             return None
         lines = (folder / NAME).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -43,6 +44,8 @@ def _digest(file: Path) -> str | None:
     try:
         if not file.is_file():
             return None
+        if not file.stat().st_size:  # what passes for empty may have no end
+            return hashlib.sha256().hexdigest()
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:

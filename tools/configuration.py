@@ -10,7 +10,7 @@ from merging.config import MergeConfig
 from tbmslam.config import ConfigError, SlamConfig, preset
 from tbmslam.config_text import config_text
 from tbmslam.parameters import changed, parse_setting
-from tbmslam.special_file import is_device_or_pipe
+from tbmslam.special_file import why_unreadable
 
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
 
@@ -85,8 +85,8 @@ def merging_text(config: MergeConfig) -> str:
 
 
 def _read(path: Path) -> Mapping[str, object]:
-    if path.is_dir() or is_device_or_pipe(path):
-        raise ConfigError(f"{path}: cannot be read as TOML: it is no file")
+    if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
+        raise ConfigError(f"{path}: cannot be read as TOML: it {why}")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:  # among the second are numbers of thousands of digits

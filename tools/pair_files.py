@@ -14,7 +14,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.map_check import check_geometry
 from tbmslam.occupancy import masses_from_probability
 from tbmslam.se2 import SE2, wrap_angle
-from tbmslam.special_file import is_device_or_pipe
+from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 
 _RIGHT_M, _RIGHT_DEG = 0.5, 2.0
@@ -94,8 +94,8 @@ def load_pair(path: Path) -> KnownPair:
     MapFileError
         If one of the maps has no cells, too many, or cells of no size.
     """
-    if path.is_dir() or is_device_or_pipe(path):
-        raise PairFileError(f"{path} is no file but a folder, a device or a pipe: give a folder of pairs")
+    if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
+        raise PairFileError(f"{path} {why}: give a folder of pairs")
     try:
         with np.load(path, allow_pickle=False) as arrays:
             resolution, label = float(arrays["resolution"]), int(arrays["label"])

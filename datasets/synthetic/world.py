@@ -15,6 +15,7 @@ from tbmslam.grid import GridGeometry
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.map_check import MAX_CELLS
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.special_file import why_unreadable
 
 Labels = npt.NDArray[np.uint8]
 
@@ -126,6 +127,8 @@ def load_world(path: Path) -> World:
     """
     file = path / "world.npz" if path.is_dir() else path
     try:
+        if why := why_unreadable(file):
+            raise WorldError(f"{file} {why}; make a world with tools/make_world.py")
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             walls = np.asarray(arrays["walls"], dtype=np.float64)
             places = np.asarray(arrays["places"], dtype=np.float64)

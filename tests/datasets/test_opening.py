@@ -9,7 +9,7 @@ from datasets import DatasetError, open_recording
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("empty.bag", b"", r"empty\.bag: the file is empty"),
+        ("empty.bag", b"", r"empty\.bag: is empty: give a recording's file or folder"),
         ("odd.bag", b"hello", r"odd\.bag: does not begin like a \.bag file"),
         ("odd.mcap", b"hello", r"odd\.mcap: does not begin like a \.mcap file"),
         (

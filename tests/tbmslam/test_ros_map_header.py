@@ -89,7 +89,7 @@ def test_what_makes_no_map_is_told_in_one_line(tmp_path, changes, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"- 1\n", b"\xff\xfe\x00", b"just text"])
+@pytest.mark.parametrize("content", [b"- 1\n", b"\xff\xfe\x00", b"just text"])
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "map.yaml").write_bytes(content)
     with pytest.raises(MapFileError, match="is no yaml file"):

@@ -55,7 +55,7 @@ def test_a_tilted_pose_keeps_its_heading(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds no poses"),
+        ("", "is empty: give a trajectory.s file"),
         ("# only a comment\n", "holds no poses"),
         ("1 2 3 0 0 0 0 1\n1 2 3\n", r"t\.tum:2: has 3 fields, not the 8"),
         ("1 2 3 0 0 0 zero 1\n", r"t\.tum:1: could not convert string to float: 'zero'"),

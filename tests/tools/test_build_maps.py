@@ -289,13 +289,21 @@ def test_a_place_that_cannot_be_written_is_one_line(bag, tmp_path, capsys):
     assert capsys.readouterr().err.startswith(f"build_maps: {tmp_path / 'file'}")
 
 
-@pytest.mark.parametrize("arguments", [("x" * 300,), ("x" * 300, "--separate"), ("-o", "x" * 300)])
-def test_a_name_too_long_is_one_line(bag, tmp_path, capsys, arguments):
+@pytest.mark.parametrize(
+    ("arguments", "end"),
+    [
+        (("x" * 300,), "File name too long: check that name, or choose another\n"),
+        (("x" * 300, "--separate"), "File name too long: check that name, or choose another\n"),
+        (("-o", "x" * 300), "cannot be written into (File name too long): choose another folder with -o\n"),
+    ],
+)
+def test_a_name_too_long_is_one_line(bag, tmp_path, capsys, arguments, end):
     long = [tmp_path / word if word.startswith("x") else word for word in arguments]
     assert run(*long, *([bag] if "-o" in arguments else ["-o", tmp_path / "out"])) == 1
     said = capsys.readouterr().err
     assert said.startswith("build_maps: ")
-    assert said.endswith("File name too long: check that name, or choose another\n")
+    assert said.endswith(end)
+    assert said.count("\n") == 1
 
 
 def test_a_file_where_a_robot_goes_is_kept(bag, tmp_path, capsys):

@@ -28,6 +28,7 @@ from merging import align
 from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
+from tbmslam.special_file import why_unreadable
 from tbmslam.worker_pool import worker_pool
 from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair
@@ -135,6 +136,8 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
     """
     if path is None or not path.exists():
         return {}
+    if why := why_unreadable(path):
+        raise EarlierRunError(f"{path}: {why}: name another file or remove it")
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
         found = [Encounter(**one) for one in record["encounters"]]

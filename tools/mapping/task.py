@@ -25,6 +25,7 @@ from tbmslam.report.making import versions
 from tbmslam.se2 import SE2
 from tbmslam.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
+from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 from tools.checksums import NAME as CHECKSUMS
@@ -188,6 +189,8 @@ def finished(task: MappingTask) -> Mapped | None:
     None where it did not finish it, made it of something else, or its files are no longer as it wrote them.
     """
     try:
+        if why_unreadable(task.folder / "run.json"):
+            return None
         run = json.loads((task.folder / "run.json").read_text(encoding="utf-8"))
         is_same = run["fingerprint"] == task.fingerprint()
     except (OSError, ValueError, KeyError, TypeError, RecursionError):

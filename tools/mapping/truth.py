@@ -10,6 +10,7 @@ from datasets.digest import file_digests
 from tbmslam.atomic_file import write_text
 from tbmslam.config import preset
 from tbmslam.slam import Slam
+from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
 from tbmslam.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
@@ -76,6 +77,8 @@ def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, .
 
 def _written(path: Path) -> str | None:
     try:
+        if why_unreadable(path):
+            return None
         return str(json.loads(path.read_text(encoding="utf-8"))["fingerprint"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

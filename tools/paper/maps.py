@@ -11,6 +11,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.grid import TbmGrid
 from tbmslam.map_folder import load_map
 from tbmslam.se2 import SE2
+from tbmslam.special_file import why_unreadable
 from tools import build_maps, make_world
 from tools.pair_files import KnownPair
 
@@ -90,6 +91,8 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
     """
     path = folder / "truth.json"
     try:
+        if why := why_unreadable(path):
+            raise PaperMapsError(f"{path} {why}: make it with build_maps")
         entries = json.loads(path.read_text(encoding="utf-8"))["robots"]
         poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in entries.items()}
     except (OSError, ValueError, KeyError, TypeError) as error:
