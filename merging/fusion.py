@@ -2,15 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from merging.config import Coverage, Rule
-from merging.rules import RULES
+from merging.rules import RULES, FusionRule
 from merging.warping import canvas_over, offset_in
-from tbmslam.grid import TbmGrid
+from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.kernels.fusion import add_layer, finish
+from tbmslam.threads import in_threads
+
+_CELLS_AT_ONCE = 1 << 17
+"""Enough to be worth a thread, and few enough to stay in a cache."""
+
+
+class Layer(Protocol):
+    """Cells that can be read some rows at a time: a `TbmGrid`, or a `PlacedGrid` that is never drawn as a whole."""
+
+    @property
+    def geometry(self) -> GridGeometry:
+        """Where the cells lie."""
+
+    def masses_of_rows(self, first: int, last: int) -> Masses:
+        """Return the masses of the rows from `first` up to, and without, `last`."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +50,7 @@ class Fusion:
 
 
 def fuse(
-    layers: Sequence[TbmGrid],
+    layers: Sequence[Layer],
     rule: Rule = "disjunctive",
     coverage: Coverage = "union",
     reliabilities: Sequence[float] | None = None,
@@ -48,7 +64,7 @@ def fuse(
     Parameters
     ----------
     layers
-        The grids, of any size, as `merging.warping.warp` makes them.
+        The grids, of any size, as `merging.warping` places or warps them.
     rule
         `disjunctive` (eq. 6), `conjunctive` (eq. 5, which keeps its conflict), `dempster` (which normalises it),
         `dubois-prade` and `yager` (which make ignorance of it), or the `average` of the masses; and without masses
@@ -75,15 +91,30 @@ def fuse(
     if not all(0.0 <= trust <= 1.0 for trust in trusts):
         raise ValueError(f"reliabilities must lie within [0, 1], got {trusts}")
     canvas = canvas_over([layer.geometry for layer in layers])
-    how = RULES[rule]
-    kept = np.empty((canvas.rows, canvas.cols, how.width), dtype=np.float32)
-    agreed = np.empty((canvas.rows, canvas.cols, 4), dtype=np.float32)  # the conjunction of all, for the conflict
-    seen_by = np.zeros((canvas.rows, canvas.cols), dtype=np.uint16)
-    for layer, trust in zip(layers, trusts, strict=True):
-        row, col = offset_in(canvas, layer.geometry)
-        window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
-        add_layer(how.code, layer.masses, trust, kept[window], agreed[window], seen_by[window])
-    conflict = np.empty((canvas.rows, canvas.cols), dtype=np.float32)
-    fused = kept if how.width == 4 else np.empty_like(agreed)
-    finish(how.code, kept, agreed, seen_by, len(layers) if coverage == "overlap" else 1, fused, conflict)
-    return Fusion(TbmGrid(canvas, fused), conflict, seen_by)
+    fusion = Fusion(
+        TbmGrid(canvas, np.empty((canvas.rows, canvas.cols, 4), dtype=np.float32)),
+        np.empty((canvas.rows, canvas.cols), dtype=np.float32),
+        np.zeros((canvas.rows, canvas.cols), dtype=np.uint16),
+    )
+    required = len(layers) if coverage == "overlap" else 1
+    sources = [(*offset_in(canvas, layer.geometry), layer, trust) for layer, trust in zip(layers, trusts, strict=True)]
+    height = max(_CELLS_AT_ONCE // max(canvas.cols, 1), 1)
+    blocks = [slice(top, min(top + height, canvas.rows)) for top in range(0, canvas.rows, height)]
+    in_threads(lambda block: _fuse_rows(sources, RULES[rule], required, block, fusion), blocks)
+    return fusion
+
+
+def _fuse_rows(
+    sources: Sequence[tuple[int, int, Layer, float]], how: FusionRule, required: int, block: slice, fusion: Fusion
+) -> None:
+    """Fill some rows of a fusion; a source is the row and column at which a layer begins, the layer and its trust."""
+    fused, conflict, seen_by = fusion.grid.masses[block], fusion.conflict[block], fusion.seen_by[block]
+    kept = fused if how.width == 4 else np.empty((*seen_by.shape, how.width), dtype=np.float32)
+    agreed = np.empty((*seen_by.shape, 4), dtype=np.float32)  # the conjunction of all, for the conflict
+    for row, col, layer, trust in sources:
+        first, last = max(block.start, row), min(block.stop, row + layer.geometry.rows)
+        if first < last:
+            window = np.s_[first - block.start : last - block.start, col : col + layer.geometry.cols]
+            masses = layer.masses_of_rows(first - row, last - row)
+            add_layer(how.code, masses, trust, kept[window], agreed[window], seen_by[window])
+    finish(how.code, kept, agreed, seen_by, required, fused, conflict)

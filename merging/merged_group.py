@@ -8,7 +8,7 @@ from merging.fusion import Fusion, fuse
 from merging.joint_refinement import JointRefinement, refine_jointly
 from merging.map_graph import Group
 from merging.redrawing import drawn_alike, redraw
-from merging.warping import warp
+from merging.warping import place
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
@@ -57,7 +57,7 @@ def _fused(
 ) -> Fusion:
     if config.merged_resolution is not None:
         lattice = lattice._replace(resolution=config.merged_resolution)
-    layers = [warp(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
+    layers = [place(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
     trusts = [config.reliability.get(name, 1.0) for name in poses]
     return fuse(layers, config.rule or "disjunctive", config.coverage, trusts)
 

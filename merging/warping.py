@@ -7,7 +7,7 @@ import numpy as np
 from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
-from tbmslam.resampling import resample
+from tbmslam.resampling import PlacedGrid
 from tbmslam.se2 import SE2
 
 
@@ -30,8 +30,8 @@ def check_cell_size(resolution: float) -> None:
         )
 
 
-def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
-    """Resample a grid in another frame, on a window just large enough to hold all of it.
+def place(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> PlacedGrid:
+    """Lay a grid into another frame, on a window just large enough to hold all of it; nothing is drawn yet.
 
     Parameters
     ----------
@@ -47,8 +47,13 @@ def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
     CellSizeError
         If the lattice's cells are far too large or small for the grid.
     """
-    known = grid.cropped_to_known()
-    return resample(known, T_target_source, window_over(known.geometry, T_target_source, lattice))
+    known = grid.known_part()
+    return PlacedGrid(known, T_target_source, window_over(known.geometry, T_target_source, lattice))
+
+
+def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
+    """Resample a grid in another frame; see `place`."""
+    return place(grid, T_target_source, lattice).drawn()
 
 
 def at_resolution(grid: TbmGrid, resolution: float) -> TbmGrid:

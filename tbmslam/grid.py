@@ -128,11 +128,12 @@ class TbmGrid:
         """Return the probability (rows, cols) of being occupied."""
         return pignistic(self.masses)
 
-    def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
-        """Return the smallest part that holds every known cell, with a margin of `margin` cells where there is room.
+    def masses_of_rows(self, first: int, last: int) -> Masses:
+        """Return the masses of the rows from `first` up to, and without, `last`."""
+        return self.masses[first:last]
 
-        A grid without any evidence comes back as it is.
-        """
+    def known_part(self, margin: int = 0) -> "TbmGrid":
+        """Return a view of the smallest part that holds every known cell; see `cropped_to_known`."""
         known = self.is_known()
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if rows.size == 0:
@@ -147,4 +148,12 @@ class TbmGrid:
             int(bottom - top),
             int(right - left),
         )
-        return TbmGrid(geometry, np.ascontiguousarray(self.masses[top:bottom, left:right]))
+        return TbmGrid(geometry, self.masses[top:bottom, left:right])
+
+    def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
+        """Return the smallest part that holds every known cell, with a margin of `margin` cells where there is room.
+
+        A grid without any evidence comes back as it is.
+        """
+        part = self.known_part(margin)
+        return self if part is self else TbmGrid(part.geometry, np.ascontiguousarray(part.masses))

@@ -7,16 +7,18 @@ would fall between the centres. Both are convex combinations of beliefs, hence b
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.kernels import resampling as kernels
 from tbmslam.se2 import SE2
 
 
-def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:
-    """Read a grid on the cells of another frame.
+@dataclass(frozen=True)
+class PlacedGrid:
+    """A grid that will be read on the cells of another frame, some rows at a time.
 
     Parameters
     ----------
@@ -26,24 +28,40 @@ def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> Tbm
         Pose of the source's frame in the target's frame.
     geometry
         The cells wanted, in the target's frame; resolution, size and origin are free.
+    """
 
-    Returns
-    -------
-    The same beliefs on the target's cells; what the source does not cover is unknown.
+    grid: TbmGrid
+    T_target_source: SE2
+    geometry: GridGeometry
+
+    def __post_init__(self) -> None:
+        """Check that there are such cells."""
+        if not np.isfinite([*self.T_target_source, *self.geometry]).all():
+            raise ValueError(f"transform and geometry must be finite, got {self.T_target_source} and {self.geometry}")
+
+    def masses_of_rows(self, first: int, last: int) -> Masses:
+        """Return the masses of the target's rows from `first` up to, and without, `last`."""
+        row_of, col_of = _cells_in_source(self.grid.geometry, self.T_target_source, self.geometry)
+        # A sliver over 1 is rounding in the resolution, not a coarser grid.
+        samples = max(1, math.ceil(self.geometry.resolution / self.grid.geometry.resolution - 1e-6))
+        resampled = np.empty((last - first, self.geometry.cols, 4), dtype=np.float32)
+        kernels.resample(np.asarray(self.grid.masses, dtype=np.float32), row_of, col_of, samples, first, resampled)
+        return resampled
+
+    def drawn(self) -> TbmGrid:
+        """Return the same beliefs on the target's cells; what the source does not cover is unknown."""
+        return TbmGrid(self.geometry, self.masses_of_rows(0, self.geometry.rows))
+
+
+def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:
+    """Read a grid on the cells of another frame; see `PlacedGrid`.
 
     Raises
     ------
     ValueError
         If the transform or the geometry is not finite.
     """
-    if not np.isfinite([*T_target_source, *geometry]).all():
-        raise ValueError(f"transform and geometry must be finite, got {T_target_source} and {geometry}")
-    row_of, col_of = _cells_in_source(grid.geometry, T_target_source, geometry)
-    # A sliver over 1 is rounding in the resolution, not a coarser grid.
-    samples = max(1, math.ceil(geometry.resolution / grid.geometry.resolution - 1e-6))
-    resampled = np.empty((geometry.rows, geometry.cols, 4), dtype=np.float32)
-    kernels.resample(np.ascontiguousarray(grid.masses, dtype=np.float32), row_of, col_of, samples, resampled)
-    return TbmGrid(geometry, resampled)
+    return PlacedGrid(grid, T_target_source, geometry).drawn()
 
 
 def _cells_in_source(source: GridGeometry, T_target_source: SE2, target: GridGeometry) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from merging.consensus import find_consensus
 from merging.experiments.map_pair import MapPair
 from merging.features import describe, match
 from merging.fusion import fuse
-from merging.warping import warp
+from merging.warping import place
 from tbmslam.se2 import FloatArray
 
 
@@ -43,7 +43,7 @@ def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig | Non
         begin = time.perf_counter()
         described = [describe(grid, config.features) for grid in (pair.target, pair.source)]
         find_consensus(match(described[0], described[1], config.features), config.consensus)
-        fused = fuse([pair.target, warp(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
+        fused = fuse([pair.target, place(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
         taken[run] = 1e3 * (time.perf_counter() - begin)
         area_m2 = fused.rows * fused.cols * fused.resolution**2
     return DurationResult(area_m2, taken[1:])

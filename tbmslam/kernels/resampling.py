@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 from tbmslam.kernels import kernel
 
+_TILE = 16
+"""Columns of a tile: a turned grid is read across its rows, and a tile of few columns stays near one place."""
+
 
 @kernel
 def resample(
@@ -14,42 +17,77 @@ def resample(
     row_of: npt.NDArray[np.float64],
     col_of: npt.NDArray[np.float64],
     samples: int,
+    first: int,
     resampled: npt.NDArray[np.float32],
 ) -> None:
     """Write into every cell of `resampled` (rows, cols, 4) the mean of the cells of `masses` that it covers.
+
+    `resampled` holds the new grid's rows from the ``first`` one on.
 
     A place (row, col) of the new grid, counted in cells from its outer corner, lies in the old grid at row
     ``row_of @ (row, col, 1)`` and column ``col_of @ (row, col, 1)``. Each new cell is read at ``samples`` x ``samples``
     places spread evenly over it; places outside the old grid are unknown.
     """
-    old_rows, old_cols = masses.shape[0], masses.shape[1]
-    for row in range(resampled.shape[0]):
-        for col in range(resampled.shape[1]):
+    for left in range(0, resampled.shape[1], _TILE):
+        right = min(left + _TILE, resampled.shape[1])
+        for index in range(resampled.shape[0]):
             if samples == 1:
-                old_row = math.floor(row_of[0] * (row + 0.5) + row_of[1] * (col + 0.5) + row_of[2])
-                old_col = math.floor(col_of[0] * (row + 0.5) + col_of[1] * (col + 0.5) + col_of[2])
-                if 0 <= old_row < old_rows and 0 <= old_col < old_cols:
-                    for subset in range(4):
-                        resampled[row, col, subset] = masses[old_row, old_col, subset]
-                else:
-                    resampled[row, col, 0] = resampled[row, col, 1] = resampled[row, col, 2] = 0.0
-                    resampled[row, col, 3] = 1.0
-                continue
-            conflict, free, occupied, unknown = 0.0, 0.0, 0.0, 0.0
-            for sample in range(samples * samples):
-                inner_row = row + (sample // samples + 0.5) / samples
-                inner_col = col + (sample % samples + 0.5) / samples
-                old_row = math.floor(row_of[0] * inner_row + row_of[1] * inner_col + row_of[2])
-                old_col = math.floor(col_of[0] * inner_row + col_of[1] * inner_col + col_of[2])
-                if 0 <= old_row < old_rows and 0 <= old_col < old_cols:
-                    conflict += masses[old_row, old_col, 0]
-                    free += masses[old_row, old_col, 1]
-                    occupied += masses[old_row, old_col, 2]
-                    unknown += masses[old_row, old_col, 3]
-                else:
-                    unknown += 1.0
-            count = samples * samples
-            resampled[row, col, 0] = conflict / count
-            resampled[row, col, 1] = free / count
-            resampled[row, col, 2] = occupied / count
-            resampled[row, col, 3] = unknown / count
+                _read_row(masses, row_of, col_of, first + index, resampled[index], left, right)
+            else:
+                _average_row(masses, row_of, col_of, samples, first + index, resampled[index], left, right)
+
+
+@kernel
+def _read_row(
+    masses: npt.NDArray[np.float32],
+    row_of: npt.NDArray[np.float64],
+    col_of: npt.NDArray[np.float64],
+    row: int,
+    resampled: npt.NDArray[np.float32],
+    left: int,
+    right: int,
+) -> None:
+    old_rows, old_cols = float(masses.shape[0]), float(masses.shape[1])
+    for col in range(left, right):
+        y = row_of[0] * (row + 0.5) + row_of[1] * (col + 0.5) + row_of[2]
+        x = col_of[0] * (row + 0.5) + col_of[1] * (col + 0.5) + col_of[2]
+        if 0.0 <= y < old_rows and 0.0 <= x < old_cols:
+            old_row, old_col = int(y), int(x)
+            for subset in range(4):
+                resampled[col, subset] = masses[old_row, old_col, subset]
+        else:
+            resampled[col, 0] = resampled[col, 1] = resampled[col, 2] = 0.0
+            resampled[col, 3] = 1.0
+
+
+@kernel
+def _average_row(
+    masses: npt.NDArray[np.float32],
+    row_of: npt.NDArray[np.float64],
+    col_of: npt.NDArray[np.float64],
+    samples: int,
+    row: int,
+    resampled: npt.NDArray[np.float32],
+    left: int,
+    right: int,
+) -> None:
+    old_rows, old_cols = masses.shape[0], masses.shape[1]
+    for col in range(left, right):
+        conflict, free, occupied, unknown = 0.0, 0.0, 0.0, 0.0
+        for sample in range(samples * samples):
+            inner_row = row + (sample // samples + 0.5) / samples
+            inner_col = col + (sample % samples + 0.5) / samples
+            old_row = math.floor(row_of[0] * inner_row + row_of[1] * inner_col + row_of[2])
+            old_col = math.floor(col_of[0] * inner_row + col_of[1] * inner_col + col_of[2])
+            if 0 <= old_row < old_rows and 0 <= old_col < old_cols:
+                conflict += masses[old_row, old_col, 0]
+                free += masses[old_row, old_col, 1]
+                occupied += masses[old_row, old_col, 2]
+                unknown += masses[old_row, old_col, 3]
+            else:
+                unknown += 1.0
+        count = samples * samples
+        resampled[col, 0] = conflict / count
+        resampled[col, 1] = free / count
+        resampled[col, 2] = occupied / count
+        resampled[col, 3] = unknown / count

@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merging.fusion import fuse
+from merging.rules import RULES
+from merging.warping import place, warp
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
 
 CERTAIN = {"free": (0, 1, 0, 0), "occupied": (0, 0, 1, 0), "unknown": (0, 0, 0, 1)}
 
@@ -128,6 +131,26 @@ def test_two_halves_of_a_map_as_in_figure_2_of_the_paper():
     assert np.all(disjunctive[:, rest] == VACUOUS)
     assert np.all(disjunctive[strip][..., UNKNOWN] >= whole[strip][..., UNKNOWN])
     np.testing.assert_allclose(disjunctive[strip][..., FREE], whole[strip][..., FREE] ** 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("cells", [1, 7 * 31, 10**6])
+def test_grids_that_are_placed_fuse_as_if_they_were_drawn_however_many_rows_at_once(rule, cells, monkeypatch):
+    rng = np.random.default_rng(8)
+    masses = rng.dirichlet(np.ones(4), size=(3, 23, 17)).astype(np.float32)
+    masses[rng.random(masses.shape[:3]) < 0.3] = VACUOUS
+    grids = [TbmGrid(GridGeometry(0.1, 0.3, -1.0, 23, 17), one) for one in masses]
+    poses = [SE2(0.4, 0.2, 0.7), SE2(-0.6, 0.1, -2.0)]
+    lattice = grids[0].geometry
+    drawn = [grids[0], *(warp(grid, pose, lattice) for grid, pose in zip(grids[1:], poses, strict=True))]
+    expected = fuse(drawn, rule, reliabilities=[1.0, 0.9, 0.8])
+    monkeypatch.setattr("merging.fusion._CELLS_AT_ONCE", cells)
+    placed = [grids[0], *(place(grid, pose, lattice) for grid, pose in zip(grids[1:], poses, strict=True))]
+    fusion = fuse(placed, rule, reliabilities=[1.0, 0.9, 0.8])
+    assert fusion.grid.geometry == expected.grid.geometry
+    assert fusion.grid.masses.tobytes() == expected.grid.masses.tobytes()
+    assert fusion.conflict.tobytes() == expected.conflict.tobytes()
+    np.testing.assert_array_equal(fusion.seen_by, expected.seen_by)
 
 
 def test_nothing_to_fuse_is_refused():

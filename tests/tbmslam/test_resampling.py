@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tbmslam.belief import UNKNOWN
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import resample
+from tbmslam.resampling import PlacedGrid, resample
 from tbmslam.se2 import SE2
 
 
@@ -109,3 +109,13 @@ def test_there_and_back_is_within_a_cell():
 def test_nonsense_is_refused():
     with pytest.raises(ValueError, match="transform and geometry must be finite, got SE2"):
         resample(random_grid(0), SE2(math.nan, 0.0, 0.0), random_grid(0).geometry)
+
+
+@pytest.mark.parametrize("resolution", [0.1, 0.17])
+def test_rows_are_those_of_the_whole(resolution):
+    grid, motion = random_grid(4, rows=20, cols=40), SE2(0.1234, -0.0531, 2.1)
+    placed = PlacedGrid(grid, motion, GridGeometry(resolution, -4.1, -1.9, 50, 60))
+    whole = placed.drawn().masses
+    assert (whole[..., UNKNOWN] < 1.0).any()
+    for first, last in ((0, 50), (0, 1), (17, 33), (49, 50), (5, 5)):
+        assert placed.masses_of_rows(first, last).tobytes() == whole[first:last].tobytes()

@@ -18,7 +18,7 @@ from merging.config import MergeConfig
 from merging.consensus import find_consensus
 from merging.features import describe, match
 from merging.fusion import fuse
-from merging.warping import canvas_over, warp
+from merging.warping import canvas_over, place
 from tbmslam.atomic_file import write_text
 from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
@@ -147,7 +147,7 @@ def _floor_m2(area: float) -> float:
     for _ in range(_TRIES):
         pair = _pair(floor, _PAPER_RESOLUTION)
         target, T_target_source = pair.target.grid, pair.T_target_source or SE2.identity()
-        canvas = canvas_over([target.geometry, warp(pair.source.grid, T_target_source, target.geometry).geometry])
+        canvas = canvas_over([target.geometry, place(pair.source.grid, T_target_source, target.geometry).geometry])
         share = canvas.rows * canvas.cols * canvas.resolution**2 / area
         if abs(share - 1.0) < _NEAR_ENOUGH:
             break
@@ -166,7 +166,7 @@ def _time_chain(pair: KnownPair, repeat: int) -> tuple[tuple[float, float, float
     features, ms_features = _quickest(lambda: [describe(grid, config.features) for grid in (target, source)], repeat)
     matches, ms_matching = _quickest(lambda: match(features[0], features[1], config.features), repeat)
     _, ms_transform = _quickest(lambda: find_consensus(matches, config.consensus), repeat)
-    fusion, ms_fusion = _quickest(lambda: fuse([target, warp(source, T_target_source, target.geometry)]), repeat)
+    fusion, ms_fusion = _quickest(lambda: fuse([target, place(source, T_target_source, target.geometry)]), repeat)
     return (ms_features, ms_matching, ms_transform, ms_fusion), fusion.grid.geometry
 
 
