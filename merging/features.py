@@ -5,17 +5,18 @@ the occupied, the free and the unknown mass; the three descriptors are concatena
 Hamming norm, and a match is kept where it is clearly nearer than the second best (Lowe's ratio test).
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.channels import Channels
+from merging.channels import Channels, Image
 from merging.config import Descriptor, FeatureConfig
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray
+from tbmslam.threads import in_threads
 
 ORB_EDGE = 31
 """ORB looks for nothing nearer than this to an image's edge [px]."""
@@ -68,22 +69,41 @@ class Matches:
 
 def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
     """Find and describe the keypoints of a grid; a grid without contrast has none."""
-    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
-    orb = orb_of(config)
-    keypoints = orb.detect(channels.pignistic, None)
-    if config.descriptor == "pignistic":
-        images = [channels.pignistic]
-    else:
-        images = [channels.occupied, channels.free, channels.unknown]
+    return describe_all([grid], config)[0]
+
+
+def describe_all(grids: Sequence[TbmGrid], config: FeatureConfig) -> list[Features]:
+    """Find and describe the keypoints of grids side by side; see `describe`."""
+    looks = in_threads(lambda grid: _detect(grid, config), grids)
+    tasks = [(image, keypoints) for channels, keypoints in looks for image in _described_images(channels, config)]
     # ORB drops and reorders keypoints by their place and octave alone, so in the same way on every image.
-    with ThreadPoolExecutor(len(images)) as threads:  # OpenCV lets go of the interpreter
-        described = list(threads.map(lambda image: orb.compute(image, keypoints), images))
-    if not keypoints or any(descriptors is None for _, descriptors in described):
+    described = in_threads(lambda task: orb_of(config).compute(*task), tasks)
+    each = len(tasks) // max(len(looks), 1)
+    return [
+        _features_of(channels, described[each * index : each * (index + 1)], config.descriptor)
+        for index, (channels, _) in enumerate(looks)
+    ]
+
+
+def _detect(grid: TbmGrid, config: FeatureConfig) -> tuple[Channels, Sequence[cv2.KeyPoint]]:
+    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
+    return channels, orb_of(config).detect(channels.pignistic, None)
+
+
+def _described_images(channels: Channels, config: FeatureConfig) -> list[Image]:
+    if config.descriptor == "pignistic":
+        return [channels.pignistic]
+    return [channels.occupied, channels.free, channels.unknown]
+
+
+def _features_of(
+    channels: Channels, described: Sequence[tuple[Sequence[cv2.KeyPoint], object]], how: Descriptor
+) -> Features:
+    """Return what was found by what each image of a grid gave, keypoints and descriptors."""
+    if not described[0][0] or any(descriptors is None for _, descriptors in described):
         return Features.none()
-    points = channels.to_metres([keypoint.pt for keypoint in described[0][0]])
-    return Features(
-        points, joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], config.descriptor)
-    )
+    points = channels.to_metres(cv2.KeyPoint.convert(described[0][0]))
+    return Features(points, joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], how))
 
 
 def match(target: Features, source: Features, config: FeatureConfig) -> Matches:

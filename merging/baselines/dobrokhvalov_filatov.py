@@ -11,7 +11,7 @@ Chosen here: the motion is rigid, as the paper writes it, though its program let
 from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.consensus import find_consensus
-from merging.features import describe, match
+from merging.features import describe_all, match
 from tbmslam.grid import TbmGrid
 
 _ENOUGH = 3
@@ -20,7 +20,8 @@ _ENOUGH = 3
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Find where a source grid lies in a target's frame."""
-    matches = match(describe(target, config.features), describe(source, config.features), config.features)
+    features = describe_all([target, source], config.features)
+    matches = match(features[0], features[1], config.features)
     rigid = config.consensus.model_copy(update={"min_inliers": _ENOUGH})
     consensus = find_consensus(matches, rigid)
     if consensus is None or consensus.count < _ENOUGH:

@@ -8,7 +8,7 @@ import numpy as np
 from merging.config import FeatureConfig, MergeConfig
 from merging.consensus import find_consensus
 from merging.experiments.map_pair import MapPair
-from merging.features import describe, match
+from merging.features import describe_all, match
 from merging.fusion import fuse
 from merging.warping import place
 from tbmslam.se2 import FloatArray
@@ -41,7 +41,7 @@ def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig | Non
     area_m2 = 0.0
     for run in range(repeats + 1):
         begin = time.perf_counter()
-        described = [describe(grid, config.features) for grid in (pair.target, pair.source)]
+        described = describe_all([pair.target, pair.source], config.features)
         find_consensus(match(described[0], described[1], config.features), config.consensus)
         fused = fuse([pair.target, place(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
         taken[run] = 1e3 * (time.perf_counter() - begin)

@@ -10,7 +10,7 @@ from merging.config import MergeConfig
 from merging.consensus import find_consensus
 from merging.experiments.detectors import RANSAC_PIXELS
 from merging.experiments.map_pair import MapPair
-from merging.features import describe, match
+from merging.features import describe_all, match
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 
@@ -45,7 +45,7 @@ class TransformResult:
 
 def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -> TransformResult:
     """Align a pair as the paper's program does, by the rigid consensus, and by the default method."""
-    features = [describe(grid, config.features) for grid in (pair.target, pair.source)]
+    features = describe_all([pair.target, pair.source], config.features)
     matches = match(features[0], features[1], config.features)
     target, source = matches.target_points, matches.source_points
     affine = _affine(target, source, RANSAC_PIXELS * pair.target.geometry.resolution)

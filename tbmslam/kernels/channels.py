@@ -11,17 +11,20 @@ def draw_channels(masses: npt.NDArray[np.float32], border: int, images: npt.NDAr
     """Draw ``masses`` (rows, cols, 4) into ``images`` (4, rows + 2 border, cols + 2 border), the last row on top.
 
     The images are the probability of being free, and the masses on occupied, free and unknown once the conflict is
-    normalised; 255 stands for one. The border is left as it is.
+    normalised; 255 stands for one. Left as they are: the border, and cells of which nothing at
+    all is known, most of a map.
     """
     rows, cols = masses.shape[0], masses.shape[1]
     for row in range(rows):
         y = border + rows - 1 - row
         for col in range(cols):
             free, occupied, unknown = masses[row, col, 1], masses[row, col, 2], masses[row, col, 3]
+            if unknown == 1.0 and free == 0.0 and occupied == 0.0:
+                continue
+            x = border + col
             rest = float(free) + float(occupied) + float(unknown)
             scale = 255.0 / rest if rest > 0.0 else 0.0
             doubt = unknown * scale if rest > 0.0 else 255.0
-            x = border + col
             images[0, y, x] = np.uint8(np.rint(free * scale + 0.5 * doubt))
             images[1, y, x] = np.uint8(np.rint(occupied * scale))
             images[2, y, x] = np.uint8(np.rint(free * scale))

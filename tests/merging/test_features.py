@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from merging.config import Descriptor, FeatureConfig
-from merging.features import Features, describe, match
+from merging.features import Features, describe, describe_all, match
 from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
@@ -33,6 +33,17 @@ def test_only_the_concatenated_descriptor_is_three_times_as_long(rooms):
 def test_where_everything_is_known_the_and_of_the_descriptors_is_empty(rooms):
     # The unknown image is blank there, so its descriptor has no bit set; the paper's table II finds `and` weak too.
     assert not describe(rooms(1), FeatureConfig(descriptor="and")).descriptors.any()
+
+
+@pytest.mark.parametrize("kind", get_args(Descriptor))
+def test_side_by_side_grids_are_described_as_alone(rooms, kind):
+    config = FeatureConfig(descriptor=kind)
+    grids = [rooms(1), TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 40, 30)), rooms(2)]
+    for together, grid in zip(describe_all(grids, config), grids, strict=True):
+        alone = describe(grid, config)
+        np.testing.assert_array_equal(together.points, alone.points)
+        np.testing.assert_array_equal(together.descriptors, alone.descriptors)
+    assert describe_all([], config) == []
 
 
 def test_keypoints_lie_inside_the_map_in_metres(rooms):

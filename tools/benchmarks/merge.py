@@ -16,7 +16,7 @@ from datasets.synthetic.map_pairs import building_of_area, building_of_world, cu
 from merging import align, merge
 from merging.config import MergeConfig
 from merging.consensus import find_consensus
-from merging.features import describe, match
+from merging.features import describe_all, match
 from merging.fusion import fuse
 from merging.warping import canvas_over, place
 from tbmslam.atomic_file import write_text
@@ -163,7 +163,7 @@ def _time_chain(pair: KnownPair, repeat: int) -> tuple[tuple[float, float, float
     """Return the time of each step of the paper's chain [ms], and the canvas of the fused map."""
     config, target, source = MergeConfig(), pair.target.grid, pair.source.grid
     T_target_source = pair.T_target_source or SE2.identity()
-    features, ms_features = _quickest(lambda: [describe(grid, config.features) for grid in (target, source)], repeat)
+    features, ms_features = _quickest(lambda: describe_all([target, source], config.features), repeat)
     matches, ms_matching = _quickest(lambda: match(features[0], features[1], config.features), repeat)
     _, ms_transform = _quickest(lambda: find_consensus(matches, config.consensus), repeat)
     fusion, ms_fusion = _quickest(lambda: fuse([target, place(source, T_target_source, target.geometry)]), repeat)

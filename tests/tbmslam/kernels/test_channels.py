@@ -12,6 +12,8 @@ def test_each_image_is_its_formula():
     draw_channels(masses, 2, images)
     m = normalise(masses)[::-1]
     inner = images[:, 2:-2, 2:-2].astype(np.float64)
+    assert np.all(inner[:, 5, 1] == 77)  # where nothing is known, nothing is drawn
+    inner[:, 5, 1] = (127.5, 0, 0, 255)
     for image, value in zip(inner, (m[..., 1] + m[..., 3] / 2, m[..., 2], m[..., 1], m[..., 3]), strict=True):
         np.testing.assert_allclose(image, 255 * value, atol=0.5001)
     images[:, 2:-2, 2:-2] = 77
