@@ -110,13 +110,11 @@ def match(target: Features, source: Features, config: FeatureConfig) -> Matches:
     """Match the source's keypoints to the target's; fewer than two keypoints on a side match nothing."""
     if len(target) < 2 or len(source) < 2:
         return Matches(np.empty((0, 2)), np.empty((0, 2)))
-    matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
-    pairs = matcher.knnMatch(source.descriptors, target.descriptors, k=2)
-    kept = [best for best, second in pairs if best.distance < config.ratio * second.distance]
-    return Matches(
-        target.points[[match.trainIdx for match in kept]].reshape(-1, 2),
-        source.points[[match.queryIdx for match in kept]].reshape(-1, 2),
+    distances, nearest = cv2.batchDistance(  # what cv2.BFMatcher calls, without an object for every pair
+        source.descriptors, target.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2
     )
+    kept = np.flatnonzero(distances[:, 0] < config.ratio * distances[:, 1])
+    return Matches(target.points[nearest[kept, 0]], source.points[kept])
 
 
 def orb_of(config: FeatureConfig) -> cv2.ORB:
