@@ -2,14 +2,21 @@
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from merging.components import Components
 from merging.structure import Structure
 from tbmslam.se2 import SE2
 from tbmslam.walls import see_through
 
+Cells = npt.NDArray[np.int64]
+
 _DOOR_M = 0.8
 """A stretch as long as a door leaf, or as a thing that people move, is none."""
+_TOUCHING = 3
+"""Cells no farther apart along rows and columns touch once both are grown by one."""
 
 
 def seen_through_m(target: Structure, source: Structure, T_target_source: SE2, reach_m: float) -> float:
@@ -31,18 +38,41 @@ def seen_through_m(target: Structure, source: Structure, T_target_source: SE2, r
 def _stretches_m(moving: Structure, fixed: Structure, motion: SE2, reach_m: float) -> float:
     through = see_through(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
     rows, cols, _ = moving.cells_of(moving.points[through])
-    if len(rows) == 0:
+    return stretches_m(np.column_stack((rows, cols)), moving.geometry.resolution)
+
+
+def stretches_m(cells: Cells, resolution: float) -> float:
+    """Return by how much the stretches that cells (N, 2) of wall form are longer than a door leaf, together [m].
+
+    Each cell is grown by one all around before: ragged walls have cells with another's front between them.
+    """
+    if len(cells) == 0:
         return 0.0
-    cells = np.zeros((np.ptp(rows) + 3, np.ptp(cols) + 3), np.uint8)
-    cells[rows - rows.min() + 1, cols - cols.min() + 1] = 1
-    # Ragged walls have cells with another's front between them.
-    pieces = Components.of(cv2.dilate(cells, np.ones((3, 3), np.uint8)) > 0)
-    longest = np.hypot(*pieces.sides) * moving.geometry.resolution
-    longest[0] = 0.0
-    return sum(_longer_m(pieces, int(index), moving.geometry.resolution) for index in np.flatnonzero(longest > _DOOR_M))
+    lengths = {_place_of(piece): _longer_m(piece, resolution) for piece in _pieces(cells - cells.min(axis=0))}
+    return sum(lengths[place] for place in sorted(lengths))
 
 
-def _longer_m(pieces: Components, index: int, resolution: float) -> float:
+def _pieces(cells: Cells) -> list[Cells]:
+    """Return the cells (N, 2) of each piece of those that touch once they are grown."""
+    near = cKDTree(cells).query_pairs(_TOUCHING, p=np.inf, output_type="ndarray")
+    links = coo_matrix((np.ones(len(near)), near.T), shape=(len(cells), len(cells)))
+    _, labels = connected_components(links, directed=False)
+    order = np.argsort(labels, kind="stable")
+    return np.split(cells[order], np.flatnonzero(np.diff(labels[order])) + 1)
+
+
+def _place_of(piece: Cells) -> tuple[int, int]:
+    """Return which square of two by two cells a grown piece begins in: sums of lengths are taken in this order."""
+    row = int(piece[:, 0].min()) // 2
+    return row, int(piece[piece[:, 0] <= 2 * row + 1, 1].min()) // 2
+
+
+def _longer_m(piece: Cells, resolution: float) -> float:
     """Return how much longer a piece is than a door leaf [m], without the seam of a cell that joined it."""
-    _, sides, _ = cv2.minAreaRect(pieces.cells_of(index))
+    rows, cols = (piece - piece.min(axis=0)).T + 1
+    grown = np.zeros((rows.max() + 2, cols.max() + 2), dtype=np.uint8)
+    if np.hypot(*grown.shape) * resolution <= _DOOR_M:
+        return 0.0
+    grown[rows, cols] = 1
+    _, sides, _ = cv2.minAreaRect(cv2.findNonZero(cv2.dilate(grown, np.ones((3, 3), np.uint8))).astype(np.float32))
     return max(float(max(sides)) * resolution - resolution - _DOOR_M, 0.0)

@@ -1,8 +1,12 @@
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from merging.components import Components
 from merging.config import StructureConfig, VerificationConfig
-from merging.seen_through import seen_through_m
+from merging.seen_through import seen_through_m, stretches_m
 from merging.structure import Structure
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
@@ -47,3 +51,23 @@ def test_it_is_as_long_in_any_direction():
 
 def test_maps_apart_do_not_contradict():
     assert seen_through_m(hall(), hall(), SE2(500.0, 0.0, 0.0), REACH_M) == 0.0
+
+
+def slow_stretches_m(cells, resolution):
+    """The same in an image of all cells."""
+    image = np.zeros(np.ptp(cells, axis=0) + 3, np.uint8)
+    image[tuple((cells - cells.min(axis=0) + 1).T)] = 1
+    pieces = Components.of(cv2.dilate(image, np.ones((3, 3), np.uint8)) > 0)
+    longest = np.hypot(*pieces.sides) * resolution
+    longest[0] = 0.0
+    longer = [max(cv2.minAreaRect(pieces.cells_of(index))[1]) for index in np.flatnonzero(longest > 0.8)]
+    return sum(max(float(side) * resolution - resolution - 0.8, 0.0) for side in longer)
+
+
+@given(seed=st.integers(0, 10_000), walls=st.integers(1, 30), resolution=st.sampled_from([0.03, 0.05, 0.1]))
+def test_stretches_are_those_of_an_image_to_the_last_bit(seed, walls, resolution):
+    rng = np.random.default_rng(seed)
+    begins, ends = rng.integers(0, 200, size=(2, walls, 2))
+    shares = np.linspace(0.0, rng.uniform(0.1, 1.0), 40)[:, None, None]
+    cells = np.rint(begins + shares * (ends - begins)).astype(np.int64).reshape(-1, 2)
+    assert stretches_m(cells, resolution) == slow_stretches_m(cells, resolution)
