@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from tbmslam.adjustment_config import AdjustmentConfig
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.submap import SubmapConfig
 
@@ -66,6 +67,8 @@ class JointConfig(FrozenConfig):
         Accuracy of a closure at best [m, rad].
     robust_width
         Deviations at which a closure begins to lose its say.
+    adjustment
+        How drives and walls are adjusted to each other in the end.
     """
 
     enabled: bool = True
@@ -97,6 +100,7 @@ class JointConfig(FrozenConfig):
     closure_m: Metres = 0.02
     closure_rad: Annotated[float, Field(gt=0.0)] = 0.004
     robust_width: Annotated[float, Field(gt=0.0)] = 2.0
+    adjustment: AdjustmentConfig = AdjustmentConfig()
 
 
 class StretchConfig(FrozenConfig):

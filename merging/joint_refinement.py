@@ -3,7 +3,8 @@
 A map that bent while it was made fits another nowhere exactly. Where maps carry keyframes, bundles of one robot's
 keyframes are laid onto submaps of another's near where the rigid alignment puts them, and onto its own where it came
 back; what fits becomes a closure, and one pose graph of all drives, of what they measured of their motions before they
-closed loops by themselves, takes the bends out.
+closed loops by themselves, takes the bends out. In the end drives and walls are adjusted to each other
+(`tbmslam.surface_adjustment`).
 """
 
 import logging
@@ -20,6 +21,7 @@ from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.pose_graph import MotionEdge, optimise
 from tbmslam.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.surface_adjustment import adjust
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 
@@ -87,6 +89,9 @@ def refine_jointly(
             logger.info("%d closures between robots are too few: the alignment stays rigid", len(closures))
             return None
         moved = optimise(moved, chain, found, config.robust_width)
+    if config.adjustment.enabled:
+        scans = [track.keyframes for track in tracks]
+        moved = adjust(moved, scans, chain, found, config.robust_width, config.adjustment)
     corrected = {name: _corrected(name, maps[name], tracks, starts, moved, poses[name]) for name in poses}
     straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from tbmslam.adjustment_config import AdjustmentConfig
 from tbmslam.blocked_beams import BlockedBeamsConfig
 from tbmslam.continuity import ContinuityConfig
 from tbmslam.deskew import DeskewConfig
@@ -71,6 +72,7 @@ class SlamConfig(FrozenConfig):
     keyframes: KeyframeConfig = KeyframeConfig()
     forgetting: ForgettingConfig = ForgettingConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
+    adjustment: AdjustmentConfig = AdjustmentConfig()
     continuity: ContinuityConfig = ContinuityConfig()
     blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
     odometry_check: OdometryCheckConfig = OdometryCheckConfig()
@@ -102,6 +104,7 @@ def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: M
         deskew=DeskewConfig(enabled=False),
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
         continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),
         map=cells,
@@ -120,6 +123,7 @@ PRESETS: Mapping[str, SlamConfig] = {
         tracker=ParticleTrackerConfig(),
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
         map=MapConfig(max_cells=200_000_000),
         continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),

@@ -27,6 +27,7 @@ from tbmslam.rendering import render
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.sensor_model import beam_factors
+from tbmslam.surface_adjustment import adjust
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tile_maps import TileMaps
@@ -248,8 +249,19 @@ class Slam:
         if closed is None and self._closer is not None and len(keyframes) >= 2:
             closed, closures = self._closed(self._closer, part, keyframes, self._watch)
             self._measured = motions(part.keyframes)
+            closed = self._adjusted(closed, keyframes, self._measured, closures)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         return poses if closed is None else part.corrected(poses, closed)
+
+    def _adjusted(
+        self, poses: FloatArray, keyframes: Keyframes, measured: DriveMotions, closures: list[MotionEdge]
+    ) -> FloatArray:
+        """Return the poses (K, 3) of the laser at keyframes after all that they saw of each wall was laid together."""
+        if not self.config.adjustment.enabled:
+            return poses
+        with self._watch.during("adjusting"):
+            width = self.config.loop_closing.robust_width
+            return adjust(poses, [keyframes], chain(measured), closures, width, self.config.adjustment)
 
     def _closed(
         self, closer: LoopCloser, part: DriveMemory, keyframes: Keyframes, watch: Watch

@@ -1,0 +1,222 @@
+"""Straight pieces of wall and the stretches of drives that saw them, adjusted to each other at once.
+
+A piece is a line of two unknowns that are eliminated at once (Schur complement), so that the system has the poses alone
+as unknowns. It is never written out: of each sighting of a line no more than its coupling with the pose is kept.
+"""
+
+import math
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+
+
+@kernel
+def turned_moments(moments: FloatArray, seers: IntArray, poses: FloatArray) -> FloatArray:
+    """Return moments (O, 6) in axes parallel to the map's, still about the stretches' own places."""
+    turned = np.empty_like(moments)
+    for o in range(len(moments)):
+        heading = poses[seers[o], 2]
+        c, s = math.cos(heading), math.sin(heading)
+        n, x, y, xx, xy, yy = moments[o]
+        turned[o, 0], turned[o, 1], turned[o, 2] = n, c * x - s * y, s * x + c * y
+        turned[o, 3] = c * c * xx - 2.0 * c * s * xy + s * s * yy
+        turned[o, 4] = c * s * (xx - yy) + (c * c - s * s) * xy
+        turned[o, 5] = s * s * xx + 2.0 * c * s * xy + c * c * yy
+    return turned
+
+
+@kernel
+def fit_lines(
+    turned: FloatArray, seers: IntArray, begins: IntArray, poses: FloatArray, enough: float, limits: FloatArray
+) -> FloatArray:
+    """Return the line of each piece (L, 5): its middle, direction and half its length [m]; zeros where it is none.
+
+    Parameters
+    ----------
+    turned, seers, begins
+        As of `turned_moments` and `tbmslam.kernels.wall_pieces.sum_moments`.
+    poses
+        Poses (N, 3) of the stretches.
+    enough
+        Hits of one sighting from which on more tell little more.
+    limits
+        Of a line: the least hits, the largest standard deviation across it and the least along it [m].
+    """
+    lines = np.zeros((len(begins) - 1, 5))
+    for piece in range(len(lines)):
+        first, last = begins[piece], begins[piece + 1]
+        if last - first < 2:  # one sighting tells nothing of the poses
+            continue
+        x0, y0 = poses[seers[first], 0], poses[seers[first], 1]
+        n, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for o in range(first, last):
+            weight = 1.0 / (1.0 + turned[o, 0] / enough)
+            count, x, y, xx, xy, yy = turned[o]
+            dx, dy = poses[seers[o], 0] - x0, poses[seers[o], 1] - y0
+            n += weight * count
+            sx += weight * (x + count * dx)
+            sy += weight * (y + count * dy)
+            sxx += weight * (xx + 2.0 * x * dx + count * dx * dx)
+            sxy += weight * (xy + x * dy + y * dx + count * dx * dy)
+            syy += weight * (yy + 2.0 * y * dy + count * dy * dy)
+        if n < limits[0]:
+            continue
+        mx, my = sx / n, sy / n
+        cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
+        spread = math.hypot(0.5 * (cxx - cyy), cxy)
+        across, along = max(0.5 * (cxx + cyy) - spread, 0.0), 0.5 * (cxx + cyy) + spread
+        if across > limits[1] ** 2 or along < limits[2] ** 2 or across > 0.1 * along:
+            continue
+        angle = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+        lines[piece, 0], lines[piece, 1] = x0 + mx, y0 + my
+        lines[piece, 2], lines[piece, 3] = math.cos(angle), math.sin(angle)
+        lines[piece, 4] = math.sqrt(3.0 * along)  # as of hits that lie evenly
+    return lines
+
+
+@kernel
+def line_equations(
+    turned: FloatArray,
+    seers: IntArray,
+    begins: IntArray,
+    lines: FloatArray,
+    poses: FloatArray,
+    enough: float,
+    deviation: float,
+    width: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Linearise the distances of all hits from their lines, the lines being free to turn and to shift.
+
+    Parameters
+    ----------
+    turned, seers, begins, lines
+        As of `turned_moments`, `tbmslam.kernels.wall_pieces.sum_moments` and `fit_lines`.
+    poses
+        Poses (N, 3) of the stretches; small changes of theirs are dx, dy in the map's frame and dtheta about their own
+        place.
+    enough
+        Hits of one sighting from which on more tell little more.
+    deviation
+        Of a hit from its line [m].
+    width
+        Deviations of a sighting's mean at which it begins to lose its say (Cauchy).
+
+    Returns
+    -------
+    blocks
+        Curvature (N, 3, 3) with all lines fixed.
+    couplings
+        Of each sighting with its line (O, 3, 2).
+    inverses
+        Inverse curvatures (L, 3) of the lines: aa, ad, dd.
+    gradient
+        (N, 3), the lines eliminated.
+    """
+    blocks, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
+    couplings, inverses = np.zeros((len(turned), 3, 2)), np.zeros((len(lines), 3))
+    for piece in range(len(lines)):
+        px, py, lx, ly, half = lines[piece]
+        if half == 0.0:
+            continue
+        nx, ny = -ly, lx
+        caa, cad, cdd, ga, gd = 1e-6, 0.0, 1e-6, 0.0, 0.0
+        for o in range(begins[piece], begins[piece + 1]):
+            k = seers[o]
+            n, x, y, xx, xy, yy = turned[o]
+            dx, dy = poses[k, 0] - px, poses[k, 1] - py
+            across, along = nx * dx + ny * dy, lx * dx + ly * dy
+            # Sums over the hits of the distance e from the line, of the place a along it, and of the lever t of a turn.
+            sn, sl, st = nx * x + ny * y, lx * x + ly * y, ny * x - nx * y
+            nl = nx * lx * xx + (nx * ly + ny * lx) * xy + ny * ly * yy
+            ll = lx * lx * xx + 2.0 * lx * ly * xy + ly * ly * yy
+            nt = nx * ny * xx + (ny * ny - nx * nx) * xy - nx * ny * yy
+            lt = lx * ny * xx + (ly * ny - lx * nx) * xy - ly * nx * yy
+            tt = ny * ny * xx - 2.0 * nx * ny * xy + nx * nx * yy
+            e, ee_mean = sn + n * across, (sn + n * across) / n
+            a, aa = sl + n * along, ll + 2.0 * along * sl + n * along * along
+            ea = nl + along * sn + across * sl + n * across * along
+            et, at = nt + across * st, lt + along * st
+            off = ee_mean / (width * deviation)
+            w = 1.0 / (deviation * deviation * (1.0 + n / enough) * (1.0 + off * off))
+            block = blocks[k]
+            block[0, 0] += w * n * nx * nx
+            block[0, 1] += w * n * nx * ny
+            block[1, 1] += w * n * ny * ny
+            block[0, 2] += w * nx * st
+            block[1, 2] += w * ny * st
+            block[2, 2] += w * tt
+            gradient[k, 0] += w * nx * e
+            gradient[k, 1] += w * ny * e
+            gradient[k, 2] += w * et
+            coupling = couplings[o]
+            coupling[0, 0], coupling[0, 1] = w * nx * a, -w * nx * n
+            coupling[1, 0], coupling[1, 1] = w * ny * a, -w * ny * n
+            coupling[2, 0], coupling[2, 1] = w * at, -w * st
+            caa += w * aa
+            cad -= w * a
+            cdd += w * n
+            ga += w * ea
+            gd -= w * e
+        determinant = caa * cdd - cad * cad
+        iaa, iad, idd = cdd / determinant, -cad / determinant, caa / determinant
+        inverses[piece, 0], inverses[piece, 1], inverses[piece, 2] = iaa, iad, idd
+        turn, shift = iaa * ga + iad * gd, iad * ga + idd * gd
+        for o in range(begins[piece], begins[piece + 1]):
+            for axis in range(3):
+                gradient[seers[o], axis] -= couplings[o, axis, 0] * turn + couplings[o, axis, 1] * shift
+    for k in range(len(poses)):
+        blocks[k, 1, 0], blocks[k, 2, 0], blocks[k, 2, 1] = blocks[k, 0, 1], blocks[k, 0, 2], blocks[k, 1, 2]
+    return blocks, couplings, inverses, gradient
+
+
+@kernel
+def eliminated_blocks(
+    couplings: FloatArray, inverses: FloatArray, seers: IntArray, begins: IntArray, count: int
+) -> FloatArray:
+    """Return what eliminating the lines takes from the curvature of each pose by itself (N, 3, 3)."""
+    blocks = np.zeros((count, 3, 3))
+    for piece in range(len(inverses)):
+        iaa, iad, idd = inverses[piece]
+        if idd == 0.0:
+            continue
+        for o in range(begins[piece], begins[piece + 1]):
+            b = couplings[o]
+            for i in range(3):
+                turn, shift = b[i, 0] * iaa + b[i, 1] * iad, b[i, 0] * iad + b[i, 1] * idd
+                for j in range(3):
+                    blocks[seers[o], i, j] += turn * b[j, 0] + shift * b[j, 1]
+    return blocks
+
+
+@kernel
+def apply_lines(
+    blocks: FloatArray,
+    couplings: FloatArray,
+    inverses: FloatArray,
+    seers: IntArray,
+    begins: IntArray,
+    changes: FloatArray,
+) -> FloatArray:
+    """Return the curvature, the lines eliminated, times changes (N, 3) of the poses; see `line_equations`."""
+    product = np.empty_like(changes)
+    for k in range(len(changes)):
+        for i in range(3):
+            product[k, i] = (
+                blocks[k, i, 0] * changes[k, 0] + blocks[k, i, 1] * changes[k, 1] + blocks[k, i, 2] * changes[k, 2]
+            )
+    for piece in range(len(inverses)):
+        iaa, iad, idd = inverses[piece]
+        if idd == 0.0:
+            continue
+        turn, shift = 0.0, 0.0
+        for o in range(begins[piece], begins[piece + 1]):
+            b, change = couplings[o], changes[seers[o]]
+            turn += b[0, 0] * change[0] + b[1, 0] * change[1] + b[2, 0] * change[2]
+            shift += b[0, 1] * change[0] + b[1, 1] * change[1] + b[2, 1] * change[2]
+        line_turn, line_shift = iaa * turn + iad * shift, iad * turn + idd * shift
+        for o in range(begins[piece], begins[piece + 1]):
+            b, k = couplings[o], seers[o]
+            for i in range(3):
+                product[k, i] -= b[i, 0] * line_turn + b[i, 1] * line_shift
+    return product

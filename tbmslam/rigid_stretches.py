@@ -1,0 +1,106 @@
+"""Drives in short stretches that move as one: over a metre a tracker is exact."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.adjustment_config import AdjustmentConfig
+from tbmslam.drive_correction import spread_corrections
+from tbmslam.kernels.hits import hits_of_scans
+from tbmslam.kernels.wall_pieces import gather_hits
+from tbmslam.keyframes import Keyframes
+from tbmslam.pose_graph import MotionEdge
+from tbmslam.se2 import FloatArray, compose, inverse, way_lengths, wrap_angles
+from tbmslam.skeleton import MotionChain
+
+
+class RigidStretches:
+    """The stretches of some drives.
+
+    Parameters
+    ----------
+    poses
+        Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other.
+    counts
+        How many keyframes each drive has.
+    config
+        How long a stretch is.
+
+    Attributes
+    ----------
+    middles
+        The keyframe (N,) whose pose stands for each stretch.
+    owners
+        The stretch (K,) of each keyframe.
+    places
+        Poses (K, 3) of the keyframes in their stretches' frames.
+    """
+
+    def __init__(self, poses: FloatArray, counts: Sequence[int], config: AdjustmentConfig) -> None:
+        self._poses = poses
+        self._ends = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+        begins = [first + _begins(poses[first:last], config) for first, last in self._drives()]
+        starts = np.concatenate(begins)
+        ends = np.append(starts[1:], len(poses))
+        self._of_drive = np.cumsum([0, *map(len, begins)])
+        self.middles: npt.NDArray[np.int64] = (starts + ends - 1) // 2
+        self.owners: npt.NDArray[np.int64] = np.repeat(np.arange(len(starts)), ends - starts)
+        self.places = compose(inverse(poses[self.middles][self.owners]), poses)
+
+    def between(self, chain: Sequence[MotionEdge]) -> list[MotionEdge]:
+        """Return the motions from the middle of each stretch to that of the next of its drive.
+
+        `chain` are those from each keyframe to the next, without any from one drive to another.
+        """
+        motions, begin = list[MotionEdge](), 0
+        for number, (first, last) in enumerate(self._drives()):
+            own = chain[begin : begin + last - first - 1]
+            begin += len(own)
+            middles = self.middles[self._of_drive[number] : self._of_drive[number + 1]]
+            motions += [
+                MotionEdge(first + edge.source, first + edge.target, edge.T_source_target, edge.information)
+                for edge in MotionChain(own).between(middles - first)
+            ]
+        return motions
+
+    def hits(self, drives: Sequence[Keyframes], config: AdjustmentConfig) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+        """Return points and normals (M, 4) of hits in the frames of the stretches that saw them, and those (M,)."""
+        gathered, owners = list[FloatArray](), list[npt.NDArray[np.int64]]()
+        for keyframes, (first, last) in zip(drives, self._drives(), strict=True):
+            points, normals, offsets = hits_of_scans(
+                keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps, config.max_range
+            )
+            every = max(len(points) // (config.hits * max(len(keyframes), 1)), 1)
+            some, of = gather_hits(
+                points,
+                normals,
+                offsets,
+                self.owners[first:last],
+                self.places[first:last],
+                every,
+                config.gap,
+                config.bulge,
+            )
+            gathered.append(some)
+            owners.append(of)
+        return np.vstack(gathered), np.concatenate(owners)
+
+    def moved(self, stretches: FloatArray) -> FloatArray:
+        """Return the poses (K, 3) of the keyframes where the stretches are at other poses (N, 3)."""
+        parts = []
+        for number, (first, last) in enumerate(self._drives()):
+            own = slice(self._of_drive[number], self._of_drive[number + 1])
+            parts.append(spread_corrections(self._poses[first:last], self.middles[own] - first, stretches[own]))
+        return np.vstack(parts)
+
+    def _drives(self) -> list[tuple[int, int]]:
+        return list(itertools.pairwise(self._ends.tolist()))
+
+
+def _begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:
+    """Return the keyframes of a drive at which stretches begin."""
+    turns = np.cumsum(np.abs(wrap_angles(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
+    marks = np.column_stack((way_lengths(poses) // config.stretch, turns // config.turn))
+    return np.flatnonzero(np.concatenate(([True], (marks[1:] != marks[:-1]).any(axis=1)))).astype(np.int64)

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from tbmslam.adjustment_config import AdjustmentConfig
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
+from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.rigid_stretches import RigidStretches
+from tbmslam.se2 import SE2, compose
+
+CONFIG = AdjustmentConfig(stretch=1.0, turn=1.0)
+
+
+def straight(count, step=0.3, y=0.0):
+    return np.column_stack((np.arange(count) * step, np.full(count, y), np.zeros(count)))
+
+
+def test_a_stretch_ends_after_a_metre_or_a_turn():
+    poses = np.vstack((straight(8, 0.3), [[2.1, 0.0, theta] for theta in (0.6, 1.2, 1.8)]))
+    stretches = RigidStretches(poses, [len(poses)], CONFIG)
+    np.testing.assert_array_equal(stretches.owners, [0, 0, 0, 0, 1, 1, 1, 2, 2, 3, 3])
+    np.testing.assert_array_equal(stretches.middles, [1, 5, 7, 9])
+    np.testing.assert_allclose(compose(poses[stretches.middles][stretches.owners], stretches.places), poses, atol=1e-12)
+
+
+def test_stretches_and_motions_do_not_reach_from_one_drive_into_another():
+    poses = np.vstack((straight(7), straight(5, y=9.0), straight(1, y=-9.0)))
+    stretches = RigidStretches(poses, [7, 5, 1], CONFIG)
+    np.testing.assert_array_equal(stretches.owners, [0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3, 4])
+    chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), np.eye(3) * 100.0) for k in range(11) if k != 6]
+    between = stretches.between(chain)
+    assert [(edge.source, edge.target) for edge in between] == [(1, 5), (8, 11)]
+    for edge in between:
+        np.testing.assert_allclose(edge.T_source_target, relative_pose(poses, edge.source, edge.target), atol=1e-12)
+
+
+def test_keyframes_follow_their_stretches():
+    poses = np.vstack((straight(7), straight(5, y=9.0)))
+    stretches = RigidStretches(poses, [7, 5], CONFIG)
+    np.testing.assert_allclose(stretches.moved(poses[stretches.middles]), poses, atol=1e-12)
+    shift = np.array([0.0, 0.5, 0.0])
+    np.testing.assert_allclose(stretches.moved(poses[stretches.middles] + shift), poses + shift, atol=1e-12)
+
+
+def test_hits_lie_in_the_frames_of_the_stretches_that_saw_them():
+    poses = straight(6)
+    scans = [LaserScan(0.1 * k, -0.5, 0.01, 0.1, 30.0, 4.0 / np.cos(-0.5 + 0.01 * np.arange(101))) for k in range(6)]
+    drive = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [SE2.identity()] * 6)
+    stretches = RigidStretches(poses, [6], CONFIG)
+    hits, owners = stretches.hits([drive], CONFIG.model_copy(update={"hits": 25}))
+    assert 6 * 25 <= len(hits) <= 6 * 30
+    ahead = 4.0 + poses[:, 0][np.repeat(np.arange(6), len(hits) // 6)]
+    np.testing.assert_allclose(poses[stretches.middles][owners][:, 0] + hits[:, 0], ahead, atol=1e-5)
+    inner = hits[:, 2:].any(axis=1)
+    assert inner.mean() > 0.9
+    np.testing.assert_allclose(hits[inner, 2:], [[-1.0, 0.0]] * inner.sum(), atol=1e-5)
+
+
+@pytest.mark.parametrize("counts", [[1], [1, 1]])
+def test_a_drive_of_one_keyframe_is_one_stretch(counts):
+    poses = straight(len(counts))
+    stretches = RigidStretches(poses, counts, CONFIG)
+    assert len(stretches.middles) == len(counts)
+    assert stretches.between([]) == []
