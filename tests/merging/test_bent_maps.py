@@ -37,7 +37,7 @@ def test_a_map_too_bent_to_fit_as_a_whole_is_placed_in_stretches(straight_and_be
     assert result.joint is not None
     for name, shown in zip("ba", result.judged_by["b", "a"], strict=True):  # each in its own frame
         own = {"a": straight, "b": bent}[name].grid.geometry
-        assert shown.geometry[1:3] == pytest.approx(own[1:3], abs=2.0)
+        assert shown.geometry[1:3] == pytest.approx(own[1:3], abs=3.0)  # but straight
     assert result.alignments["b", "a"].agreement > whole.agreement + 0.1
     straightened = align(result.joint.maps["a"], result.joint.maps["b"])
     assert straightened.agreement > 0.8
