@@ -15,8 +15,9 @@ from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.joint_refinement import JointRefinement, nearest_rigid, refine_jointly
-from merging.map_graph import Group, is_same_place
+from merging.map_graph import Group
 from merging.merged_group import MergedGroup
+from merging.offers import is_same_place
 from merging.redrawing import redraw
 from merging.stretches import elect, laid_in_stretches, stretches_of
 from tbmslam.grid import TbmGrid

@@ -6,8 +6,6 @@ third map that lead to the same place. So wrong alignments are outvoted, and amb
 better.
 """
 
-import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,11 +13,10 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config import GraphConfig
+from merging.joints import joints_of
+from merging.offers import Offer, is_same_place, offers_of
 from tbmslam.pose_graph import MotionEdge, optimise
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
-
-_SURE, _DOUBTFUL = 0.999, 0.85
-"""No alignment is believed more than this, and none that was refused."""
+from tbmslam.se2 import SE2, FloatArray
 
 
 @dataclass(frozen=True)
@@ -50,31 +47,6 @@ class Group:
         return next(iter(self.poses))
 
 
-@dataclass(frozen=True)
-class Offer:
-    """A place that a pair of maps offers.
-
-    Parameters
-    ----------
-    pair
-        The target and the source.
-    motion
-        T_target_source.
-    odds
-        Log odds that it is right.
-    wall_m
-        Agreeing wall [m].
-    accepted
-        Whether the alignment was.
-    """
-
-    pair: Pair
-    motion: SE2
-    odds: float
-    wall_m: float
-    accepted: bool
-
-
 def groups_of(
     names: Sequence[str], alignments: Mapping[Pair, Alignment], config: GraphConfig | None = None
 ) -> list[Group]:
@@ -99,17 +71,12 @@ def groups_of(
     trusted = _without_outvoted(offers, config)
     groups = [{name: SE2.identity()} for name in names]
     while True:
-        between = _by_groups(groups, trusted)
-        joints = [
-            joint
-            for first, second in itertools.combinations(range(len(groups)), 2)
-            if (joint := _best_joint(groups, first, second, between, config)) is not None
-        ]
+        joints = joints_of(groups, trusted, config)
         if not joints:
             break
-        _, _, first, second, motion = max(joints, key=lambda joint: joint[:2])
-        groups[first] |= {name: motion @ pose for name, pose in groups[second].items()}
-        del groups[second]
+        best = max(joints, key=lambda joint: joint[:2])
+        groups[best.first] |= {name: best.motion @ pose for name, pose in groups[best.second].items()}
+        del groups[best.second]
     ordered = [{name: group[name] for name in names if name in group} for group in groups]
     finished = [_finished(group, offers, config) for group in ordered]
     return sorted(finished, key=lambda group: (-len(group), list(names).index(group.first)))
@@ -130,28 +97,8 @@ def join(
         When places are one, and what a confirmation is worth.
     """
     offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
-    groups = [dict(first), dict(second)]
-    joint = _best_joint(groups, 0, 1, _by_groups(groups, offers), config)
-    return None if joint is None else (joint[4], joint[0])
-
-
-def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
-    """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives."""
-    if found.T_target_source is None:
-        return []
-    confidence = max(found.confidence, 0.9) if found.accepted else found.confidence
-    places = [(found.T_target_source, confidence, found.agreed_wall_m, found.accepted)]
-    likely = (one for one in found.alternatives if one.confidence >= config.min_confidence)
-    places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in likely]
-    return [
-        Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
-        for motion, confidence, wall_m, accepted in places
-    ]
-
-
-def _log_odds(confidence: float) -> float:
-    p = min(max(confidence, 1.0 - _SURE), _SURE)
-    return math.log(p / (1.0 - p))
+    joints = joints_of([first, second], offers, config)
+    return (joints[0].motion, joints[0].support) if joints else None
 
 
 def _without_outvoted(offers: list[Offer], config: GraphConfig) -> list[Offer]:
@@ -199,77 +146,6 @@ def _round_trip(cycle: tuple[Offer, Offer, Offer]) -> SE2:
         motion = motion @ (onward.motion if here == target else onward.motion.inverse())
         here = source if here == target else target
     return motion
-
-
-_Joint = tuple[float, float, int, int, SE2]
-"""Support, metres of wall, the indices of two groups, and where the second lies in the first's frame."""
-
-
-_Between = Mapping[tuple[int, int], Sequence[tuple[Offer, SE2]]]
-"""By the indices of two groups, the offers that join them, and where each puts the second in the first's frame."""
-
-
-def _by_groups(groups: list[dict[str, SE2]], offers: list[Offer]) -> _Between:
-    """Sort offers by the groups that they join, either way round."""
-    where = {name: index for index, group in enumerate(groups) for name in group}
-    between: dict[tuple[int, int], list[tuple[Offer, SE2]]] = {}
-    for offer in offers:
-        ends = tuple(where.get(name) for name in offer.pair)
-        for first, second in (ends, ends[::-1]):
-            if first is not None and second is not None and first != second:
-                motion = _between(groups[first], groups[second], offer)
-                between.setdefault((first, second), []).append((offer, motion))
-    return between
-
-
-def _best_joint(
-    groups: list[dict[str, SE2]], first: int, second: int, between: _Between, config: GraphConfig
-) -> _Joint | None:
-    """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
-    direct = between.get((first, second), ())
-    if not direct:
-        return None
-    others = [index for index in range(len(groups)) if index not in {first, second}]
-    ways = [way for other in others for way in _ways_over(first, other, second, between)]
-    joints = [(_support(motion, direct, ways, config), offer.wall_m, first, second, motion) for offer, motion in direct]
-    good = [joint for joint in joints if joint[0] >= config.min_support]
-    return max(good, key=lambda joint: joint[:2]) if good else None
-
-
-def _support(
-    place: SE2, direct: Sequence[tuple[Offer, SE2]], ways: list[tuple[float, SE2]], config: GraphConfig
-) -> float:
-    """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere.
-
-    One doubtful alignment stays doubtful, but chance seldom leads to one place twice: each further one adds at least
-    the worth of a confirmation.
-    """
-    leading = sorted((offer.odds for offer, there in direct if is_same_place(place, there, config)), reverse=True)
-    leading[1:] += [odds for odds, there in ways if is_same_place(place, there, config)]
-    against = [offer.odds for offer, there in direct if offer.accepted and not is_same_place(place, there, config)]
-    against += [odds for odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
-    return leading[0] + sum(max(odds, config.confirmation) for odds in leading[1:]) - sum(against)
-
-
-def _between(first: dict[str, SE2], second: dict[str, SE2], offer: Offer) -> SE2:
-    """Return where an offer that joins two groups puts the second in the first's frame."""
-    target, source = offer.pair
-    if target in first:
-        return first[target] @ offer.motion @ second[source].inverse()
-    return first[source] @ offer.motion.inverse() @ second[target].inverse()
-
-
-def _ways_over(first: int, middle: int, second: int, between: _Between) -> list[tuple[float, SE2]]:
-    """Return the log odds of every way over a third group, and where it leads."""
-    there, onward = between.get((first, middle), ()), between.get((middle, second), ())
-    # A way is right where both of its halves are.
-    return [(min(a.odds, b.odds) - math.log(2.0), p @ q) for (a, p), (b, q) in itertools.product(there, onward)]
-
-
-def is_same_place(motion: SE2, other: SE2, config: GraphConfig) -> bool:
-    """Tell whether two motions name one place."""
-    apart = motion.inverse() @ other
-    return math.hypot(apart.x, apart.y) <= config.same_m and abs(wrap_angle(apart.theta)) <= config.same_rad
 
 
 def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -> Group:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from merging.alignment import Alignment
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
-from merging.map_graph import is_same_place, join, offers_of
+from merging.map_graph import join
+from merging.offers import is_same_place, offers_of
 from merging.redrawing import redraw
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2

@@ -13,7 +13,7 @@ import numpy as np
 from merging.alignment import Alignment
 from merging.bending_config import StretchConfig
 from merging.config import GraphConfig
-from merging.map_graph import Offer, offers_of
+from merging.offers import Offer, offers_of
 from merging.redrawing import redraw
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
 from tbmslam.rigid_fit import fit_rigid

@@ -6,7 +6,8 @@ import pytest
 from merging import MergeConfig
 from merging.alignment import Alignment, Alternative
 from merging.config import GraphConfig
-from merging.map_graph import _without_outvoted, groups_of, join, offers_of
+from merging.map_graph import _without_outvoted, groups_of, join
+from merging.offers import offers_of
 from tbmslam.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
