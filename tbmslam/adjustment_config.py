@@ -9,7 +9,8 @@ class AdjustmentConfig(FrozenConfig):
     """How drives and walls are adjusted to each other."""
 
     enabled: bool = Field(True, description="adjust at all")
-    rounds: int = Field(5, ge=1, description="how often hits are assigned to pieces of wall anew")
+    quick_rounds: int = Field(4, ge=0, description="how often a third of the hits is assigned to pieces of wall")
+    rounds: int = Field(2, ge=1, description="how often all hits are, after that")
     stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")
     turn: float = Field(1.0, gt=0, description="turned angle that moves as one [rad]")
     max_range: float = Field(30.0, gt=0, description="hits beyond this are not used [m]")
@@ -24,4 +25,4 @@ class AdjustmentConfig(FrozenConfig):
     length: float = Field(0.03, gt=0, description="standard deviation along a piece of wall at the least [m]")
     deviation: float = Field(0.05, gt=0, description="of a hit from its wall [m]")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a sighting begins to lose its say")
-    precision: float = Field(1e-4, gt=0, lt=1, description="share of the equations' right side left unsolved")
+    precision: float = Field(1e-3, gt=0, lt=1, description="share of the equations' right side left unsolved")

@@ -28,6 +28,8 @@ _GAUGE = 1e8
 _DAMPING = 1.0
 """Of every pose: no step goes farther than about a metre or a radian [1/m^2]."""
 _MOST_STEPS = 1000
+_QUICK = 3
+"""Every so manieth hit is enough in quick rounds."""
 _SHIFT = 0.382
 """Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
 
@@ -65,8 +67,9 @@ def adjust(
     doubted = MotionEquations.of(closures, owners, places)
     hits, of = stretches.hits(drives, config)
     before = at = poses[stretches.middles]
-    for number in range(config.rounds):
-        lines = WallLines(hits, of, at, number * _SHIFT % 1.0 * config.cell, config)
+    for number in range(config.quick_rounds + config.rounds):
+        every = _QUICK if number < config.quick_rounds else 1
+        lines = WallLines(hits[::every], of[::every], at, number * _SHIFT % 1.0 * config.cell, config)
         (known, pull), (seen, tug) = believed.system(at, None), doubted.system(at, closure_width)
         at = at - _solved(lines, known + seen, lines.gradient + pull + tug, config.precision)
         at[:, 2] = wrap_angles(at[:, 2])
