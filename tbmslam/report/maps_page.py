@@ -52,7 +52,7 @@ class MappedRobot:
         return said
 
 
-def maps_page(robots: Mapping[str, MappedRobot], making: Making) -> Page:
+def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | None = None) -> Page:
     """Return the page on what build_maps made.
 
     Parameters
@@ -61,6 +61,8 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making) -> Page:
         The maps by name.
     making
         What was typed, and how long it took.
+    failure
+        What kept further robots from being mapped; None where nothing did.
     """
     colours = [ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index in range(len(robots))]
     first = next(iter(robots.values()))
@@ -68,12 +70,14 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making) -> Page:
     return Page(
         title="Maps of " + (", ".join(robots) if len(robots) <= 3 else f"{len(robots)} robots"),
         verdict="1 map was made" if len(robots) == 1 else f"{len(robots)} maps were made, each in a frame of its own",
+        good=failure is None,
         figures=_figures([robot.tbm_map for robot in robots.values()]),
         sheets=[
             _sheet(name, robot, colour)
             for (name, robot), colour in list(zip(robots.items(), colours, strict=True))[:MOST_SHEETS]
         ],
-        warnings=[f"{name}: {warning}" for name, robot in robots.items() for warning in robot.warnings()],
+        warnings=([] if failure is None else [failure])
+        + [f"{name}: {warning}" for name, robot in robots.items() for warning in robot.warnings()],
         tables=[_table(robots)],
         seconds=making.seconds,
         command=making.command,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tbmslam.atomic_file import write_text
+from tbmslam.errors import TbmSlamError
 from tbmslam.map_folder import load_map
 from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
@@ -44,21 +45,26 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, watch:
     shelf = Shelf()
     tasks = plan_mapping(args, config, shelf, watch)
     _refuse_stale_robots(args.out, [task.name for task in tasks])
-    done = _map(args, tasks, shelf, watch)
-    made = [(task, done[task.name].tbm_map or load_map(task.folder)) for task in tasks]
+    done, failure = _map(args, tasks, shelf, watch)
+    made = [(task, done[task.name].tbm_map or load_map(task.folder)) for task in tasks if task.name in done]
     for task, tbm_map in made:
         if done[task.name].tbm_map is None:  # made elsewhere or earlier
             watch.finished(task.name, tbm_map)
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
-    write_text(args.out / "report.html", maps_page(robots, Making(command, watch.seconds)).to_html())
+    page = maps_page(robots, Making(command, watch.seconds), None if failure is None else str(failure))
+    write_text(args.out / "report.html", page.to_html())
     print(f"report -> {args.out / 'report.html'}")
-    _write_truth(args, made, shelf, watch)
+    _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, watch)
+    if failure is not None:
+        raise failure
 
 
-def _map(args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, watch: Watch) -> dict[str, Mapped]:
-    """Map what is not finished yet and return all results by robot."""
+def _map(
+    args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, watch: Watch
+) -> tuple[dict[str, Mapped], TbmSlamError | None]:
+    """Map what is not finished yet; return all results by robot, and what kept others from having one."""
     kept = {} if args.redo else {task.name: found for task in tasks if (found := finished(task))}
     for task in tasks:
         if task.name in kept:
@@ -66,10 +72,15 @@ def _map(args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, w
     missing = [task for task in tasks if task.name not in kept]
     _tell_changed(missing)
     done = dict(kept)
-    for task, result in map_all(missing, shelf, args.workers, args.scheduler, watch):
-        done[task.name] = result
-        _tell(task, result)
-    return done
+    try:
+        for task, result in map_all(missing, shelf, args.workers, args.scheduler, watch):
+            done[task.name] = result
+            _tell(task, result)
+    except TbmSlamError as failure:
+        if not done:
+            raise
+        return done, failure
+    return done, None
 
 
 def _tell_changed(tasks: Sequence[MappingTask]) -> None:
@@ -93,10 +104,13 @@ def _tell(task: MappingTask, made: Mapped) -> None:
 
 
 def _write_truth(
-    args: argparse.Namespace, made: Sequence[tuple[MappingTask, TbmMap]], shelf: Shelf, watch: Watch
+    args: argparse.Namespace,
+    recordings: Sequence[tuple[Path, ...]],
+    made: Sequence[tuple[MappingTask, TbmMap]],
+    shelf: Shelf,
+    watch: Watch,
 ) -> None:
     path = args.out / "truth.json"
-    recordings = list(dict.fromkeys(task.paths for task, _ in made))
     # Without reference trajectories nobody knows how two recordings lie to each other.
     if args.no_truth or not (args.reference or (len(made) > 1 and not args.separate)):
         path.unlink(missing_ok=True)

@@ -130,6 +130,22 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     assert str(bad) in error
     for name in ("robot_0", "robot_2"):
         assert results(tmp_path / "out" / name) == results(mapped / name)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "2 maps were made" in page
+    assert "1 of 3 robots failed (robot_1)" in page
+
+
+def test_where_a_recording_is_bad_the_others_keep_their_own_truth(bags, mapped, tmp_path):
+    bad = tmp_path / "bad.bag"
+    bad.write_bytes(b"#ROSBAG V2.0\n")
+    truths = [bags / f"robot_{number}.truth.tum" for number in (0, 0, 2)]
+    given = (bags / "robot_0.bag", bad, bags / "robot_2.bag", "--separate", "--reference", *truths)
+    assert run(*given, "-o", tmp_path / "out") == 1
+    told = json.loads((tmp_path / "out" / "truth.json").read_text())["robots"]
+    assert {name: one["reference"] for name, one in told.items()} == {
+        "robot_0": "robot_0.truth.tum",
+        "robot_2": "robot_2.truth.tum",
+    }
 
 
 @pytest.mark.slow
