@@ -67,9 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        options.maps = list_maps(options.maps)
+        given, options.maps = options.maps, list_maps(options.maps)
         if not options.print_config:
-            _check(parser, options)
+            _check(parser, options, given)
     except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
         parser.error(f"the maps cannot be listed: {error}")
     logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
@@ -93,7 +93,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, arguments
     return _merge(options, config.merging, typed_command("merge", arguments))
 
 
-def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+def _check(parser: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
     if options.out is None:
         parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
     if len(options.maps) < 2:
@@ -104,7 +104,7 @@ def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None
         parser.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:
         parser.error("a --scheduler has workers of its own: drop --workers")
-    if any(_lies_in(path, options.out) for path in options.maps):
+    if any(_lies_in(path, options.out) for path in (*options.maps, *given)):
         parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
 
 

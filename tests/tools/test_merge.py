@@ -143,6 +143,16 @@ def test_a_merge_never_overwrites_its_maps(folders, capsys, given):
     assert (folders / "here" / "map.npz").read_bytes() == before
 
 
+def test_a_merge_does_not_become_one_of_the_folder_of_maps_that_it_is_made_of(folders, tmp_path, capsys):
+    for name in ("here", "there"):
+        shutil.copytree(folders / name, tmp_path / name)
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(tmp_path), "-o", str(tmp_path)])
+    assert stopped.value.code == 2
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert not (tmp_path / "map.npz").exists()
+
+
 def test_a_merge_may_lie_beside_or_above_its_maps(folders, tmp_path):
     for name in ("here", "there"):
         shutil.copytree(folders / name, tmp_path / name)
