@@ -51,7 +51,8 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
 def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
     """Return a map that was not merged, in its own frame."""
     drives = drive_layers(one.drives, [colour] * len(one.drives), _ROBOTS, one.grid.geometry.resolution)
-    return Sheet(name, (*map_layers(one.grid.cropped_to_known()), *drives))
+    trouble = [mark for drive in one.drives for mark in trouble_layer(drive, _incidents(one), _ROBOTS)]
+    return Sheet(name, (*map_layers(one.grid.cropped_to_known()), *drives, *trouble))
 
 
 def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:

@@ -126,9 +126,16 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
             for place in conflict_places(merge.fusion)
             if place.conflict_m2 >= _LARGE_CONFLICT_M2
         ]
-    for name, one in maps.items():
-        odd = one.provenance.get("warnings")
-        said += [f"{name}: {warning}" for warning in odd] if isinstance(odd, list | tuple) else []
+    return said + [f"{name}: {warning}" for name, one in maps.items() for warning in _odd(one.provenance)]
+
+
+def _odd(provenance: Mapping[str, object]) -> list[str]:
+    """Return what was odd while a map was made; of a merged map, while those in it were, each under its name."""
+    odd, parts = provenance.get("warnings"), provenance.get("merged_from")
+    said = [str(warning) for warning in odd] if isinstance(odd, list | tuple) else []
+    for name, part in parts.items() if isinstance(parts, Mapping) else ():
+        inner = part.get("provenance") if isinstance(part, Mapping) else None
+        said += [f"{name}: {warning}" for warning in _odd(inner)] if isinstance(inner, Mapping) else []
     return said
 
 

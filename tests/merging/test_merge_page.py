@@ -109,3 +109,23 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
     assert "foreign in here is ambiguous: the maps fit in 1 places" in said
     assert "the pose of there is not sure: confidence 0.75" in said
     assert any(text.startswith("foreign in there was accepted by itself, but contradicts") for text in said)
+
+
+def test_a_map_left_out_shows_where_it_had_trouble(maps):
+    maps["foreign"] = replace(maps["foreign"], drives=maps["here"].drives, provenance=PROVENANCE)
+    page = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making())
+    (trouble,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "trouble")
+    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
+
+
+def test_what_was_odd_is_told_of_a_merged_map_too(maps):
+    first = merge({name: maps[name] for name in ("here", "there")}, CONFIG).merged
+    assert first is not None
+    again = {"both": first, "foreign": maps["foreign"]}
+    page = merge_page(merge(again, CONFIG), again, CONFIG, {}, Making())
+    assert "both: here: 3 scans are stamped earlier than the scan before" in page.warnings
+    odd = replace(first, provenance={"merged_from": {"here": 3, "there": {"provenance": []}}, "warnings": 1})
+    again = {"both": odd, "foreign": maps["foreign"]}
+    assert not [
+        said for said in merge_page(merge(again, CONFIG), again, CONFIG, {}, Making()).warnings if "both:" in said
+    ]
