@@ -94,7 +94,7 @@ def _corners(structure: Structure, T_canvas_map: SE2) -> FloatArray:
 
 
 def _is_known(structure: Structure, points: FloatArray) -> BoolArray:
-    rows, cols, inside = structure.cells_of(points)
+    rows, cols, inside = structure.geometry.cells_at(points)
     return np.asarray(inside & structure.known[rows, cols])
 
 
@@ -105,7 +105,7 @@ def _judged(
     if not len(fixed.points) or not len(moving.points):
         nothing = np.zeros(len(moving.points), dtype=bool)
         return nothing, nothing
-    rows, cols, inside = fixed.cells_of(T_fixed_moving.apply(moving.points))
+    rows, cols, inside = fixed.geometry.cells_at(T_fixed_moving.apply(moving.points))
     distances, nearest = fixed.distances_m[rows, cols], fixed.nearest[rows, cols]
     facing = (SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals) * fixed.normals[nearest]).sum(axis=1)
     alike = (facing >= FACING) | ((moving.two_sided | fixed.two_sided[nearest]) & (facing <= -FACING))

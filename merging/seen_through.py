@@ -37,7 +37,7 @@ def seen_through_m(target: Structure, source: Structure, T_target_source: SE2, r
 
 def _stretches_m(moving: Structure, fixed: Structure, motion: SE2, reach_m: float) -> float:
     through = see_through(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
-    rows, cols, _ = moving.cells_of(moving.points[through])
+    rows, cols, _ = moving.geometry.cells_at(moving.points[through])
     return stretches_m(np.column_stack((rows, cols)), moving.geometry.resolution)
 
 

@@ -112,10 +112,6 @@ class Structure:
             return np.arange(count)
         return np.linspace(0, count - 1, limit).astype(np.int64)
 
-    def cells_of(self, points: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], BoolArray]:
-        """Return the rows and columns of points (N, 2) [m], clipped to the grid, and which points lie inside."""
-        return self.geometry.cells_at(points)
-
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the directions (N, 2) from surface cells into free space, and where it lies on both sides (N,)."""

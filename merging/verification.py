@@ -159,7 +159,7 @@ def _evidence(
 
 def _overlap_m2(target: Structure, source: Structure, T_target_source: SE2) -> float:
     centres, cell_m2 = _some_known(source)
-    rows, cols, inside = target.cells_of(T_target_source.apply(centres))
+    rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
     return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
 
 

@@ -77,6 +77,8 @@ def test_a_map_without_walls_is_far_from_any():
 
 def test_points_outside_are_told_apart():
     structure = Structure.from_grid(room(), StructureConfig())
-    rows, cols, inside = structure.cells_of(np.array([(-0.95, 2.05), (-1.05, 2.05), (4.95, 6.95), (4.95, 7.05)]))
+    rows, cols, inside = structure.geometry.cells_at(
+        np.array([(-0.95, 2.05), (-1.05, 2.05), (4.95, 6.95), (4.95, 7.05)])
+    )
     np.testing.assert_array_equal(inside, [True, False, True, False])
     assert (rows[2], cols[2]) == (49, 59)

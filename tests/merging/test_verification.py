@@ -110,7 +110,7 @@ def test_sums_are_those_of_the_slow_twin(rooms):
     for point, normal, both, weight in zip(
         motion.apply(source.points), turn.apply(source.normals), source.two_sided, source.weights, strict=True
     ):
-        (row,), (col,), (inside,) = target.cells_of(point[None])
+        (row,), (col,), (inside,) = target.geometry.cells_at(point[None])
         if not inside:
             continue
         distance, nearest = float(target.distances_m[row, col]), target.nearest[row, col]
@@ -123,7 +123,7 @@ def test_sums_are_those_of_the_slow_twin(rooms):
             expected[0] += weight
             expected[2] += weight * bool(target.free[row, col] and distance > 0.3)
         elif distance > 0.15:
-            (row,), (col,), (inside,) = target.cells_of((point + 0.3 * normal)[None])
+            (row,), (col,), (inside,) = target.geometry.cells_at((point + 0.3 * normal)[None])
             expected[3] += weight * bool(inside and target.free[row, col])
     np.testing.assert_allclose(sums, expected, rtol=1e-5)
 
