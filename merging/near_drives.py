@@ -6,16 +6,17 @@ one do as their maps would have done if all had been merged at once: what severa
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment
+from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.map_graph import join
 from merging.offers import is_same_place, offers_of
 from merging.redrawing import redraw
 from tbmslam.grid import TbmGrid
+from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -43,26 +44,46 @@ def redraw_near(one: TbmMap, range_m: float) -> TbmGrid:
 
 
 def align_by_drives(
-    target: TbmMap,
-    source: TbmMap,
+    maps: Mapping[str, TbmMap],
+    pairs: Sequence[Pair],
     config: MergeConfig,
     workers: int = 1,
     watch: Watch | None = None,
     scheduler: str | None = None,
-) -> NearPair | None:
-    """Align each drive of a map with each of another; None where these are one pair, or do not agree on a place.
+) -> dict[Pair, NearPair]:
+    """Align each drive of a map with each of another; return the pairs of maps whose drives agree on a place.
 
-    Nor is a place that is an alternative only, and the best of no pair: of it no pair's evidence tells.
+    Maps of one drive each are no two pairs of drives, and are left out. So is a place that is an alternative only, and
+    the best of no pair: of it no pair's evidence tells.
 
-    See `merging.all_pairs.align_all` for `workers`, `watch` and `scheduler`.
+    Parameters
+    ----------
+    maps
+        Maps by name.
+    pairs
+        The pairs wanted.
+    config
+        What is near, and how drives are aligned.
+    workers, watch, scheduler
+        See `merging.all_pairs.align_all`.
     """
-    drives = [_near_drives(one, name, config) for one, name in ((target, "target"), (source, "source"))]
-    pairs = list(itertools.product(drives[0], drives[1]))
-    if len(pairs) < 2:
-        return None
-    parts = {name: TbmMap(grid) for grids in drives for name, grid in grids.items()}
-    found = align_all(parts, config, workers, watch, scheduler, pairs)
-    first, second = (dict.fromkeys(grids, SE2.identity()) for grids in drives)
+    drives = {name: _named_drives(name, maps[name]) for name in dict.fromkeys(itertools.chain(*pairs))}
+    among = {pair: list(itertools.product(drives[pair[0]], drives[pair[1]])) for pair in pairs}
+    among = {pair: ones for pair, ones in among.items() if len(ones) > 1}
+    grids = {
+        drive: redraw([keyframes], maps[name], config.near.range_m)
+        for name in dict.fromkeys(itertools.chain(*among))
+        for drive, keyframes in drives[name].items()
+    }
+    parts = {drive: TbmMap(grid) for drive, grid in grids.items()}
+    found = align_all(parts, config, workers, watch, scheduler, list(itertools.chain(*among.values())))
+    looks = {pair: _agreed({one: found[one] for one in ones}, grids, config) for pair, ones in among.items()}
+    return {pair: look for pair, look in looks.items() if look is not None}
+
+
+def _agreed(found: Mapping[Pair, Alignment], grids: Mapping[str, TbmGrid], config: MergeConfig) -> NearPair | None:
+    """Return the place that the drives of two maps agree on; None if they agree on none."""
+    first, second = (dict.fromkeys(names, SE2.identity()) for names in zip(*found, strict=True))
     joint = join(first, second, found, config.graph)
     if joint is None:
         return None
@@ -79,19 +100,16 @@ def align_by_drives(
         accepted=True,
         ambiguous=False,
         confidence=1.0 / (1.0 + math.exp(-odds)),
-        reason=f"{len(agreeing)} of {len(pairs)} pairs of drives agree{more}, the surest with {found[surest].reason}",
+        reason=f"{len(agreeing)} of {len(found)} pairs of drives agree{more}, the surest with {found[surest].reason}",
         T_target_source=place,
         alternatives=(),
     )
-    return NearPair(alignment, (drives[0][surest[0]], drives[1][surest[1]]))
+    return NearPair(alignment, (grids[surest[0]], grids[surest[1]]))
 
 
-def _near_drives(one: TbmMap, name: str, config: MergeConfig) -> Mapping[str, TbmGrid]:
-    """Return the grid of every drive of a map, by a name for it."""
-    return {
-        f"{name}, drive {number}": redraw([drive.keyframes], one, config.near.range_m)
-        for number, drive in enumerate(one.drives, 1)
-    }
+def _named_drives(name: str, one: TbmMap) -> dict[str, Keyframes]:
+    """Return the keyframes of every drive of a map, by a name for it."""
+    return {f"{name}, drive {number}": drive.keyframes for number, drive in enumerate(one.drives, 1)}
 
 
 def _leads_to(place: SE2, found: Alignment, config: MergeConfig) -> bool:

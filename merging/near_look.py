@@ -71,10 +71,8 @@ def look_near(
     near = {name: redraw_near(one, config.near.range_m) for name, one in maps.items() if name in wanted}
     found = align_all({name: TbmMap(grid) for name, grid in near.items()}, config, workers, watch, scheduler, pairs)
     looks = {pair: NearPair(one, (near[pair[0]], near[pair[1]])) for pair, one in found.items()}
-    for pair in pairs:
-        if not found[pair].accepted:
-            by_drives = align_by_drives(maps[pair[0]], maps[pair[1]], config, workers, watch, scheduler)
-            looks[pair] = by_drives or looks[pair]
+    refused = [pair for pair in pairs if not found[pair].accepted]
+    looks |= align_by_drives(maps, refused, config, workers, watch, scheduler)
     surer = {pair: one for pair, one in looks.items() if one.alignment.confidence > alignments[pair].confidence}
     told = f"by what was seen within {config.near.range_m:g} m"
     return NearLook(

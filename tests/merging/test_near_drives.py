@@ -30,6 +30,12 @@ def laid_over(one, other, turn):
     return replace(one, drives=(one.drives[0].transformed(SE2(*(there - back), turn)),))
 
 
+def by_drives(target, source):
+    return align_by_drives({"target": target, "source": source}, [("target", "source")], CONFIG).get(
+        ("target", "source")
+    )
+
+
 @pytest.fixture(scope="module")
 def drives():
     office, other = make_world("office", 3), make_world("office", 8)
@@ -42,7 +48,7 @@ def test_one_drive_of_a_muddled_map_is_enough(drives):
     first, second, elsewhere = drives
     muddled = together(first, *(laid_over(elsewhere, first, turn) for turn in (1.0, 1.9, 2.8)))
     assert not align(muddled, second).accepted
-    found = align_by_drives(muddled, second, CONFIG)
+    found = by_drives(muddled, second)
     assert found is not None
     assert found.alignment.accepted
     assert found.alignment.T_target_source == pytest.approx(T_WORLD_B, abs=0.05)
@@ -56,15 +62,32 @@ def test_one_drive_of_a_muddled_map_is_enough(drives):
     assert math.dist(merged.poses["late"].apply([0.0, 0.0]), T_WORLD_B.apply([0.0, 0.0])) < 0.3
 
 
+def test_all_drives_of_all_pairs_are_aligned_at_once(drives, monkeypatch):
+    first, second, elsewhere = drives
+    maps = {"crew": together(first, elsewhere), "late": second, "lost": elsewhere, "too": second}
+    pairs = [("crew", "late"), ("crew", "lost"), ("late", "lost"), ("late", "too")]
+    asked = []
+
+    def found(parts, _, __, ___, ____, pairs):
+        asked.append((list(parts), pairs))
+        return dict.fromkeys(pairs, Alignment("correlation", accepted=False, reason=""))
+
+    monkeypatch.setattr("merging.near_drives.align_all", found)
+    monkeypatch.setattr("merging.near_drives.redraw", lambda _, one, __: one.grid)
+    assert align_by_drives(maps, pairs, CONFIG) == {}
+    crew, others = ("crew, drive 1", "crew, drive 2"), ("late, drive 1", "lost, drive 1")
+    assert asked == [([*crew, *others], [(one, other) for other in others for one in crew])]
+
+
 def test_drives_of_another_building_do_not_agree(drives):
     first, second, elsewhere = drives
     crew = together(first, replace(second, drives=(second.drives[0].transformed(T_WORLD_B),)))
-    assert align_by_drives(crew, elsewhere, CONFIG) is None
+    assert by_drives(crew, elsewhere) is None
 
 
 def test_two_maps_of_one_drive_are_not_looked_at_again(drives):
     first, second, _ = drives
-    assert align_by_drives(first, second, CONFIG) is None
+    assert by_drives(first, second) is None
 
 
 def test_a_place_that_is_no_pair_s_best_is_none(drives, monkeypatch):
@@ -80,7 +103,7 @@ def test_a_place_that_is_no_pair_s_best_is_none(drives, monkeypatch):
         }
 
     monkeypatch.setattr("merging.near_drives.align_all", found)
-    assert align_by_drives(crew, second, CONFIG) is None
+    assert by_drives(crew, second) is None
 
 
 def test_pairs_that_agree_by_an_alternative_are_told_as_such(drives, monkeypatch):
@@ -102,6 +125,6 @@ def test_pairs_that_agree_by_an_alternative_are_told_as_such(drives, monkeypatch
         )
 
     monkeypatch.setattr("merging.near_drives.align_all", found)
-    near = align_by_drives(crew, second, CONFIG)
+    near = by_drives(crew, second)
     assert near is not None
     assert near.alignment.reason == "1 of 3 pairs of drives agree, 1 more by an alternative, the surest with much"
