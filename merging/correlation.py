@@ -212,10 +212,9 @@ def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, Fl
     """Return the values, rows and columns of the best cells, at most one of every block."""
     down, across = scores.shape[0] // _BLOCK, scores.shape[1] // _BLOCK
     inner = scores[: down * _BLOCK, : across * _BLOCK].reshape(down, _BLOCK, across, _BLOCK)
-    flat = inner.swapaxes(1, 2).reshape(down * across, _BLOCK * _BLOCK)
-    values = flat.max(axis=1)
+    values = inner.max(axis=1).max(axis=2).ravel()  # down whole rows first, and nothing is moved
     best = np.argsort(-values, kind="stable")[:count]
-    within = flat[best].argmax(axis=1)
+    within = inner[best // across, :, best % across].reshape(len(best), _BLOCK * _BLOCK).argmax(axis=1)
     rows, cols = best // across * _BLOCK + within // _BLOCK, best % across * _BLOCK + within % _BLOCK
     return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
 

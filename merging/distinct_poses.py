@@ -23,11 +23,16 @@ def distinct(
         How many are returned at the most.
     """
     ranked = np.argsort(-scores, kind="stable")
-    kept: list[np.intp] = []
-    while len(ranked) and len(kept) < count:
-        best, ranked = ranked[0], ranked[1:]
+    x, y, heading = np.ascontiguousarray(poses[ranked].T)
+    free = np.ones(len(ranked), dtype=bool)
+    kept: list[int] = []
+    for best in range(len(ranked)):
+        if len(kept) == count:
+            break
+        if not free[best]:
+            continue
         kept.append(best)
-        dx, dy, turn = (poses[ranked] - poses[best]).T
-        near = (np.hypot(dx, dy) < apart_m) & (np.abs(wrap_angles(turn)) < apart_rad)
-        ranked = ranked[~near]
-    return np.array(kept, dtype=np.intp)
+        near = best + 1 + np.flatnonzero(np.abs(x[best + 1 :] - x[best]) <= apart_m)  # few, and asked first
+        near = near[np.hypot(x[near] - x[best], y[near] - y[best]) < apart_m]
+        free[near[np.abs(wrap_angles(heading[near] - heading[best])) < apart_rad]] = False
+    return np.asarray(ranked[kept], dtype=np.intp)

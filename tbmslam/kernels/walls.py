@@ -179,14 +179,21 @@ def _pull(
     facing: float,
     system: FloatArray,
 ) -> None:
-    """Add the normal equations (4, 4) of some walls to be slid onto the fixed map's lines.
+    """Add the normal equations (4, 4), upper half, of some walls to be slid onto the fixed map's lines.
 
     `pose` is T_target_source; `back` tells that the target moves, whose pull on the source is the opposite one.
     """
     tx, ty, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     rows, cols = fixed.states.shape
-    slope = np.empty(4)
+    xx, xy, xt, xd = (
+        system[0, 0],
+        system[0, 1],
+        system[0, 2],
+        system[0, 3],
+    )  # in numbers, not in the array: this is the innermost loop of an alignment
+    yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
+    tt, td = system[2, 2], system[2, 3]
     for k in some:
         px, py = moving.points[k, 0], moving.points[k, 1]
         mx, my = moving.normals[k, 0], moving.normals[k, 1]
@@ -208,15 +215,24 @@ def _pull(
         if back:  # seen from the target
             x, y, nx, ny, distance = px, py, cosine * nx - sine * ny, sine * nx + cosine * ny, -distance
         weight = moving.weights[k] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
-        slope[0], slope[1], slope[2] = nx, ny, (x - centre[0]) * ny - (y - centre[1]) * nx
-        slope[3] = distance
-        for i in range(3):
-            for j in range(4):
-                system[i, j] += weight * slope[i] * slope[j]
+        turn = (x - centre[0]) * ny - (y - centre[1]) * nx
+        along_x, along_y, along_turn = weight * nx, weight * ny, weight * turn
+        xx += along_x * nx
+        xy += along_x * ny
+        xt += along_x * turn
+        xd += along_x * distance
+        yy += along_y * ny
+        yt += along_y * turn
+        yd += along_y * distance
+        tt += along_turn * turn
+        td += along_turn * distance
         # The damping's share: how many pull, and how far from the centre.
         system[3, 0] += moving.weights[k]
         system[3, 1] += moving.weights[k] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
         system[3, 2] += 1.0
+    system[0, 0], system[0, 1], system[0, 2], system[0, 3] = xx, xy, xt, xd
+    system[1, 1], system[1, 2], system[1, 3] = yy, yt, yd
+    system[2, 2], system[2, 3] = tt, td
 
 
 @kernel
