@@ -1,6 +1,11 @@
 import json
+import re
+from pathlib import Path
 
+from tbmslam.drive_monitor import CHANGED, LOST
 from tbmslam.incidents import Incident, Incidents
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_an_incident_tells_its_time():
@@ -35,3 +40,17 @@ def test_what_goes_on_is_one_incident():
         "at 20.0 s: stamps step back",
         "at 20.1 s: no scans, for 0.5 s",
     ]
+
+
+def test_everything_that_can_go_wrong_is_explained():
+    """The words that programs give incidents are the rows of a table."""
+    text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
+    named = [LOST.partition(", as")[0], CHANGED.partition(": ")[0], "what goes along holds the robot back"]
+    written = [
+        re.split(r"[{,]", call["words"])[0].strip()
+        for package in ("tbmslam", "datasets")
+        for path in sorted((ROOT / package).glob("*.py"))
+        for call in re.finditer(r"incidents\.add\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8"))
+    ]
+    assert len(written) >= 10
+    assert [words for words in (*named, *written) if words not in text] == []

@@ -57,6 +57,32 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert "80 of 80 scans used" in out
 
 
+def keys_in(value):
+    """All names in a record, however deep."""
+    if isinstance(value, dict):
+        return value.keys() | set().union(*map(keys_in, value.values()))
+    return set().union(*map(keys_in, value)) if isinstance(value, list) else set()
+
+
+def test_every_key_is_described(bag, bags, tmp_path, capsys):
+    log = tmp_path / "log.clf"
+    ranges = " ".join(["2.0"] * 180)
+    log.write_text("".join(f"FLASER 180 {ranges} 0 0 0 0 0 0 {k}.0 host {k}.0\n" for k in range(20)))
+    assert run(log, "-o", tmp_path / "log") == 0
+    split = (bag, "--robots", 2, "--overlap", 0.5, "--reference", bags / "robot_0.truth.tum")
+    assert run(*split, "-o", tmp_path / "bag") == 0
+    assert capsys.readouterr().out.count("  of the whole recording 80 of 80 scans used") == 2
+    truth = json.loads((tmp_path / "bag" / "truth.json").read_text())
+    found = keys_in(list(truth["robots"].values()))
+    for folder in (tmp_path / "log" / "robot_0", tmp_path / "bag" / "robot_1"):
+        record = run_record(folder)
+        del record["config"], record["versions"]  # the first is described by --print-config
+        found |= keys_in(record)
+    assert {"T_reference_map", "lost_seconds", "times", "stop"} <= found
+    text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
+    assert [key for key in sorted(found) if f"`{key}`" not in text] == []
+
+
 def test_the_run_record_says_what_was_done(bag, tmp_path):
     assert run(bag, "-o", tmp_path, "--set", "map.resolution=0.1", "--seed", 4) == 0
     record = run_record(tmp_path / "robot_0")

@@ -168,7 +168,8 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     write_text(task.folder / "config.toml", mapping_text(task.config))
     write_text(task.folder / "run.json", json.dumps(run, indent=2) + "\n")
     write_checksums(task.folder)
-    return Mapped(run, recording.counts.summary(), time.perf_counter() - began, tbm_map)
+    whose = "" if segment is None else "of the whole recording "
+    return Mapped(run, whose + recording.counts.summary(), time.perf_counter() - began, tbm_map)
 
 
 def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
