@@ -160,7 +160,7 @@ def _parser() -> argparse.ArgumentParser:
     features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
     features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
     _add_fusing(parser.add_argument_group("how cells are fused"))
-    add_configuration_options(parser, "merging.verification.min_confidence=0.8")
+    add_configuration_options(parser, "merging.verification.min_confidence=0.9")
     add_extra_files(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
     parser.add_argument("--debug", action="store_true", help="show where an error came from")
