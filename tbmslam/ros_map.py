@@ -76,7 +76,8 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a turned map is resampled to lie along the axes.
 
     What masses an occupancy becomes is said in `tbmslam.occupancy`: full occupancy keeps 0.1 unknown. Cells that a map
-    saver wrote as unknown stay so, whatever `free_thresh` it wrote beside them; a warning tells of it.
+    saver wrote as unknown stay so, whatever `free_thresh` it wrote beside them; a warning tells of it, and another of a
+    map without any unknown cell.
 
     Raises
     ------
@@ -97,7 +98,16 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
             UNKNOWN_PIXEL,
         )
         header = replace(header, free_threshold=_FREE_THRESHOLD)
-    masses = _masses(occupancy_of_image(image, header))
+    occupancy = occupancy_of_image(image, header)
+    if not (occupancy < 0).any():
+        logger.warning(
+            "%s: none of its cells is unknown, so that what nobody saw speaks against other maps: paint it grey (%d), "
+            "with mode trinary, negate 0 and free_thresh %g",
+            path,
+            UNKNOWN_PIXEL,
+            _FREE_THRESHOLD,
+        )
+    masses = _masses(occupancy)
     if corner.theta == 0.0:
         return TbmGrid(geometry, masses)
     turned = TbmGrid(geometry._replace(origin_x=0.0, origin_y=0.0), masses)
