@@ -62,9 +62,22 @@ def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
     """Find where a source map lies in a target map's frame, without any initial guess.
 
+    Parameters
+    ----------
+    target, source
+        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size. Of two
+        maps alone this is the first look only: `merging.merge` looks again at what it leaves apart.
+    config
+        How; the defaults where None.
+
     Returns
     -------
     The alignment; where there is none that can be believed, a refusal that says why.
+
+    Raises
+    ------
+    CellSizeError
+        If the maps cannot be brought into cells of one size.
     """
     config = config or MergeConfig()
     resolution = comparison_resolution([target.grid, source.grid], config)

@@ -16,7 +16,9 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
         A setting that makes sense there.
     """
     group = parser.add_argument_group("parameters")
-    group.add_argument("--preset", help="of the SLAM: default, viny, viny-hc, tiny, credibilist or particles")
+    group.add_argument(
+        "--preset", help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist or particles"
+    )
     group.add_argument(
         "--config",
         type=path_argument,
