@@ -55,7 +55,7 @@ def _outlines(
     """
     insides = Components.of(~mended, corners=False)
     widths, heights = (sides + 2 * half_gap for sides in insides.sides)
-    seen = np.bincount(insides.labels.ravel(), free.ravel(), len(widths)) > 0.5 * insides.stats[:, cv2.CC_STAT_AREA]
+    seen = np.bincount(insides.labels[free], minlength=len(widths)) > 0.5 * insides.stats[:, cv2.CC_STAT_AREA]
     longest, narrowest = config.thing_m / resolution, np.where(seen, 0.0, config.hollow_m / resolution)
     small = (np.maximum(widths, heights) <= longest) & (np.minimum(widths, heights) >= narrowest)
     small[0] = False  # the walls
