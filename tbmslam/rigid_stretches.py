@@ -15,6 +15,9 @@ from tbmslam.pose_graph import MotionEdge
 from tbmslam.se2 import FloatArray, compose, inverse, way_lengths, wrap_angles
 from tbmslam.skeleton import MotionChain
 
+_MOST_HITS = 4_000_000
+"""So many of all keyframes together are enough; half a gigabyte holds what is made of them."""
+
 
 class RigidStretches:
     """The stretches of some drives.
@@ -68,11 +71,12 @@ class RigidStretches:
     def hits(self, drives: Sequence[Keyframes], config: AdjustmentConfig) -> tuple[FloatArray, npt.NDArray[np.int64]]:
         """Return points and normals (M, 4) of hits in the frames of the stretches that saw them, and those (M,)."""
         gathered, owners = list[FloatArray](), list[npt.NDArray[np.int64]]()
+        of_each = min(config.hits, max(_MOST_HITS // len(self._poses), 1))
         for keyframes, (first, last) in zip(drives, self._drives(), strict=True):
             points, normals, offsets = hits_of_scans(
                 keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps, config.max_range
             )
-            every = max(len(points) // (config.hits * max(len(keyframes), 1)), 1)
+            every = max(len(points) // (of_each * max(len(keyframes), 1)), 1)
             some, of = gather_hits(
                 points,
                 normals,
