@@ -19,7 +19,7 @@ class AdjustmentConfig(FrozenConfig):
     bulge: float = Field(0.03, gt=0, description="of a hit from the line between its neighbours at the most [m]")
     cell: float = Field(0.3, gt=0, description="side of a cell that holds one piece of wall in a direction [m]")
     sectors: int = Field(8, ge=4, description="directions of walls that are told apart")
-    min_hits: float = Field(8.0, gt=0, description="hits of a piece of wall, those of one sighting counted as below")
+    min_hits: float = Field(5.0, gt=0, description="hits of a piece of wall, those of one sighting counted as below")
     enough: float = Field(10.0, gt=0, description="hits of one sighting of a piece, from which on more tell little")
     thickness: float = Field(0.08, gt=0, description="standard deviation across a piece of wall at the most [m]")
     length: float = Field(0.03, gt=0, description="standard deviation along a piece of wall at the least [m]")

@@ -69,7 +69,8 @@ def adjust(
     before = at = poses[stretches.middles]
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1
-        lines = WallLines(hits[::every], of[::every], at, number * _SHIFT % 1.0 * config.cell, config)
+        fewer = config.model_copy(update={"min_hits": config.min_hits / every})
+        lines = WallLines(hits[::every], of[::every], at, number * _SHIFT % 1.0 * config.cell, fewer)
         (known, pull), (seen, tug) = believed.system(at, None), doubted.system(at, closure_width)
         at = at - _solved(lines, known + seen, lines.gradient + pull + tug, config.precision)
         at[:, 2] = wrap_angles(at[:, 2])
