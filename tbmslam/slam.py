@@ -62,7 +62,8 @@ class Slam:
     incidents
         What went wrong, and when.
     correction_m
-        How far closing loops moved the robot at the most, known when the map is finished [m].
+        How far closing loops, and then adjusting drive and walls, moved the robot at the most; 0 where none was closed.
+        Known when the map is finished [m].
     """
 
     correction_m = 0.0
@@ -129,7 +130,7 @@ class Slam:
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
-        """Close the loops, render the map of everything processed so far and return it.
+        """Close the loops, adjust drive and walls, render the map of everything processed so far and return it.
 
         Where the robot got lost, it is the map of the longest part of the drive that hangs together.
         """
@@ -138,7 +139,7 @@ class Slam:
         tracked = poses
         keyframes = self._packed(part, tracked)
         poses = self._close_loops(poses, part, keyframes)
-        if len(self._closures):  # without, the way to the laser and back leaves nothing but rounding
+        if len(self._closures):  # without, there was no drift that anybody knows of
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
         keyframes = replace(keyframes, poses=poses[[k.index for k in part.keyframes]].reshape(-1, 3))

@@ -115,7 +115,7 @@ def _table(robots: Mapping[str, MappedRobot]) -> Table:
         *("#loops closed", "#moved by loops [m]", "#known [m²]", "#cell [m]"),
     )
     rows = [row for name, robot in robots.items() for row in _rows(name, robot)]
-    note = "“Moved by loops” is how far closing loops moved the drive at the most."
+    note = "“Moved by loops” is how far closing loops, and walls, moved the drive at the most."
     if len(robots) > MOST_SHEETS:
         note += f" Shown above are the first {MOST_SHEETS} of {len(robots)} maps."
     return Table("Robots", heads, rows, note)

@@ -181,3 +181,12 @@ def test_nobody_is_thought_to_walk_once_no_odometry_could_tell(drive_in):
     while slam._tracker.sees_walkers:
         slam.process(replace(next(readings), T_odom_robot=None))
     assert slam._T_odom_keyframe is None
+
+
+def test_walls_straighten_a_drive_that_closes_little(drive_in):
+    robot = drive_in("open_plan", 90.0, seed=1, beams=361)
+    readings = [replace(r, T_odom_robot=None) for r in robot.readings]
+    before = ate(robot, mapped(readings, config_from_dict({"adjustment": {"enabled": False}})))
+    after = ate(robot, mapped(readings))
+    assert after < 0.5 * before
+    assert after < 0.02
