@@ -246,6 +246,7 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     with loading():
         from merging.merger import merge
+        from merging.shared_scans import drives_given_twice
         from tbmslam.map_folder import load_map
         from tbmslam.parameters import ConfigError
         from tbmslam.report.making import Making
@@ -260,6 +261,9 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     _check_files(options.maps, options.out)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
+        for first, second, shared, of in drives_given_twice(maps):
+            counts = "one drive counts as two robots that agree, leave one of them out"
+            logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, watch, options.scheduler)
         _save(options, result, maps, config, Making(command, watch.seconds))
     _tell(result, options.out)

@@ -13,9 +13,12 @@ import pytest
 
 from merging.config import Coverage, Descriptor, Method, Rule
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
 from tools import merge
 
 map_folder = pytest.importorskip("tbmslam.map_folder")
@@ -131,6 +134,16 @@ def test_the_picture_of_a_map_is_not_overwritten(folders, tmp_path, capsys):
 def test_a_map_that_is_given_twice_is_told(folders, tmp_path, caplog):
     merge.main([str(folders / "empty"), str(folders / "empty" / "map.npz"), "-o", str(tmp_path / "merged")])
     assert "map.npz: is given twice, and counts as two robots that saw the same" in caplog.text
+
+
+def test_a_drive_that_is_given_under_two_paths_is_told(tmp_path, caplog):
+    scans = [LaserScan(0.1 * k, -1.0, 0.5, 0.1, 30.0, np.full(5, 1.0 + k)) for k in range(6)]
+    keyframes = Keyframes.from_scans(scans, *[[SE2.identity()] * 6] * 2)
+    drive = Drive("robot", Trajectory(keyframes.stamps, keyframes.poses), keyframes)
+    map_folder.save_map(tmp_path / "drive", TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20)), (drive,)))
+    shutil.copytree(tmp_path / "drive", tmp_path / "copy")
+    merge.main([str(tmp_path / "drive"), str(tmp_path / "copy"), "-o", str(tmp_path / "merged")])
+    assert "drive and copy hold the same scans, 6 of 6 keyframes: one drive counts as two robots" in caplog.text
 
 
 @pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
