@@ -8,12 +8,15 @@ filter such readings before they enter a map.
 """
 
 import numpy as np
+import numpy.typing as npt
 
-from tbmslam.kernels.seen_space import seen_distances, still_hits
+from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space, still_hits
 from tbmslam.laser_scan import Hits
-from tbmslam.se2 import SE2
+from tbmslam.se2 import SE2, FloatArray
 
 _DIRECTIONS = 360
+_LARGEST_WALKER = 1.0  # [m]
+_APART = 0.5  # neighbouring hits farther from each other are on two things [m]
 
 
 class SeenSpace:
@@ -44,6 +47,11 @@ class SeenSpace:
             self._known = None
         return kept
 
+    def in_seen_space(self, hits: Hits, T_map_sensor: SE2) -> npt.NDArray[np.bool_]:
+        """Return which hits (M,) stand in seen space."""
+        number = min(self._number, len(self._lasers))
+        return stands_in_seen_space(hits.points, T_map_sensor, self._lasers[:number], self._seen[:number], self._depth)
+
     def standing(self, hits: Hits, T_map_sensor: SE2) -> Hits:
         """Return the hits that do not stand in seen space; asked again for the same at once, it knows the answer."""
         if self._known is not None and self._known[0] is hits and self._known[1] == T_map_sensor:
@@ -54,3 +62,11 @@ class SeenSpace:
             standing = Hits(*still_hits(hits.points, hits.normals, T_map_sensor, lasers, seen, self._depth))
         self._known = hits, T_map_sensor, standing
         return standing
+
+
+def may_walk(points: FloatArray) -> bool:
+    """Tell whether neighbouring hits (M, 2) are on things as small as people [m]; walls are not."""
+    if not len(points):
+        return False
+    cuts = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _APART) + 1
+    return all(np.hypot(*np.ptp(thing, axis=0)) <= _LARGEST_WALKER for thing in np.split(points, cuts))

@@ -110,7 +110,9 @@ class Slam:
         scan, match = self._placed(reading, prediction)
         match = self._checked(scan, match, prediction, T_robot_sensor)
         T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
-        is_keyframe = self._tracker.is_novel(match) or self._has_moved_to(T_map_robot)
+        is_keyframe = (
+            self._tracker.is_novel(match) or self._has_moved_to(T_map_robot) or self._may_be_held_back(reading)
+        )
         if is_keyframe:
             match = self._settled(scan, match, reading)
             T_map_robot = match.T_map_sensor @ T_robot_sensor.inverse()
@@ -287,6 +289,16 @@ class Slam:
             return True
         distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
         return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
+
+    def _may_be_held_back(self, reading: Reading) -> bool:
+        """Tell whether the odometry has gone twice as far as makes a keyframe, though the scans have not gone so far.
+
+        Only at keyframes the tracker is asked whom to believe; without one, people could hold a robot back for long.
+        """
+        before, now = self._T_odom_keyframe, reading.T_odom_robot
+        if before is None or now is None or not isinstance(self.config.tracker, SurfelTrackerConfig):
+            return False
+        return math.hypot(now.x - before.x, now.y - before.y) >= 2.0 * self.config.keyframes.distance
 
     def _make_tracker(self) -> Tracker:
         config = self.config.tracker

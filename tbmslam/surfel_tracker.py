@@ -11,11 +11,12 @@ from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.seen_space import SeenSpace
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.seen_space import SeenSpace, may_walk
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracker import Since
 
+_SURE = 3.0  # [deviations]
 _HELD = np.array([1e-4, 1e-4, 1e-5])
 """Deviations [m, m, rad] with which a scan stays where it is."""
 
@@ -75,6 +76,7 @@ class SurfelTracker:
         self._last: SE2 | None = None
         self._seen: tuple[LaserScan, Hits] | None = None
         self._rest, self._in_vain = 0, 1.0
+        self._doubted = 0  # keyframes for which the odometry is not believed where nobody is seen to walk
         self._tolerances = np.array(config.tolerances)
         self._reach = round(config.search_shift / config.surfels.resolution)
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
@@ -125,19 +127,27 @@ class SurfelTracker:
         odometry since the last keyframe is not held back. It is believed where what stands still fits as well; it may
         fit worse by as much as is seen to move, since of those who go ahead nobody saw the place empty before. Walls
         tell the heading in any case. Without odometry there is nothing to believe, and nobody is looked for.
+
+        Where the scan was found nobody may seem to walk, since those who walk hold it back until they stand still. Then
+        things as small as people must walk where the odometry says it is, which must have been right of late: from a
+        wrong place walls would seem to walk, too.
         """
         self.sees_walkers = False
         if since is None:
+            self._doubted = self._config.seen_scans if self._last is not None else 0
             return match
         hits, found = self._hits_of(scan), match.T_map_sensor
         most = (1.0 - self._config.walking) * len(hits.points)
         self.sees_walkers = len(self._space.standing(hits, found).points) < most
-        if not self.sees_walkers:
-            return match
         there, deviations = since()
         guess = SE2(there.x, there.y, found.theta)
+        may_hold_back = self._may_hold_back(found, there, deviations)
+        if not self.sees_walkers and not (
+            may_hold_back and may_walk(hits.points[self._space.in_seen_space(hits, guess)])
+        ):
+            return match
         still = self._space.standing(hits, guess)
-        # From a wrong place walls, too, seem to stand where nothing was: both must say that something moves.
+        # From a wrong place walls, too, seem to stand where nothing was.
         if not 0 < len(still.points) < most:
             return match
         moving = 1.0 - len(still.points) / len(hits.points)
@@ -145,7 +155,26 @@ class SurfelTracker:
         as_found = self._register(still, found, _HELD)
         if by_odometry.matched < as_found.matched - moving:
             return match
+        self.sees_walkers = True
         return ScanMatch(by_odometry.pose, by_odometry.matched, moved=True, information=by_odometry.hessian)
+
+    def _may_hold_back(self, found: SE2, there: SE2, deviations: FloatArray) -> bool:
+        """Tell whether who goes along may be all that keeps a scan from where the odometry says it is.
+
+        They make the way shorter, and leave the heading to the walls. An odometry that goes less far than the scans,
+        or turns otherwise, is wrong itself, and doubted until no scan of that time is remembered.
+        """
+        before = self._last
+        if before is None:
+            return False
+        by_scans, by_wheels = before.to(found), before.to(there)
+        apart = math.hypot(by_wheels.x, by_wheels.y) - math.hypot(by_scans.x, by_scans.y)
+        turn = abs(wrap_angle(by_wheels.theta - by_scans.theta))
+        if turn > _SURE * deviations[2] or apart < -_SURE * deviations[0]:
+            self._doubted = self._config.seen_scans
+        elif self._doubted:
+            self._doubted -= 1
+        return not self._doubted and apart > 0.0
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""

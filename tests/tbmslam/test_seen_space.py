@@ -5,7 +5,7 @@ import pytest
 
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2
-from tbmslam.seen_space import SeenSpace
+from tbmslam.seen_space import SeenSpace, may_walk
 
 
 def wall(*things):
@@ -70,3 +70,23 @@ def test_asking_does_not_remember():
     for _ in range(5):  # would else be forgotten
         assert len(space.standing(wall(), SE2.identity()).points) == 720
     assert distances_of(space.standing(wall((-1.0, 2.0)), SE2.identity())).min() == pytest.approx(5.0)
+
+
+def test_people_may_walk_and_walls_do_not():
+    legs = np.array([[1.0, 0.0], [1.0, 0.1], [1.1, 0.3], [2.0, 2.0], [2.1, 2.0]])
+    wall_ahead = np.stack((np.full(20, 3.0), np.linspace(-1.0, 1.0, 20)), axis=1)
+    assert may_walk(legs)
+    assert may_walk(legs[:1])
+    assert not may_walk(wall_ahead)
+    assert not may_walk(np.vstack((legs, wall_ahead)))
+    assert not may_walk(np.zeros((0, 2)))
+
+
+def test_it_is_told_which_hits_stand_where_nothing_was():
+    space = SeenSpace(3, 0.2)
+    assert not space.in_seen_space(wall(), SE2.identity()).any()
+    space.still(wall(), SE2.identity())
+    hits = wall((1.0, 2.0))
+    np.testing.assert_array_equal(
+        hits.points[~space.in_seen_space(hits, SE2.identity())], space.standing(hits, SE2.identity()).points
+    )

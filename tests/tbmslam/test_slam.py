@@ -190,3 +190,18 @@ def test_walls_straighten_a_drive_that_closes_little(drive_in):
     after = ate(robot, mapped(readings))
     assert after < 0.5 * before
     assert after < 0.02
+
+
+def test_whom_to_believe_is_asked_again_and_again_while_only_the_odometry_moves():
+    """Who is held back altogether would else make no keyframe, and only there the odometry may be believed."""
+    slam = Slam()
+    step, near = 2.0 * math.pi / 180, np.full(180, 1.5)
+    for k in range(43):
+        slam.process(Reading(LaserScan(0.1 * k, -math.pi, step, 0.1, 30.0, near), SE2(0.05 * k, 0.0, 0.0)))
+    assert len(slam.finish().drives[0].keyframes) == 5
+
+
+def test_a_crowd_in_a_corridor_that_hides_all_but_its_walls_does_not_hold_the_robot_back(drive_in):
+    alone = drive_in("corridor", 30.0, odometry="good", seed=9)
+    robot = inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", 9))
+    assert ate(robot, mapped(robot.readings)) < 0.1

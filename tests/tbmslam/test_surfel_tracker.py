@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.laser_scan import LaserScan
+from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
 from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 
@@ -62,6 +63,26 @@ def test_a_scan_that_matches_worse_is_searched_for_all_the_same(tracker):
     for number, shorter in enumerate((200, 200, 280)):
         tracker.match(room_scan(SE2.identity(), float(number), shorter), SE2.identity(), SLACK, SE2.identity)
     assert len(searched) == 2
+
+
+def test_odometry_that_stood_still_or_turned_otherwise_is_doubted_for_a_while(tracker):
+    tracker, _ = tracker
+    found, deviations = SE2(0.25, 0.0, 0.1), np.array([0.03, 0.03, 0.02])
+
+    def holds_back(*there):
+        return tracker._may_hold_back(found, SE2(*there), deviations)
+
+    further, still, turned = (0.5, 0.0, 0.1), (0.0, 0.0, 0.1), (0.5, 0.0, 0.0)
+    assert holds_back(*further)
+    assert not holds_back(0.2, 0.0, 0.1)
+    assert holds_back(*further)
+    for wrong in (still, turned):
+        assert not holds_back(*wrong)
+        doubted = [not holds_back(*further) for _ in range(12)]
+        assert doubted == [True] * 9 + [False] * 3
+    scan = room_scan(found)
+    tracker.settled(scan, ScanMatch(found, 0.0, moved=False), None)
+    assert not holds_back(*further)
 
 
 def test_a_scan_without_hits_keeps_the_guess(tracker):
