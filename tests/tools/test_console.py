@@ -39,4 +39,5 @@ def test_a_name_too_long_is_one_line(tmp_path, capsys):
     assert evaluate.main(["map", long, "--truth", long]) == 1
     said = capsys.readouterr().err.splitlines()
     assert [line.partition(":")[0] for line in said] == ["merge", "evaluate"]
-    assert all("File name too long: check that name, or choose another" in line for line in said)
+    assert "cannot be written into (File name too long): choose another folder with -o" in said[0]
+    assert "File name too long: check that name, or choose another" in said[1]

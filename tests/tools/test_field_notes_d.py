@@ -44,8 +44,8 @@ def test_d09_scans_after_the_last_transform_are_mapped_and_told_with_the_time(tm
     )
     assert run["counts"]["scans_used"] == 30
     assert "8 scans had no odometry, so that they alone told the motion" in run["warnings"]
-    (incident,) = run["incidents"]
-    assert incident["what"] == "no odometry, scans alone tell the motion"
+    # The wheels turn before a wall that comes no nearer, which is told as well.
+    (incident,) = (one for one in run["incidents"] if one["what"] == "no odometry, scans alone tell the motion")
     assert incident["at_s"] == pytest.approx(2.2, abs=0.1)
     assert "odd: 2 scans after the last odometry, 8 scans without odometry" in capsys.readouterr().out
 
