@@ -2,33 +2,13 @@ import numpy as np
 import pytest
 
 from tbmslam.adjustment_config import AdjustmentConfig
-from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, relative_pose
-from tbmslam.se2 import SE2
 from tbmslam.surface_adjustment import adjust
+from tests.tbmslam.drifting_drive import drifting_keyframes, errors, packed
 
 CONFIG = AdjustmentConfig()
 INFORMATION = np.diag([0.004**-2, 0.004**-2, 0.002**-2])
-
-
-def drift(robot, turn_per_metre):
-    """Return true and drifting laser poses of a keyframe every 0.3 m, their scans and the motions between them."""
-    true, kept = [robot.truth.pose(k) @ r.T_robot_sensor for k, r in enumerate(robot.readings)], [0]
-    for k, pose in enumerate(true):
-        step = true[kept[-1]].inverse() @ pose
-        if np.hypot(step.x, step.y) > 0.3 or abs(step.theta) > 0.3:
-            kept.append(k)
-    true = np.array([true[k] for k in kept])
-    tracked = [SE2.from_array(true[0])]
-    for k in range(1, len(true)):
-        step = relative_pose(true, k - 1, k)
-        tracked.append(tracked[-1] @ SE2(step.x, step.y, step.theta + turn_per_metre * np.hypot(step.x, step.y)))
-    return true, np.array(tracked), drive_of([robot.readings[k].scan for k in kept])
-
-
-def drive_of(scans):
-    return Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
 
 
 def chain_of(poses, first=0):
@@ -37,13 +17,9 @@ def chain_of(poses, first=0):
     ]
 
 
-def errors(true, poses):
-    return np.hypot(*(poses - true)[:, :2].T)
-
-
 @pytest.mark.parametrize("world", ["office", "store", "corridor"])
 def test_a_drive_that_bent_is_straightened_by_its_walls_alone(drive_in, world):
-    true, tracked, scans = drift(drive_in(world, 40.0, seed=1), 0.0003)
+    true, tracked, scans = drifting_keyframes(drive_in(world, 40.0, seed=1), 0.0003, 0.3)
     adjusted = adjust(tracked, [scans], chain_of(tracked), [], 2.0, CONFIG)
     np.testing.assert_allclose(adjusted[0], tracked[0], atol=0.01)
     assert errors(true, tracked).max() > 0.05
@@ -51,12 +27,12 @@ def test_a_drive_that_bent_is_straightened_by_its_walls_alone(drive_in, world):
 
 
 def test_an_exact_drive_stays(drive_in):
-    true, _, scans = drift(drive_in("office", 40.0, seed=1), 0.0)
+    true, _, scans = drifting_keyframes(drive_in("office", 40.0, seed=1), 0.0, 0.3)
     assert errors(true, adjust(true, [scans], chain_of(true), [], 2.0, CONFIG)).max() < 0.02
 
 
 def test_two_drives_through_one_building_are_laid_onto_each_other(drive_in):
-    true, _, scans = drift(drive_in("office", 40.0, seed=1), 0.0)
+    true, _, scans = drifting_keyframes(drive_in("office", 40.0, seed=1), 0.0, 0.3)
     beside = true.copy()
     beside[:, :2] += 0.05, -0.04  # the second drive's map is off
     adjusted = adjust(
@@ -69,7 +45,7 @@ def test_two_drives_through_one_building_are_laid_onto_each_other(drive_in):
 def test_where_nothing_was_hit_the_motions_decide():
     poses = np.column_stack((np.arange(20) * 0.4, np.zeros(20), np.zeros(20)))
     bent = poses + np.column_stack((np.zeros(20), 0.002 * np.arange(20) ** 2, np.zeros(20)))
-    scans = drive_of([LaserScan(0.1 * k, -1.0, 0.02, 0.1, 30.0, np.full(100, np.inf)) for k in range(20)])
+    scans = packed([LaserScan(0.1 * k, -1.0, 0.02, 0.1, 30.0, np.full(100, np.inf)) for k in range(20)])
     adjusted = adjust(bent, [scans], chain_of(poses), [], 2.0, CONFIG)
     straight = np.array([relative_pose(adjusted, k, k + 1) for k in range(19)])
     assert np.abs(straight[:, 2]).max() < 0.01
@@ -81,7 +57,7 @@ def test_closures_keep_their_say_where_walls_leave_a_direction_open():
     true = np.column_stack((np.r_[np.arange(20), 19 - np.arange(20)] * 0.4, np.zeros(40), np.zeros(40)))
     angles = -1.5 + 0.02 * np.arange(151)
     ranges = np.minimum(1.5 / np.maximum(np.abs(np.sin(angles)), 0.05), 29.0)
-    scans = drive_of([LaserScan(0.1 * k, -1.5, 0.02, 0.1, 30.0, ranges) for k in range(40)])
+    scans = packed([LaserScan(0.1 * k, -1.5, 0.02, 0.1, 30.0, ranges) for k in range(40)])
     short = true * [0.97, 1.0, 1.0]
     short[20:, 0] = short[19, 0] - (true[19, 0] - true[20:, 0]) * 1.0
     believed = [MotionEdge(e.source, e.target, e.T_source_target, np.diag([1e3, 1e5, 1e6])) for e in chain_of(short)]
@@ -94,11 +70,11 @@ def test_closures_keep_their_say_where_walls_leave_a_direction_open():
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_drive_too_short_to_bend_stays(count):
     poses = np.column_stack((np.arange(count) * 0.1, np.zeros(count), np.zeros(count)))
-    scans = drive_of([LaserScan(0.1 * k, -1.0, 0.02, 0.1, 30.0, np.full(100, 3.0)) for k in range(count)])
+    scans = packed([LaserScan(0.1 * k, -1.0, 0.02, 0.1, 30.0, np.full(100, 3.0)) for k in range(count)])
     np.testing.assert_allclose(adjust(poses, [scans], chain_of(poses), [], 2.0, CONFIG), poses, atol=1e-6)
 
 
 def test_the_same_drive_gives_the_same_poses(drive_in):
-    _, tracked, scans = drift(drive_in("office", 40.0, seed=1), 0.001)
+    _, tracked, scans = drifting_keyframes(drive_in("office", 40.0, seed=1), 0.001, 0.3)
     first, second = (adjust(tracked, [scans], chain_of(tracked), [], 2.0, CONFIG) for _ in range(2))
     np.testing.assert_array_equal(first, second)
