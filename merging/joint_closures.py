@@ -10,6 +10,7 @@ from merging.bending_config import JointConfig
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
 from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -36,6 +37,8 @@ class Track:
         Its scans, in the merged frame.
     sensors
         Poses (K, 3) of the laser.
+    hits
+        What it hit.
     submaps
         Stretches of the drive that bundles are laid onto.
     """
@@ -44,7 +47,7 @@ class Track:
         self.map_name, self.drive = map_name, drive
         self.keyframes: Keyframes = drive.keyframes.transformed(T_merged_map)
         self.sensors = self.keyframes.all_sensor_poses()
-        self.hits = DriveHits(self.keyframes, self.sensors, config.max_range)
+        self.hits = DriveHits(ScanHits.of(self.keyframes, config.max_range), self.sensors)
         stretches = split_into_submaps(self.sensors, config.length)
         self.submaps = [Submap(first, last, self.hits, config, SurfelConfig()) for first, last in stretches]
 

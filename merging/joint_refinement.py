@@ -90,7 +90,7 @@ def refine_jointly(
             return None
         moved = optimise(moved, chain, found, config.robust_width)
     if config.adjustment.enabled:
-        scans = [track.keyframes for track in tracks]
+        scans = [track.hits.scans for track in tracks]
         moved = adjust(moved, scans, chain, found, config.robust_width, config.adjustment)
     corrected = {name: _corrected(name, maps[name], tracks, starts, moved, poses[name]) for name in poses}
     straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}

@@ -21,9 +21,9 @@ from tbmslam.closure_votes import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.drive_hits import DriveHits
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Hits
 from tbmslam.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.skeleton import MotionChain
 from tbmslam.submap import SubmapConfig
@@ -86,7 +86,7 @@ class LoopCloser:
         self._surfels = surfels
 
     def close(
-        self, poses: FloatArray, keyframes: Keyframes, chain: Sequence[MotionEdge], watch: Watch | None = None
+        self, poses: FloatArray, scans: ScanHits, chain: Sequence[MotionEdge], watch: Watch | None = None
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
@@ -94,14 +94,14 @@ class LoopCloser:
         ----------
         poses
             Poses (N, 3) of the laser as tracked.
-        keyframes
-            Their scans.
+        scans
+            What they hit.
         chain
             Motions between consecutive keyframes.
         watch
             Who is told how far it is.
         """
-        drive = _Drive(self._config, self._surfels, poses, keyframes, list(chain), watch or Watch())
+        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
         drive.search_forward()
         for _ in range(2):
             drive.tighten()
@@ -118,7 +118,7 @@ class _Drive:
         config: LoopClosingConfig,
         surfels: SurfelConfig,
         poses: FloatArray,
-        keyframes: Keyframes,
+        scans: ScanHits,
         chain: list[MotionEdge],
         watch: Watch,
     ) -> None:
@@ -127,7 +127,7 @@ class _Drive:
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
-        self._hits = DriveHits(keyframes, poses, config.submap.max_range)
+        self._hits = DriveHits(scans, poses)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, Hits] | None = None

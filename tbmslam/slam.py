@@ -24,6 +24,7 @@ from tbmslam.motion import MotionModel, Prediction
 from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
+from tbmslam.scan_hits import ScanHits
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.sensor_model import beam_factors
@@ -211,7 +212,7 @@ class Slam:
         part = self._parts[-1]
         if self._closer is not None and part.is_full():
             keyframes = self._packed(part, np.array(self._poses).reshape(-1, 3)[part.start :])
-            part.forget(*self._closed(self._closer, part, keyframes, Watch()))
+            part.forget(*self._closed(self._closer, part, self._hits_of(keyframes), Watch()))
         index = len(self._stamps) - part.start
         part.add(TrackedKeyframe.of(index, scan, T_robot_sensor, match, self._variances))
 
@@ -250,28 +251,32 @@ class Slam:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(keyframes) >= 2:
-            closed, closures = self._closed(self._closer, part, keyframes, self._watch)
+            scans = self._hits_of(keyframes)
+            closed, closures = self._closed(self._closer, part, scans, self._watch)
             self._measured = motions(part.keyframes)
-            closed = self._adjusted(closed, keyframes, self._measured, closures)
+            closed = self._adjusted(closed, scans, self._measured, closures)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         return poses if closed is None else part.corrected(poses, closed)
 
     def _adjusted(
-        self, poses: FloatArray, keyframes: Keyframes, measured: DriveMotions, closures: list[MotionEdge]
+        self, poses: FloatArray, scans: ScanHits, measured: DriveMotions, closures: list[MotionEdge]
     ) -> FloatArray:
         """Return the poses (K, 3) of the laser at keyframes after all that they saw of each wall was laid together."""
         if not self.config.adjustment.enabled:
             return poses
         with self._watch.during("adjusting"):
             width = self.config.loop_closing.robust_width
-            return adjust(poses, [keyframes], chain(measured), closures, width, self.config.adjustment)
+            return adjust(poses, [scans], chain(measured), closures, width, self.config.adjustment)
+
+    def _hits_of(self, keyframes: Keyframes) -> ScanHits:
+        return ScanHits.of(keyframes, self.config.loop_closing.submap.max_range)
 
     def _closed(
-        self, closer: LoopCloser, part: DriveMemory, keyframes: Keyframes, watch: Watch
+        self, closer: LoopCloser, part: DriveMemory, scans: ScanHits, watch: Watch
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the poses (K, 3) of the laser at keyframes after closing loops, and the closures."""
         tracked = np.array([k.match.T_map_sensor for k in part.keyframes])
-        return closer.close(tracked, keyframes, chain(motions(part.keyframes)), watch)
+        return closer.close(tracked, scans, chain(motions(part.keyframes)), watch)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""

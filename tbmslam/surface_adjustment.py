@@ -10,14 +10,17 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from scipy.sparse.linalg import LinearOperator, cg
 
 from tbmslam.adjustment_config import AdjustmentConfig
-from tbmslam.keyframes import Keyframes
-from tbmslam.motion_equations import MotionEquations
+from tbmslam.drive_bends import bends_of
+from tbmslam.kernels.motion_systems import motion_equations
+from tbmslam.kernels.pose_systems import PoseSystem, times
+from tbmslam.kernels.two_levels import Bends, factors_of, precondition
+from tbmslam.motion_equations import motions_of
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rigid_stretches import RigidStretches
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import FloatArray, wrap_angles
 from tbmslam.wall_lines import WallLines
 
@@ -36,7 +39,7 @@ _SHIFT = 0.382
 
 def adjust(
     poses: FloatArray,
-    drives: Sequence[Keyframes],
+    drives: Sequence[ScanHits],
     chain: Sequence[MotionEdge],
     closures: Sequence[MotionEdge],
     closure_width: float,
@@ -49,7 +52,7 @@ def adjust(
     poses
         Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other; the first hardly moves.
     drives
-        Their scans.
+        What they hit.
     chain
         Motions between keyframes that are believed; those from each keyframe of a drive to its next come in order.
     closures
@@ -59,42 +62,40 @@ def adjust(
     config
         What a piece of wall is, and how well it is known.
     """
-    stretches = RigidStretches(poses, [len(keyframes) for keyframes in drives], config)
+    stretches = RigidStretches(poses, [len(scans) for scans in drives], config)
     steps = [edge for edge in chain if edge.target == edge.source + 1]
     others = [edge for edge in chain if edge.target != edge.source + 1]
-    owners, places = stretches.owners, stretches.places
-    believed = MotionEquations.of([*stretches.between(steps), *others], owners, places)
-    doubted = MotionEquations.of(closures, owners, places)
-    hits, of = stretches.hits(drives, config)
+    believed = [*stretches.between(steps), *others]
+    motions = motions_of(believed, closures, closure_width, stretches.owners, stretches.places)
+    bends = bends_of(stretches.ends)
+    hits = stretches.hits(drives, config)
+    held = np.tile(_DAMPING * np.eye(3), (len(stretches.middles), 1, 1))
+    held[0] += _GAUGE * np.eye(3)
     before = at = poses[stretches.middles]
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1
         fewer = config.model_copy(update={"min_hits": config.min_hits / every})
-        lines = WallLines(hits[::every], of[::every], at, number * _SHIFT % 1.0 * config.cell, fewer)
-        (known, pull), (seen, tug) = believed.system(at, None), doubted.system(at, closure_width)
-        at = at - _solved(lines, known + seen, lines.gradient + pull + tug, config.precision)
+        lines = WallLines(hits, every, at, number * _SHIFT % 1.0 * config.cell, fewer)
+        own, between, pull = motion_equations(motions, at)
+        system = PoseSystem(lines.own + own + held, lines.system, between)
+        at = at - _solved(system, lines.gradient + pull, at, bends, config.precision)
         at[:, 2] = wrap_angles(at[:, 2])
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), lines.count, moved_m)
     return stretches.moved(at)
 
 
-def _solved(lines: WallLines, motions: sparse.csr_array, gradient: FloatArray, precision: float) -> FloatArray:
-    """Return the changes (N, 3) whose curvature product is the gradient (N, 3), by conjugate gradients.
+def _solved(system: PoseSystem, gradient: FloatArray, poses: FloatArray, bends: Bends, precision: float) -> FloatArray:
+    """Return the changes (N, 3) of poses (N, 3) whose curvature product is the gradient (N, 3)."""
+    factors = factors_of(system, poses, bends)
 
-    What the lines know of each pose by itself, and the motions, are solved exactly in each step.
-    """
-    size = gradient.size
-    held = np.full(size, _DAMPING)
-    held[:3] += _GAUGE
-    alone = sparse.block_diag(list(lines.own_blocks()), format="csc")
-    rest = (motions + sparse.diags_array(held)).tocsr()
-    solver = splu((alone + rest).tocsc())
+    def curved(changes: FloatArray) -> FloatArray:
+        return times(system, changes.reshape(-1, 3)).ravel()
 
-    def times(changes: FloatArray) -> FloatArray:
-        return np.asarray(lines.times(changes.reshape(-1, 3)).ravel() + rest @ changes.ravel())
+    def near(forces: FloatArray) -> FloatArray:
+        return precondition(factors, bends, forces.reshape(-1, 3)).ravel()
 
-    system = LinearOperator((size, size), matvec=times, dtype=np.float64)
-    near = LinearOperator((size, size), matvec=solver.solve, dtype=np.float64)
-    changes, _ = cg(system, gradient.ravel(), rtol=precision, maxiter=_MOST_STEPS, M=near)
+    shape = (gradient.size, gradient.size)
+    known, nearly = (LinearOperator(shape, matvec=part, dtype=np.float64) for part in (curved, near))
+    changes, _ = cg(known, gradient.ravel(), rtol=precision, maxiter=_MOST_STEPS, M=nearly)
     return np.asarray(changes, dtype=np.float64).reshape(-1, 3)

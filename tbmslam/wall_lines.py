@@ -5,13 +5,10 @@ import numpy.typing as npt
 
 from tbmslam.adjustment_config import AdjustmentConfig
 from tbmslam.kernels.line_adjustment import (
-    apply_lines,
-    eliminated_blocks,
     fit_lines,
     line_equations,
-    turned_moments,
 )
-from tbmslam.kernels.wall_pieces import join_lines, pieces_of, sum_moments
+from tbmslam.kernels.wall_pieces import Raster, Sightings, StretchHits, join_walls, see_walls, sort_sightings
 from tbmslam.se2 import FloatArray
 
 _REACH = 2.0
@@ -25,8 +22,10 @@ class WallLines:
 
     Parameters
     ----------
-    hits, owners
-        Points and normals (M, 4) in the frames of the stretches (M,) that saw them.
+    hits
+        What the stretches hit.
+    every
+        Every so manieth is used.
     poses
         Poses (N, 3) of the stretches.
     shift
@@ -38,50 +37,36 @@ class WallLines:
     ----------
     count
         How many pieces there are.
-    gradient
-        Half of that (N, 3) of the squared distances, by small changes dx, dy in the map's frame and dtheta.
+    own, system, gradient
+        As of `tbmslam.kernels.line_adjustment.line_equations`.
     """
 
     def __init__(
         self,
-        hits: FloatArray,
-        owners: npt.NDArray[np.int64],
+        hits: StretchHits,
+        every: int,
         poses: FloatArray,
         shift: float,
         config: AdjustmentConfig,
     ) -> None:
-        pieces, cells = pieces_of(hits, owners, poses, config.cell, shift, config.sectors)
-        *_, known, lines = _fitted(hits, owners, poses, pieces, config)
-        reach = _REACH * config.deviation
-        pieces = join_lines(hits, owners, poses, pieces, cells, known, lines, config.sectors, reach)
-        turned, self._seers, self._begins, _, lines = _fitted(hits, owners, poses, pieces, config)
+        raster = Raster(config.cell, shift, config.sectors)
+        seen, known = see_walls(hits, every, poses, raster)
+        pieces = int(seen.pieces.max(initial=-1)) + 1
+        *_, lines = _fitted(seen, np.arange(pieces), pieces, poses, config)
+        seen = join_walls(hits, every, poses, raster, seen, known, lines, _REACH * config.deviation)
+        is_line = lines[:, 4] > 0.0
+        numbers = np.where(is_line, np.cumsum(is_line) - 1, -1)
+        moments, seers, begins, lines = _fitted(seen, numbers, int(is_line.sum()), poses, config)
         self.count = int(np.count_nonzero(lines[:, 4]))
-        self._blocks, self._couplings, self._inverses, self.gradient = line_equations(
-            turned, self._seers, self._begins, lines, poses, config.enough, config.deviation, config.robust_width
-        )
-
-    def times(self, changes: FloatArray) -> FloatArray:
-        """Return the curvature times changes (N, 3) of the poses."""
-        return apply_lines(self._blocks, self._couplings, self._inverses, self._seers, self._begins, changes)
-
-    def own_blocks(self) -> FloatArray:
-        """Return the curvature (N, 3, 3) of each pose by itself."""
-        return self._blocks - eliminated_blocks(
-            self._couplings, self._inverses, self._seers, self._begins, len(self._blocks)
+        self.own, self.system, self.gradient = line_equations(
+            moments, seers, begins, lines, poses, config.enough, config.deviation, config.robust_width
         )
 
 
 def _fitted(
-    hits: FloatArray,
-    owners: npt.NDArray[np.int64],
-    poses: FloatArray,
-    pieces: npt.NDArray[np.int64],
-    config: AdjustmentConfig,
-) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    """Return turned moments, seers, begins and numbers of the pieces of hits, and the lines fitted to them."""
-    order = np.argsort(pieces, kind="stable")
-    some = order[np.searchsorted(pieces[order], 0) :]
-    moments, seers, begins, known = sum_moments(hits, owners, pieces, some)
-    turned = turned_moments(moments, seers, poses)
+    seen: Sightings, numbers: npt.NDArray[np.int64], count: int, poses: FloatArray, config: AdjustmentConfig
+) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
+    """Return moments, seers and begins of the sightings of pieces by new numbers, and the lines fitted to them."""
+    moments, seers, begins = sort_sightings(seen, numbers, count)
     limits = np.array([config.min_hits, config.thickness, config.length])
-    return turned, seers, begins, known, fit_lines(turned, seers, begins, poses, config.enough, limits)
+    return moments, seers, begins, fit_lines(moments, seers, begins, poses, config.enough, limits)

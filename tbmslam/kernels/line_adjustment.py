@@ -9,33 +9,19 @@ import math
 import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
-
-
-@kernel
-def turned_moments(moments: FloatArray, seers: IntArray, poses: FloatArray) -> FloatArray:
-    """Return moments (O, 6) in axes parallel to the map's, still about the stretches' own places."""
-    turned = np.empty_like(moments)
-    for o in range(len(moments)):
-        heading = poses[seers[o], 2]
-        c, s = math.cos(heading), math.sin(heading)
-        n, x, y, xx, xy, yy = moments[o]
-        turned[o, 0], turned[o, 1], turned[o, 2] = n, c * x - s * y, s * x + c * y
-        turned[o, 3] = c * c * xx - 2.0 * c * s * xy + s * s * yy
-        turned[o, 4] = c * s * (xx - yy) + (c * c - s * s) * xy
-        turned[o, 5] = s * s * xx + 2.0 * c * s * xy + c * c * yy
-    return turned
+from tbmslam.kernels.pose_systems import LineSystem
 
 
 @kernel
 def fit_lines(
-    turned: FloatArray, seers: IntArray, begins: IntArray, poses: FloatArray, enough: float, limits: FloatArray
+    moments: FloatArray, seers: IntArray, begins: IntArray, poses: FloatArray, enough: float, limits: FloatArray
 ) -> FloatArray:
     """Return the line of each piece (L, 5): its middle, direction and half its length [m]; zeros where it is none.
 
     Parameters
     ----------
-    turned, seers, begins
-        As of `turned_moments` and `tbmslam.kernels.wall_pieces.sum_moments`.
+    moments, seers, begins
+        Of sightings, see `tbmslam.kernels.wall_pieces.sort_sightings`.
     poses
         Poses (N, 3) of the stretches.
     enough
@@ -51,8 +37,8 @@ def fit_lines(
         x0, y0 = poses[seers[first], 0], poses[seers[first], 1]
         n, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for o in range(first, last):
-            weight = 1.0 / (1.0 + turned[o, 0] / enough)
-            count, x, y, xx, xy, yy = turned[o]
+            weight = 1.0 / (1.0 + moments[o, 0] / enough)
+            count, x, y, xx, xy, yy = moments[o]
             dx, dy = poses[seers[o], 0] - x0, poses[seers[o], 1] - y0
             n += weight * count
             sx += weight * (x + count * dx)
@@ -77,7 +63,7 @@ def fit_lines(
 
 @kernel
 def line_equations(
-    turned: FloatArray,
+    moments: FloatArray,
     seers: IntArray,
     begins: IntArray,
     lines: FloatArray,
@@ -85,13 +71,15 @@ def line_equations(
     enough: float,
     deviation: float,
     width: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, LineSystem, FloatArray]:
     """Linearise the distances of all hits from their lines, the lines being free to turn and to shift.
 
     Parameters
     ----------
-    turned, seers, begins, lines
-        As of `turned_moments`, `tbmslam.kernels.wall_pieces.sum_moments` and `fit_lines`.
+    moments, seers, begins
+        As of `fit_lines`.
+    lines
+        What it remoments.
     poses
         Poses (N, 3) of the stretches; small changes of theirs are dx, dy in the map's frame and dtheta about their own
         place.
@@ -106,15 +94,13 @@ def line_equations(
     -------
     blocks
         Curvature (N, 3, 3) with all lines fixed.
-    couplings
-        Of each sighting with its line (O, 3, 2).
-    inverses
-        Inverse curvatures (L, 3) of the lines: aa, ad, dd.
+    system
+        What eliminating the lines takes from it.
     gradient
         (N, 3), the lines eliminated.
     """
     blocks, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
-    couplings, inverses = np.zeros((len(turned), 3, 2)), np.zeros((len(lines), 3))
+    couplings, inverses = np.zeros((len(moments), 3, 2)), np.zeros((len(lines), 3))
     for piece in range(len(lines)):
         px, py, lx, ly, half = lines[piece]
         if half == 0.0:
@@ -123,7 +109,7 @@ def line_equations(
         caa, cad, cdd, ga, gd = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for o in range(begins[piece], begins[piece + 1]):
             k = seers[o]
-            n, x, y, xx, xy, yy = turned[o]
+            n, x, y, xx, xy, yy = moments[o]
             dx, dy = poses[k, 0] - px, poses[k, 1] - py
             across, along = nx * dx + ny * dy, lx * dx + ly * dy
             # Sums over the hits of the distance e from the line, of the place a along it, and of the lever t of a turn.
@@ -167,56 +153,4 @@ def line_equations(
                 gradient[seers[o], axis] -= couplings[o, axis, 0] * turn + couplings[o, axis, 1] * shift
     for k in range(len(poses)):
         blocks[k, 1, 0], blocks[k, 2, 0], blocks[k, 2, 1] = blocks[k, 0, 1], blocks[k, 0, 2], blocks[k, 1, 2]
-    return blocks, couplings, inverses, gradient
-
-
-@kernel
-def eliminated_blocks(
-    couplings: FloatArray, inverses: FloatArray, seers: IntArray, begins: IntArray, count: int
-) -> FloatArray:
-    """Return what eliminating the lines takes from the curvature of each pose by itself (N, 3, 3)."""
-    blocks = np.zeros((count, 3, 3))
-    for piece in range(len(inverses)):
-        iaa, iad, idd = inverses[piece]
-        if idd == 0.0:
-            continue
-        for o in range(begins[piece], begins[piece + 1]):
-            b = couplings[o]
-            for i in range(3):
-                turn, shift = b[i, 0] * iaa + b[i, 1] * iad, b[i, 0] * iad + b[i, 1] * idd
-                for j in range(3):
-                    blocks[seers[o], i, j] += turn * b[j, 0] + shift * b[j, 1]
-    return blocks
-
-
-@kernel
-def apply_lines(
-    blocks: FloatArray,
-    couplings: FloatArray,
-    inverses: FloatArray,
-    seers: IntArray,
-    begins: IntArray,
-    changes: FloatArray,
-) -> FloatArray:
-    """Return the curvature, the lines eliminated, times changes (N, 3) of the poses; see `line_equations`."""
-    product = np.empty_like(changes)
-    for k in range(len(changes)):
-        for i in range(3):
-            product[k, i] = (
-                blocks[k, i, 0] * changes[k, 0] + blocks[k, i, 1] * changes[k, 1] + blocks[k, i, 2] * changes[k, 2]
-            )
-    for piece in range(len(inverses)):
-        iaa, iad, idd = inverses[piece]
-        if idd == 0.0:
-            continue
-        turn, shift = 0.0, 0.0
-        for o in range(begins[piece], begins[piece + 1]):
-            b, change = couplings[o], changes[seers[o]]
-            turn += b[0, 0] * change[0] + b[1, 0] * change[1] + b[2, 0] * change[2]
-            shift += b[0, 1] * change[0] + b[1, 1] * change[1] + b[2, 1] * change[2]
-        line_turn, line_shift = iaa * turn + iad * shift, iad * turn + idd * shift
-        for o in range(begins[piece], begins[piece + 1]):
-            b, k = couplings[o], seers[o]
-            for i in range(3):
-                product[k, i] -= b[i, 0] * line_turn + b[i, 1] * line_shift
-    return product
+    return blocks, LineSystem(couplings, inverses, seers, begins), gradient

@@ -1,15 +1,65 @@
 """Hits of whole drives sorted into pieces of wall.
 
-A piece is what hits met in one cell with normals in one direction. Of the hits of one stretch of a drive on a piece
-nothing but their moments is needed, whatever becomes of the poses.
+A piece is what hits met in one cell with normals in one direction. Of the hits of one stretch of a drive on a piece, a
+sighting, nothing but their moments is needed.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
+
+_NOBODY = np.iinfo(np.int64).min
+_FEWEST = 1024
+"""Places of a table that is not known to need more."""
+
+
+class StretchHits(NamedTuple):
+    """Hits of drives in the frames of the stretches that saw them, to a micrometre, one stretch after the other."""
+
+    walls: npt.NDArray[np.float32]
+    """Those whose normals are known (W, 3): x, y [m], and where the normal points [rad]."""
+    wall_begins: IntArray
+    """Where those of each stretch begin, and where the last ones end (N + 1,)."""
+    loose: npt.NDArray[np.float32]
+    """The others (M, 2): x, y [m]."""
+    loose_begins: IntArray
+    """As `wall_begins`."""
+
+
+class Raster(NamedTuple):
+    """What makes a piece."""
+
+    cell: float
+    """Side of a cell [m]."""
+    shift: float
+    """Where the cells begin [m]."""
+    sectors: int
+    """Directions that are told apart."""
+
+
+class Pieces(NamedTuple):
+    """The pieces of wall that there are, by cell and direction."""
+
+    cells: IntArray
+    """Open hash table (T, 2) of a power of two of places: the key of a cell, and its number."""
+    numbers: IntArray
+    """Piece by its cell's number times the sectors, plus the direction; -1 where there is none."""
+
+
+class Sightings(NamedTuple):
+    """What stretches saw of pieces."""
+
+    moments: FloatArray
+    """Of each sighting (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes
+    [m]."""
+    seers: IntArray
+    """Its stretch (O,)."""
+    pieces: IntArray
+    """Its piece (O,)."""
 
 
 @kernel
@@ -17,15 +67,13 @@ def gather_hits(
     points: npt.NDArray[np.float32],
     normals: npt.NDArray[np.float32],
     offsets: IntArray,
-    owners: IntArray,
-    poses: FloatArray,
+    places: FloatArray,
     every: int,
-    gap: float,
-    bulge: float,
-) -> tuple[FloatArray, IntArray]:
-    """Return every so manieth hit of each scan, in the frame of the stretch that owns the scan.
+    limits: tuple[float, float, float],
+) -> StretchHits:
+    """Return every so manieth hit of each scan, in the frame of the stretch that the scan belongs to, by scans.
 
-    A normal is kept where neighbours lie near and on one line with the hit. At a door frame they lie on walls at
+    A normal is known where neighbours lie near and on one line with the hit. At a door frame they lie on walls at
     different depths: the slanted wall between them is none, and would move along with the robot.
 
     Parameters
@@ -34,180 +82,266 @@ def gather_hits(
         Hits and normals (P, 2) in the sensors' frames.
     offsets
         Where each scan begins among them, and where the last one ends (K + 1,).
-    owners
-        Stretch (K,) of each scan.
-    poses
+    places
         Poses (K, 3) of the sensors in the stretches' frames.
     every
         One takes all.
-    gap, bulge
-        How far apart neighbours may be, and how far a hit from the line between them [m].
-
-    Returns
-    -------
-    Points and normals (M, 4), zeros where none is known, and the stretch (M,) of each.
+    limits
+        How far a hit may be, how far apart its neighbours, and how far it from the line between them [m].
     """
     size = 0
-    for k in range(len(offsets) - 1):
+    for k in range(len(places)):
         size += (offsets[k + 1] - offsets[k] + every - 1) // every
-    hits, of = np.zeros((size, 4)), np.empty(size, dtype=np.int64)
-    count = 0
-    for k in range(len(offsets) - 1):
-        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+    walls, loose = np.empty((size, 3), dtype=np.float32), np.empty((size, 2), dtype=np.float32)
+    wall_begins, loose_begins = np.zeros(len(offsets), dtype=np.int64), np.zeros(len(offsets), dtype=np.int64)
+    max_range, gap, bulge = limits
+    known, unknown = 0, 0
+    for k in range(len(places)):
+        c, s = math.cos(places[k, 2]), math.sin(places[k, 2])
         first, last = offsets[k], offsets[k + 1] - 1
         apart = max((last + 1 - first) // 180, 1)
         for i in range(first, last + 1, every):
             x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
+            if x * x + y * y > max_range * max_range:
+                continue
             before, after = points[max(i - apart, first)], points[min(i + apart, last)]
-            is_near = math.hypot(after[0] - before[0], after[1] - before[1]) <= gap
-            hits[count, 0], hits[count, 1] = poses[k, 0] + c * x - s * y, poses[k, 1] + s * x + c * y
+            is_near = (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2 <= gap * gap
+            there_x, there_y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
             if is_near and abs(nx * (x - before[0]) + ny * (y - before[1])) <= bulge:
-                hits[count, 2], hits[count, 3] = c * nx - s * ny, s * nx + c * ny
-            of[count] = owners[k]
-            count += 1
-    return hits, of
+                walls[known, 0], walls[known, 1] = there_x, there_y
+                walls[known, 2] = math.atan2(s * nx + c * ny, c * nx - s * ny)
+                known += 1
+            else:
+                loose[unknown, 0], loose[unknown, 1] = there_x, there_y
+                unknown += 1
+        wall_begins[k + 1], loose_begins[k + 1] = known, unknown
+    return StretchHits(walls[:known], wall_begins, loose[:unknown], loose_begins)
 
 
 @kernel
-def pieces_of(
-    hits: FloatArray, owners: IntArray, poses: FloatArray, cell: float, shift: float, sectors: int
-) -> tuple[IntArray, IntArray]:
-    """Return the piece (M,) that each hit belongs to, by its cell and by where its normal points, and its cell (M,).
-
-    Pieces of a cell have consecutive numbers beginning with the cell's number times `sectors`; a hit without normal
-    belongs to -1.
+def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) -> tuple[Sightings, Pieces]:
+    """Sort hits whose normals are known into pieces, numbered as they are met.
 
     Parameters
     ----------
     hits
-        Points and normals (M, 4) in the frames of the stretches `owners` (M,).
+        Hits of stretches.
+    every
+        Every so manieth of a stretch is used.
     poses
-        Poses (N, 3) of the stretches.
-    cell, shift
-        Side of a cell, and where the cells begin [m].
-    sectors
-        Directions that are told apart.
+        Poses (N, 3) of the stretches, headings in [-pi, pi].
+    raster
+        What makes a piece.
     """
-    places, pieces = np.empty((len(hits), 2), dtype=np.int64), np.full(len(hits), -1)
-    low, high = np.full(2, np.iinfo(np.int64).max), np.full(2, np.iinfo(np.int64).min)
-    for i in range(len(hits)):
-        pose = poses[owners[i]]
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y, nx, ny = hits[i]
-        places[i, 0] = math.floor((pose[0] + c * x - s * y - shift) / cell)
-        places[i, 1] = math.floor((pose[1] + s * x + c * y - shift) / cell)
-        for axis in range(2):
-            low[axis], high[axis] = min(low[axis], places[i, axis]), max(high[axis], places[i, axis])
-        if nx != 0.0 or ny != 0.0:
-            turn = math.atan2(s * nx + c * ny, c * nx - s * ny) / (2.0 * math.pi)
-            pieces[i] = math.floor(turn * sectors + 0.5) % sectors
-    cells = np.empty(len(hits), dtype=np.int64)
-    for i in range(len(hits)):
-        cells[i] = (places[i, 1] - low[1]) * (high[0] - low[0] + 1) + places[i, 0] - low[0]
-        if pieces[i] >= 0:
-            pieces[i] += cells[i] * sectors
-    return pieces, cells
+    walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
+    size = _used(begins, every)
+    moments, seers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    latest = np.empty(size, dtype=np.int64)
+    known = Pieces(np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1))
+    count, cells, pieces_met = 0, 0, 0
+    key_before, number, per_cell = _NOBODY, 0, 1.0 / raster.cell
+    for k in range(len(poses)):
+        c, s, first = math.cos(poses[k, 2]), math.sin(poses[k, 2]), count
+        for i in range(begins[k], begins[k + 1], every):
+            x, y = c * walls[i, 0] - s * walls[i, 1], s * walls[i, 0] + c * walls[i, 1]
+            key = _key_of(poses[k, 0] + x - raster.shift, poses[k, 1] + y - raster.shift, per_cell)
+            if key != key_before:
+                if 2 * cells >= len(known.cells):
+                    known = _grown(known)
+                place = _place_of(known.cells, key)
+                if known.cells[place, 0] == _NOBODY:
+                    known.cells[place, 0], known.cells[place, 1] = key, cells
+                    cells += 1
+                key_before, number = key, known.cells[place, 1]
+            at = number * sectors + _sector_of(walls[i, 2] + poses[k, 2], sectors)
+            piece = known.numbers[at]
+            if piece < 0:
+                known.numbers[at] = piece = pieces_met
+                latest[piece] = -1
+                pieces_met += 1
+            o = latest[piece]
+            if o < first:
+                latest[piece] = o = count
+                seers[o], pieces[o] = k, piece
+                moments[o] = 0.0
+                count += 1
+            _add_hit(moments[o], x, y)
+    return Sightings(moments[:count], seers[:count], pieces[:count]), known
 
 
 @kernel
-def join_lines(
-    hits: FloatArray,
-    owners: IntArray,
+def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> IntArray:
+    """Return the piece of the only line in each cell (C,), -1 where there is none and -2 where there are several.
+
+    Lines (L, 5), see `tbmslam.kernels.line_adjustment.fit_lines`, are turned so that their pieces face their left.
+    """
+    only = np.full(len(known.numbers) // sectors, -1)
+    for at in range(len(known.numbers)):
+        piece = known.numbers[at]
+        if piece < 0 or lines[piece, 4] == 0.0:
+            continue
+        towards = 2.0 * math.pi * (at % sectors) / sectors
+        if lines[piece, 2] * math.sin(towards) - lines[piece, 3] * math.cos(towards) < 0.0:
+            lines[piece, 2], lines[piece, 3] = -lines[piece, 2], -lines[piece, 3]
+        only[at // sectors] = piece if only[at // sectors] == -1 else -2
+    return only
+
+
+@kernel
+def join_walls(
+    hits: StretchHits,
+    every: int,
     poses: FloatArray,
-    pieces: IntArray,
-    cells: IntArray,
-    known: IntArray,
+    raster: Raster,
+    seen: Sightings,
+    known: Pieces,
     lines: FloatArray,
-    sectors: int,
     reach: float,
-) -> IntArray:
-    """Return the pieces (M,) of hits, those without normal on the only line of their cell that can be what they met.
+) -> Sightings:
+    """Return sightings with those hits, too, without normal that lie on the only line of their cell they can have met.
 
     It faces who saw them, and they lie beside what is known of it: a line goes on where its wall may have ended.
 
     Parameters
     ----------
-    hits, owners, poses
-        As of `pieces_of`.
-    pieces, cells
+    hits, every, poses, raster
+        As of `see_walls`.
+    seen, known
         What it returned.
-    known
-        Rising numbers (L,) of the pieces that there are.
     lines
-        Theirs (L, 5), see `tbmslam.kernels.line_adjustment.fit_lines`.
-    sectors
-        Directions that are told apart.
+        Those of the pieces (L, 5), see `lines_by_cell`.
     reach
         How far a hit may lie from a line [m].
     """
-    joined = pieces.copy()
-    for i in range(len(hits)):
-        if pieces[i] >= 0:
-            continue
-        pose = poses[owners[i]]
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        dx, dy = c * hits[i, 0] - s * hits[i, 1], s * hits[i, 0] + c * hits[i, 1]
-        x, y, distance = pose[0] + dx, pose[1] + dy, math.hypot(dx, dy)
-        met = 0
-        at = np.searchsorted(known, cells[i] * sectors)
-        while at < len(known) and known[at] < (cells[i] + 1) * sectors:
-            px, py, lx, ly, half = lines[at]
-            towards = 2.0 * math.pi * (known[at] % sectors) / sectors
-            nx, ny = -ly, lx
-            if nx * math.cos(towards) + ny * math.sin(towards) < 0.0:
-                nx, ny = ly, -lx
-            is_beside = abs(lx * (x - px) + ly * (y - py)) <= half
-            is_faced = -(nx * dx + ny * dy) > 0.02 * distance
-            if is_beside and is_faced and abs(nx * (x - px) + ny * (y - py)) <= reach:
-                met += 1
-                joined[i] = known[at] if met == 1 else -1
-            at += 1
-    return joined
+    loose, begins, sectors = hits.loose, hits.loose_begins, raster.sectors
+    had, most = len(seen.seers), len(seen.seers) + _used(begins, every)
+    moments, seers, pieces = np.empty((most, 6)), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    moments[:had], seers[:had], pieces[:had] = seen
+    latest, only = np.full(len(lines), -1), lines_by_cell(known, lines, sectors)
+    count, own, per_cell = had, 0, 1.0 / raster.cell
+    for k in range(len(poses)):
+        while own < had and seers[own] == k:
+            latest[pieces[own]] = own
+            own += 1
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(begins[k], begins[k + 1], every):
+            x, y = c * loose[i, 0] - s * loose[i, 1], s * loose[i, 0] + c * loose[i, 1]
+            at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
+            place = _place_of(known.cells, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
+            if known.cells[place, 0] == _NOBODY:
+                continue
+            cell = known.cells[place, 1]
+            piece = only[cell]
+            if piece >= 0:
+                piece = piece if _is_on(lines[piece], at_x, at_y, x, y, reach) else -1
+            elif piece == -2:
+                for sector in range(sectors):
+                    other = known.numbers[cell * sectors + sector]
+                    if other >= 0 and _is_on(lines[other], at_x, at_y, x, y, reach):
+                        piece = other if piece == -2 else -1
+            if piece < 0:
+                continue
+            o = latest[piece]
+            if o < 0 or seers[o] != k:
+                latest[piece] = o = count
+                seers[o], pieces[o] = k, piece
+                moments[o] = 0.0
+                count += 1
+            _add_hit(moments[o], x, y)
+    return Sightings(moments[:count], seers[:count], pieces[:count])
 
 
 @kernel
-def sum_moments(
-    hits: FloatArray, owners: IntArray, numbers: IntArray, order: IntArray
-) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-    """Add up the hits of each stretch on each piece.
+def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return moments (O, 6) and seers (O,) of sightings of one piece after the other, and where each's begin.
 
     Parameters
     ----------
-    hits, owners, numbers
-        Points and normals (M, 4), the stretch and the piece (M,) of each.
-    order
-        The hits in the order of their pieces, and within one of their stretches.
-
-    Returns
-    -------
-    moments
-        Of each sighting: count, sums of x, y, x^2, xy, y^2 (O, 6) in the frame of the stretch.
-    seers
-        Its stretch (O,).
-    begins
-        Where the sightings of each piece begin, and where the last ones end (L + 1,).
-    known
-        The pieces (L,), rising.
+    seen
+        The sightings.
+    numbers
+        New numbers of the pieces; those below 0 are left out.
+    count
+        How many new numbers there are, L. The begins are (L + 1,): the last one is where the last ones end.
     """
-    moments, seers = np.zeros((len(hits), 6)), np.empty(len(hits), dtype=np.int64)
-    begins, known = np.empty(len(hits) + 1, dtype=np.int64), np.empty(len(hits), dtype=np.int64)
-    count, pieces = 0, 0
-    for k in range(len(order)):
-        i = order[k]
-        before = order[k - 1]
-        is_new_piece = k == 0 or numbers[i] != numbers[before]
-        if is_new_piece:
-            begins[pieces], known[pieces] = count, numbers[i]
-            pieces += 1
-        if is_new_piece or owners[i] != owners[before]:
-            seers[count] = owners[i]
-            count += 1
-        x, y, sums = hits[i, 0], hits[i, 1], moments[count - 1]
-        sums[0] += 1.0
-        sums[1] += x
-        sums[2] += y
-        sums[3] += x * x
-        sums[4] += x * y
-        sums[5] += y * y
-    begins[pieces] = count
-    return moments[:count].copy(), seers[:count].copy(), begins[: pieces + 1].copy(), known[:pieces].copy()
+    begins = np.zeros(count + 1, dtype=np.int64)
+    for piece in seen.pieces:
+        if numbers[piece] >= 0:
+            begins[numbers[piece] + 1] += 1
+    begins = np.cumsum(begins)
+    moments, seers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
+    places = begins.copy()
+    for o in range(len(seen.pieces)):
+        number = numbers[seen.pieces[o]]
+        if number >= 0:
+            moments[places[number]], seers[places[number]] = seen.moments[o], seen.seers[o]
+            places[number] += 1
+    return moments, seers, begins
+
+
+@kernel
+def _used(begins: IntArray, every: int) -> int:
+    """Return how many hits are used."""
+    total = 0
+    for k in range(len(begins) - 1):
+        total += (begins[k + 1] - begins[k] + every - 1) // every
+    return total
+
+
+@kernel
+def _add_hit(sums: FloatArray, x: float, y: float) -> None:
+    sums[0] += 1.0
+    sums[1] += x
+    sums[2] += y
+    sums[3] += x * x
+    sums[4] += x * y
+    sums[5] += y * y
+
+
+@kernel
+def _key_of(x: float, y: float, per_cell: float) -> int:
+    """Return the key of the cell that a place [m] from where the cells begin lies in."""
+    return (math.floor(y * per_cell) << 32) + math.floor(x * per_cell)
+
+
+@kernel
+def _sector_of(angle: float, sectors: int) -> int:
+    """Return the direction nearest to an angle in [-2 pi, 2 pi]."""
+    sector = math.floor(angle * (0.5 / math.pi) * sectors + 0.5)
+    if sector < 0:
+        sector += sectors
+    return sector - sectors if sector >= sectors else sector
+
+
+@kernel
+def _place_of(cells: IntArray, key: int) -> int:
+    """Return the place of a key in a hash table, or the free one where it belongs."""
+    mask = len(cells) - 1
+    mixed = (key ^ (key >> 32)) * 0x9E3779B97F4A7C1
+    place = (mixed ^ (mixed >> 29)) & mask
+    while cells[place, 0] != _NOBODY and cells[place, 0] != key:
+        place = (place + 1) & mask
+    return place
+
+
+@kernel
+def _grown(known: Pieces) -> Pieces:
+    """Return a table twice as large."""
+    cells = np.full((2 * len(known.cells), 2), _NOBODY)
+    for old in range(len(known.cells)):
+        if known.cells[old, 0] != _NOBODY:
+            cells[_place_of(cells, known.cells[old, 0])] = known.cells[old]
+    numbers = np.full(2 * len(known.numbers), -1)
+    numbers[: len(known.numbers)] = known.numbers
+    return Pieces(cells, numbers)
+
+
+@kernel
+def _is_on(line: FloatArray, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
+    """Tell whether the end x, y of a beam's way can lie on what is left of a line: it is there, and faces the laser."""
+    px, py, lx, ly, half = line
+    away = lx * (y - py) - ly * (x - px)
+    if abs(away) > reach or abs(lx * (x - px) + ly * (y - py)) > half:
+        return False
+    facing = ly * way_x - lx * way_y
+    return bool(facing > 0.0 and facing * facing > 4e-4 * (way_x * way_x + way_y * way_y))

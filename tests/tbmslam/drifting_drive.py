@@ -4,11 +4,12 @@ import numpy as np
 
 from tbmslam.keyframes import Keyframes
 from tbmslam.pose_graph import relative_pose
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2
 
 
 def drifting_keyframes(robot, turn_per_metre, every):
-    """Return true and drifting laser poses of a keyframe every so many metres, and their scans."""
+    """Return true and drifting laser poses of a keyframe every so many metres, and what they hit."""
     true, kept = [robot.truth.pose(k) @ r.T_robot_sensor for k, r in enumerate(robot.readings)], [0]
     for k, pose in enumerate(true):
         step = true[kept[-1]].inverse() @ pose
@@ -23,7 +24,7 @@ def drifting_keyframes(robot, turn_per_metre, every):
 
 
 def packed(scans):
-    return Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
+    return ScanHits.of(Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2), 40.0)
 
 
 def errors(true, poses):

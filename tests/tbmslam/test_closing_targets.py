@@ -5,6 +5,7 @@ from tbmslam.closing_targets import ClosingTargets
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2
 from tbmslam.submap import SubmapConfig
 from tbmslam.surfel_map import SurfelConfig
@@ -19,7 +20,8 @@ def targets_of():
         radius = 20.0 / np.pi
         poses = np.column_stack((radius * np.cos(turns), radius * np.sin(turns), np.zeros(120)))
         scans = [LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0)) for k in range(120)]
-        hits = DriveHits(Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2), poses, 40.0)
+        keyframes = Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
+        hits = DriveHits(ScanHits.of(keyframes, 40.0), poses)
         return poses, ClosingTargets(hits, SubmapConfig(), SurfelConfig(), 12.0, familiar)
 
     return targets

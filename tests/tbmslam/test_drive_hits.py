@@ -5,6 +5,7 @@ from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.pose_graph import relative_pose
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2
 
 
@@ -21,11 +22,11 @@ def poses(generator):
 
 
 def packed(scans):
-    return Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
+    return ScanHits.of(Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2), 5.0)
 
 
 def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
-    drive = DriveHits(packed(scans), poses, 5.0)
+    drive = DriveHits(packed(scans), poses)
     near = np.flatnonzero(np.abs(drive.travelled - drive.travelled[12]) <= 1.0)
     expected = Hits.joined([scans[k].hits(5.0).placed(relative_pose(poses, 12, k)) for k in (12, *near)])
     bundle = drive.bundle(12, 1.0, 10_000)
@@ -35,7 +36,7 @@ def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
 
 
 def test_begins_are_where_each_keyframe_begins(scans, poses):
-    drive = DriveHits(packed(scans), poses, 5.0)
+    drive = DriveHits(packed(scans), poses)
     chosen = np.array([3, 9])
     begins = drive.begins(chosen)
     assert begins.tolist() == [0, len(scans[3].hits(5.0).points), drive.count(chosen)]
@@ -43,6 +44,6 @@ def test_begins_are_where_each_keyframe_begins(scans, poses):
     np.testing.assert_array_equal(drive.placed(chosen, 3).points[begins[1] :], alone.points)
 
 
-def test_keyframes_and_poses_must_agree(scans, poses):
-    with pytest.raises(ValueError, match="keyframes must be as many as poses, got 30 and 29"):
-        DriveHits(packed(scans), poses[1:], 5.0)
+def test_scans_and_poses_must_agree(scans, poses):
+    with pytest.raises(ValueError, match="scans must be as many as poses, got 30 and 29"):
+        DriveHits(packed(scans), poses[1:])

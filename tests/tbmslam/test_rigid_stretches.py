@@ -6,6 +6,7 @@ from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.pose_graph import MotionEdge, relative_pose
 from tbmslam.rigid_stretches import RigidStretches
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2, compose
 
 CONFIG = AdjustmentConfig(stretch=1.0, turn=1.0)
@@ -47,13 +48,40 @@ def test_hits_lie_in_the_frames_of_the_stretches_that_saw_them():
     scans = [LaserScan(0.1 * k, -0.5, 0.01, 0.1, 30.0, 4.0 / np.cos(-0.5 + 0.01 * np.arange(101))) for k in range(6)]
     drive = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [SE2.identity()] * 6)
     stretches = RigidStretches(poses, [6], CONFIG)
-    hits, owners = stretches.hits([drive], CONFIG.model_copy(update={"hits": 25}))
-    assert 6 * 25 <= len(hits) <= 6 * 30
-    ahead = 4.0 + poses[:, 0][np.repeat(np.arange(6), len(hits) // 6)]
-    np.testing.assert_allclose(poses[stretches.middles][owners][:, 0] + hits[:, 0], ahead, atol=1e-5)
-    inner = hits[:, 2:].any(axis=1)
-    assert inner.mean() > 0.9
-    np.testing.assert_allclose(hits[inner, 2:], [[-1.0, 0.0]] * inner.sum(), atol=1e-5)
+    hits = stretches.hits([ScanHits.of(drive, 40.0)], CONFIG.model_copy(update={"hits": 25}))
+    assert 6 * 25 <= len(hits.walls) + len(hits.loose) <= 6 * 30
+    assert len(hits.walls) > 0.9 * 6 * 25
+    for own, begins in ((hits.walls, hits.wall_begins), (hits.loose, hits.loose_begins)):
+        assert begins.tolist() == [0, begins[1], len(own)]
+        stretch = np.repeat([0, 1], np.diff(begins))
+        keyframe = (poses[stretches.middles][stretch, 0] + own[:, 0] - 4.0) / 0.3
+        np.testing.assert_array_equal(stretches.owners[np.rint(keyframe).astype(int)], stretch)
+    np.testing.assert_allclose(np.abs(hits.walls[:, 2]), np.pi, atol=1e-5)
+
+
+def test_hits_of_several_drives_lie_one_drive_after_the_other():
+    poses = np.vstack((straight(4), straight(3, y=1.0)))
+    scan = LaserScan(0.0, -0.5, 0.01, 0.1, 30.0, 4.0 / np.cos(-0.5 + 0.01 * np.arange(101)))
+    drives = [
+        ScanHits.of(Keyframes.from_scans([scan] * count, *[[SE2.identity()] * count] * 2), 40.0) for count in (4, 3)
+    ]
+    together = RigidStretches(poses, [4, 3], CONFIG).hits(drives, CONFIG)
+    parts = [
+        RigidStretches(own, [len(own)], CONFIG).hits([d], CONFIG)
+        for own, d in zip((poses[:4], poses[4:]), drives, strict=True)
+    ]
+    for kind in ("walls", "loose"):
+        np.testing.assert_array_equal(getattr(together, kind), np.vstack([getattr(part, kind) for part in parts]))
+    first, second = (part.wall_begins for part in parts)
+    np.testing.assert_array_equal(together.wall_begins, [*first, *(first[-1] + second[1:])])
+
+
+def test_hits_too_far_away_are_left_out():
+    poses = straight(2)
+    scan = LaserScan(0.0, -0.5, 0.01, 0.1, 50.0, np.linspace(20.0, 40.0, 101))
+    drive = ScanHits.of(Keyframes.from_scans([scan] * 2, *[[SE2.identity()] * 2] * 2), 40.0)
+    hits = RigidStretches(poses, [2], CONFIG).hits([drive], CONFIG)
+    assert len(hits.walls) + len(hits.loose) == 2 * 51
 
 
 @pytest.mark.parametrize("counts", [[1], [1, 1]])

@@ -5,6 +5,7 @@ import pytest
 
 from tbmslam.drive_hits import DriveHits
 from tbmslam.keyframes import Keyframes
+from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import SE2
 from tbmslam.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.surfel_map import SurfelConfig
@@ -18,7 +19,7 @@ def submap(drive_in):
     keyframes = list(range(0, 60, 3))
     scans = [robot.readings[k].scan for k in keyframes]
     packed = Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2)
-    drive = DriveHits(packed, sensor_poses[keyframes], 40.0)
+    drive = DriveHits(ScanHits.of(packed, 40.0), sensor_poses[keyframes])
     made = Submap(0, len(keyframes) - 1, drive, SubmapConfig(), SurfelConfig())
     T_anchor_world = SE2.from_array(sensor_poses[keyframes[made.anchor]]).inverse()
     later = 31

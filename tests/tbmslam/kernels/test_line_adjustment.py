@@ -3,13 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.kernels.line_adjustment import (
-    apply_lines,
-    eliminated_blocks,
-    fit_lines,
-    line_equations,
-    turned_moments,
-)
+from tbmslam.kernels.line_adjustment import fit_lines, line_equations
+from tbmslam.kernels.pose_systems import MotionSystem, PoseSystem, eliminated, times
 from tbmslam.se2 import SE2
 
 LIMITS = np.array([4.0, 0.05, 0.03])
@@ -36,7 +31,7 @@ class Sightings:
                 local = SE2(*self.poses[seer]).inverse().apply(hits)
                 self.hits.append(local)
                 self.seers.append(seer)
-                moments.append(moments_of(local))
+                moments.append(moments_of(hits - self.poses[seer, :2]))
             begins.append(len(moments))
         self.moments, self.seers, self.begins = np.array(moments), np.array(self.seers), np.array(begins)
 
@@ -52,20 +47,23 @@ def seen(generator):
     return Sightings(generator)
 
 
-def test_moments_turn_as_the_hits_do(seen):
-    turned = turned_moments(seen.moments, seen.seers, seen.poses)
-    for o, seer in enumerate(seen.seers):
-        rotation = SE2(0.0, 0.0, seen.poses[seer, 2])
-        np.testing.assert_allclose(turned[o], moments_of(rotation.apply(seen.hits[o])), atol=1e-12)
-
-
 def lines_of(seen, limits=LIMITS):
-    turned = turned_moments(seen.moments, seen.seers, seen.poses)
-    return turned, fit_lines(turned, seen.seers, seen.begins, seen.poses, ENOUGH, limits)
+    return fit_lines(seen.moments, seen.seers, seen.begins, seen.poses, ENOUGH, limits)
+
+
+def equations_of(seen, lines):
+    return line_equations(seen.moments, seen.seers, seen.begins, lines, seen.poses, ENOUGH, DEVIATION, WIDTH)
+
+
+def product_of(blocks, lines, changes):
+    """Return the curvature times changes where no motion is known."""
+    return times(
+        PoseSystem(blocks, lines, MotionSystem(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3)))), changes
+    )
 
 
 def test_lines_are_the_principal_axes_of_the_weighed_hits(seen):
-    _, lines = lines_of(seen)
+    lines = lines_of(seen)
     for piece in range(3):
         own = range(seen.begins[piece], seen.begins[piece + 1])
         points = np.vstack([seen.placed(o) for o in own])
@@ -79,13 +77,12 @@ def test_lines_are_the_principal_axes_of_the_weighed_hits(seen):
 
 @pytest.mark.parametrize("limits", [(1000.0, 0.05, 0.03), (4.0, 0.001, 0.03), (4.0, 0.05, 10.0)])
 def test_what_is_too_little_too_thick_or_too_short_is_no_line(seen, limits):
-    np.testing.assert_array_equal(lines_of(seen, np.array(limits))[1], 0.0)
+    np.testing.assert_array_equal(lines_of(seen, np.array(limits)), 0.0)
 
 
 def test_what_one_stretch_saw_alone_is_no_line(seen):
     begins = np.arange(len(seen.seers) + 1)
-    turned = turned_moments(seen.moments, seen.seers, seen.poses)
-    np.testing.assert_array_equal(fit_lines(turned, seen.seers, begins, seen.poses, ENOUGH, LIMITS), 0.0)
+    np.testing.assert_array_equal(fit_lines(seen.moments, seen.seers, begins, seen.poses, ENOUGH, LIMITS), 0.0)
 
 
 def plain_equations(seen, lines):
@@ -115,43 +112,36 @@ def plain_equations(seen, lines):
 
 
 def test_the_equations_are_those_of_all_hits_with_the_lines_eliminated(seen, generator):
-    turned, lines = lines_of(seen)
+    lines = lines_of(seen)
     # Off the best line, so that sightings lose their say and the lines have something to turn to.
     lines[:, :2] += generator.normal(0.0, 0.02, (3, 2))
-    blocks, couplings, inverses, gradient = line_equations(
-        turned, seen.seers, seen.begins, lines, seen.poses, ENOUGH, DEVIATION, WIDTH
-    )
+    blocks, system, gradient = equations_of(seen, lines)
     own, curvature, expected = plain_equations(seen, lines)
     scale = np.abs(own).max()
     np.testing.assert_allclose(gradient.ravel(), expected, atol=1e-9 * scale)
-    taken = eliminated_blocks(couplings, inverses, seen.seers, seen.begins, 4)
+    taken = eliminated(system, 4)
     for k in range(4):
         some = slice(3 * k, 3 * k + 3)
         np.testing.assert_allclose(blocks[k], own[some, some], atol=1e-9 * scale)
         np.testing.assert_allclose(blocks[k] - taken[k], curvature[some, some], atol=1e-9 * scale)
     changes = generator.normal(size=(4, 3))
-    product = apply_lines(blocks, couplings, inverses, seen.seers, seen.begins, changes)
+    product = product_of(blocks, system, changes)
     np.testing.assert_allclose(product.ravel(), curvature @ changes.ravel(), atol=1e-9 * scale)
 
 
 def test_moving_everything_alike_changes_no_distance(seen):
-    turned, lines = lines_of(seen)
-    equations = line_equations(turned, seen.seers, seen.begins, lines, seen.poses, ENOUGH, DEVIATION, WIDTH)
-    blocks, couplings, inverses, gradient = equations
+    blocks, system, gradient = equations_of(seen, lines_of(seen))
     shift = np.tile([0.3, -0.2, 0.0], (4, 1))
     turn = np.column_stack((-seen.poses[:, 1], seen.poses[:, 0], np.ones(4)))
     scale = np.abs(blocks).max()
     for change in (shift, turn):
-        product = apply_lines(blocks, couplings, inverses, seen.seers, seen.begins, change)
+        product = product_of(blocks, system, change)
         np.testing.assert_allclose(product, 0.0, atol=1e-6 * scale)
         assert abs((gradient * change).sum()) < 1e-6 * scale
 
 
 def test_pieces_that_are_no_lines_say_nothing(seen):
-    turned = turned_moments(seen.moments, seen.seers, seen.poses)
-    none = np.zeros((3, 5))
-    equations = line_equations(turned, seen.seers, seen.begins, none, seen.poses, ENOUGH, DEVIATION, WIDTH)
-    assert not any(one.any() for one in equations)
-    blocks, couplings, inverses, _ = equations
-    assert not apply_lines(blocks, couplings, inverses, seen.seers, seen.begins, np.ones((4, 3))).any()
-    assert not eliminated_blocks(couplings, inverses, seen.seers, seen.begins, 4).any()
+    blocks, system, gradient = equations_of(seen, np.zeros((3, 5)))
+    assert not any(one.any() for one in (blocks, system.couplings, system.inverses, gradient))
+    assert not product_of(blocks, system, np.ones((4, 3))).any()
+    assert not eliminated(system, 4).any()

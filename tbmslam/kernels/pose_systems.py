@@ -1,0 +1,97 @@
+"""The equations of an adjustment of poses, in 3 by 3 blocks."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+
+
+class LineSystem(NamedTuple):
+    """Lines that poses saw, each of two unknowns that are eliminated."""
+
+    couplings: FloatArray
+    """Of each sighting's pose with its line (O, 3, 2)."""
+    inverses: FloatArray
+    """Inverse curvatures (L, 3) of the lines: aa, ad, dd; zeros for what says nothing."""
+    seers: IntArray
+    """The pose (O,) of each sighting."""
+    begins: IntArray
+    """Where the sightings of each line begin, and where the last ones end (L + 1,)."""
+
+
+class MotionSystem(NamedTuple):
+    """Motions between poses."""
+
+    ends: IntArray
+    """Source and target (E, 2)."""
+    across: FloatArray
+    """Curvature (E, 3, 3) of the source's by the target's changes; zeros where both are one."""
+
+
+class PoseSystem(NamedTuple):
+    """All of them; small changes of a pose are dx, dy in the map's frame and dtheta about its own place."""
+
+    own: FloatArray
+    """Curvature (N, 3, 3) of each pose by itself, with all lines fixed."""
+    lines: LineSystem
+    motions: MotionSystem
+
+
+@kernel
+def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
+    """Return the curvature, the lines eliminated, times changes (N, 3) of the poses."""
+    own, lines, motions = system
+    product = np.empty_like(changes)
+    for k in range(len(changes)):
+        x, y, theta = changes[k]
+        for i in range(3):
+            product[k, i] = own[k, i, 0] * x + own[k, i, 1] * y + own[k, i, 2] * theta
+    for e in range(len(motions.ends)):
+        source, target = motions.ends[e]
+        for i in range(3):
+            for j in range(3):
+                product[source, i] += motions.across[e, i, j] * changes[target, j]
+                product[target, j] += motions.across[e, i, j] * changes[source, i]
+    for line in range(len(lines.inverses)):
+        iaa, iad, idd = lines.inverses[line]
+        if idd == 0.0:
+            continue
+        turn, shift = 0.0, 0.0
+        for o in range(lines.begins[line], lines.begins[line + 1]):
+            b, change = lines.couplings[o], changes[lines.seers[o]]
+            turn += b[0, 0] * change[0] + b[1, 0] * change[1] + b[2, 0] * change[2]
+            shift += b[0, 1] * change[0] + b[1, 1] * change[1] + b[2, 1] * change[2]
+        line_turn, line_shift = iaa * turn + iad * shift, iad * turn + idd * shift
+        for o in range(lines.begins[line], lines.begins[line + 1]):
+            b, k = lines.couplings[o], lines.seers[o]
+            for i in range(3):
+                product[k, i] -= b[i, 0] * line_turn + b[i, 1] * line_shift
+    return product
+
+
+@kernel
+def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right: FloatArray, weight: float) -> None:
+    """Add left^T middle right times a weight to a result, (3, 3) each."""
+    for a in range(3):
+        for j in range(3):
+            inner = weight * (middle[a, 0] * right[0, j] + middle[a, 1] * right[1, j] + middle[a, 2] * right[2, j])
+            for i in range(3):
+                result[i, j] += left[a, i] * inner
+
+
+@kernel
+def eliminated(lines: LineSystem, count: int) -> FloatArray:
+    """Return what eliminating the lines takes from the curvature of each pose by itself (N, 3, 3)."""
+    taken = np.zeros((count, 3, 3))
+    for line in range(len(lines.inverses)):
+        iaa, iad, idd = lines.inverses[line]
+        if idd == 0.0:
+            continue
+        for o in range(lines.begins[line], lines.begins[line + 1]):
+            b, block = lines.couplings[o], taken[lines.seers[o]]
+            for i in range(3):
+                turn, shift = b[i, 0] * iaa + b[i, 1] * iad, b[i, 0] * iad + b[i, 1] * idd
+                for j in range(3):
+                    block[i, j] += turn * b[j, 0] + shift * b[j, 1]
+    return taken

@@ -1,0 +1,39 @@
+"""Symmetric positive definite equations of a few hundred unknowns.
+
+Libraries add up in an order that depends on the machine and its threads; these give the same bytes everywhere.
+"""
+
+from tbmslam.kernels import FloatArray, kernel
+
+
+@kernel
+def factorise(matrix: FloatArray) -> FloatArray:
+    """Return the upper triangular factor D U (M, M) of a matrix U^T D U, where the diagonal of U is one.
+
+    What is below the diagonal of the matrix is not read, and that of the factor means nothing.
+    """
+    factor = matrix.copy()
+    for k in range(len(factor)):
+        row = factor[k]
+        for i in range(k + 1, len(factor)):
+            ratio = row[i] / row[k]
+            if ratio != 0.0:
+                to, of = factor[i, i:], row[i:]
+                for j in range(len(to)):
+                    to[j] -= ratio * of[j]
+    return factor
+
+
+@kernel
+def solve(factor: FloatArray, vector: FloatArray) -> None:
+    """Replace a vector (M,) by the solution of the equations factorised."""
+    size = len(vector)
+    for k in range(size):
+        ratio = vector[k] / factor[k, k]
+        for j in range(k + 1, size):
+            vector[j] -= ratio * factor[k, j]
+    for k in range(size - 1, -1, -1):
+        rest = vector[k]
+        for j in range(k + 1, size):
+            rest -= factor[k, j] * vector[j]
+        vector[k] = rest / factor[k, k]

@@ -1,0 +1,199 @@
+"""What solves most of the equations of an adjustment at once, for conjugate gradients to do the rest.
+
+These find what concerns neighbouring poses in a few steps, and need very many for what bends a whole drive. So a step
+is made of two parts that are solved exactly each: the blocks of each pose and the next, and bends of the drives by few
+knots (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels.pose_systems import LineSystem, PoseSystem, add_between, eliminated
+from tbmslam.kernels.triangular import factorise, solve
+
+
+class Bends(NamedTuple):
+    """Changes of poses that follow those of few knots along the drives."""
+
+    knots: IntArray
+    """The poses (K,) that are knots."""
+    sides: IntArray
+    """The knots (N, 2) before and after each pose."""
+    shares: FloatArray
+    """How far it follows each (N, 2)."""
+
+
+class Factors(NamedTuple):
+    """What solves the two parts of a step."""
+
+    inverses: FloatArray
+    """Of the blocks (N, 3, 3) of each pose once those before are eliminated."""
+    nexts: FloatArray
+    """Curvature (N, 3, 3) of each pose's by the next one's changes."""
+    levers: FloatArray
+    """How far each pose (N, 2, 2) is from the knots before and after it, x and y [m]."""
+    bent: FloatArray
+    """Upper triangular factor (3 K, 3 K) of the curvature of the knots, see `factorise`."""
+
+
+@kernel
+def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
+    """Return what solves the two parts of a step at poses (N, 3)."""
+    alone = system.own - eliminated(system.lines, len(poses))
+    nexts = np.zeros_like(alone)
+    for e in range(len(system.motions.ends)):
+        source, target = system.motions.ends[e]
+        if target == source + 1:
+            nexts[source] += system.motions.across[e]
+        elif source == target + 1:
+            nexts[target] += system.motions.across[e].T
+    inverses = np.empty_like(alone)
+    for k in range(len(poses)):
+        if k > 0:
+            add_between(alone[k], nexts[k - 1], inverses[k - 1], nexts[k - 1], -1.0)
+        inverses[k] = _inverse(alone[k])
+    levers = np.empty((len(poses), 2, 2))
+    for k in range(len(poses)):
+        for side in range(2):
+            levers[k, side] = poses[k, :2] - poses[bends.knots[bends.sides[k, side]], :2]
+    return Factors(inverses, nexts, levers, factorise(_bent(system, bends, levers)))
+
+
+@kernel
+def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArray:
+    """Return changes (N, 3) of poses that come near to those which the curvature takes to forces (N, 3)."""
+    changes = np.empty_like(forces)
+    _solve_chain(factors, forces, changes)
+    knots = np.zeros(3 * len(bends.knots))
+    for k in range(len(forces)):
+        for side in range(2):
+            share, (dx, dy), at = bends.shares[k, side], factors.levers[k, side], 3 * bends.sides[k, side]
+            knots[at] += share * forces[k, 0]
+            knots[at + 1] += share * forces[k, 1]
+            knots[at + 2] += share * (forces[k, 2] + dx * forces[k, 1] - dy * forces[k, 0])
+    solve(factors.bent, knots)
+    for k in range(len(forces)):
+        for side in range(2):
+            share, (dx, dy), at = bends.shares[k, side], factors.levers[k, side], 3 * bends.sides[k, side]
+            changes[k, 0] += share * (knots[at] - dy * knots[at + 2])
+            changes[k, 1] += share * (knots[at + 1] + dx * knots[at + 2])
+            changes[k, 2] += share * knots[at + 2]
+    return changes
+
+
+@kernel
+def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> None:
+    """Write changes (N, 3) to which the blocks of each pose and the next lead under forces (N, 3)."""
+    x, y, theta = 0.0, 0.0, 0.0
+    for k in range(len(forces)):
+        a, b, c = forces[k]
+        if k > 0:
+            across = factors.nexts[k - 1]
+            a -= across[0, 0] * x + across[1, 0] * y + across[2, 0] * theta
+            b -= across[0, 1] * x + across[1, 1] * y + across[2, 1] * theta
+            c -= across[0, 2] * x + across[1, 2] * y + across[2, 2] * theta
+        inverse = factors.inverses[k]
+        x = inverse[0, 0] * a + inverse[0, 1] * b + inverse[0, 2] * c
+        y = inverse[1, 0] * a + inverse[1, 1] * b + inverse[1, 2] * c
+        theta = inverse[2, 0] * a + inverse[2, 1] * b + inverse[2, 2] * c
+        changes[k, 0], changes[k, 1], changes[k, 2] = x, y, theta
+    for k in range(len(forces) - 2, -1, -1):
+        across, inverse = factors.nexts[k], factors.inverses[k]
+        a = across[0, 0] * x + across[0, 1] * y + across[0, 2] * theta
+        b = across[1, 0] * x + across[1, 1] * y + across[1, 2] * theta
+        c = across[2, 0] * x + across[2, 1] * y + across[2, 2] * theta
+        x = changes[k, 0] - (inverse[0, 0] * a + inverse[0, 1] * b + inverse[0, 2] * c)
+        y = changes[k, 1] - (inverse[1, 0] * a + inverse[1, 1] * b + inverse[1, 2] * c)
+        theta = changes[k, 2] - (inverse[2, 0] * a + inverse[2, 1] * b + inverse[2, 2] * c)
+        changes[k, 0], changes[k, 1], changes[k, 2] = x, y, theta
+
+
+@kernel
+def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
+    """Return the curvature (3 K, 3 K) of the knots, its upper triangle at least."""
+    count = len(bends.knots)
+    bent = np.zeros((3 * count, 3 * count))
+    for k in range(len(system.own)):
+        _add_bent(bent, bends, levers, k, k, system.own[k])
+    for e in range(len(system.motions.ends)):
+        source, target = system.motions.ends[e]
+        _add_bent(bent, bends, levers, source, target, system.motions.across[e])
+        _add_bent(bent, bends, levers, target, source, system.motions.across[e].T)
+    _eliminate_lines(bent, system.lines, bends, levers)
+    return bent
+
+
+@kernel
+def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: FloatArray) -> None:
+    """Take what eliminating the lines takes from the curvature of the knots."""
+    count = len(bends.knots)
+    couplings, met, is_met = np.zeros((count, 3, 2)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+    for line in range(len(lines.inverses)):
+        if lines.inverses[line, 2] == 0.0:
+            continue
+        touched = 0
+        for o in range(lines.begins[line], lines.begins[line + 1]):
+            k, b = lines.seers[o], lines.couplings[o]
+            for side in range(2):
+                knot, share, (dx, dy) = bends.sides[k, side], bends.shares[k, side], levers[k, side]
+                if not is_met[knot]:
+                    is_met[knot], met[touched] = True, knot
+                    touched += 1
+                coupling = couplings[knot]
+                for j in range(2):
+                    coupling[0, j] += share * b[0, j]
+                    coupling[1, j] += share * b[1, j]
+                    coupling[2, j] += share * (b[2, j] + dx * b[1, j] - dy * b[0, j])
+        _eliminate(bent, couplings, np.sort(met[:touched]), lines.inverses[line])
+        for knot in met[:touched]:
+            is_met[knot], couplings[knot] = False, 0.0
+
+
+@kernel
+def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: FloatArray) -> None:
+    """Take what eliminating one line takes from the curvature of rising knots coupled with it (K, 3, 2)."""
+    iaa, iad, idd = inverse
+    for number in range(len(knots)):
+        one = couplings[knots[number]]
+        for i in range(3):
+            turn, shift = one[i, 0] * iaa + one[i, 1] * iad, one[i, 0] * iad + one[i, 1] * idd
+            row = bent[3 * knots[number] + i]
+            for at in range(number, len(knots)):
+                other, col = couplings[knots[at]], 3 * knots[at]
+                for j in range(3):
+                    row[col + j] -= turn * other[j, 0] + shift * other[j, 1]
+
+
+@kernel
+def _add_bent(bent: FloatArray, bends: Bends, levers: FloatArray, one: int, other: int, block: FloatArray) -> None:
+    """Add a block (3, 3) of two poses to the upper triangle of those of their knots."""
+    for side in range(2):
+        share, (dx, dy), row = bends.shares[one, side], levers[one, side], 3 * bends.sides[one, side]
+        for end in range(2):
+            weight, (ex, ey), col = bends.shares[other, end], levers[other, end], 3 * bends.sides[other, end]
+            if col < row:
+                continue
+            for j in range(3):
+                # The column of a turn swings the pose about its knot.
+                a, b, c = block[0, j], block[1, j], block[2, j]
+                if j == 2:
+                    a += ex * block[0, 1] - ey * block[0, 0]
+                    b += ex * block[1, 1] - ey * block[1, 0]
+                    c += ex * block[2, 1] - ey * block[2, 0]
+                bent[row, col + j] += share * weight * a
+                bent[row + 1, col + j] += share * weight * b
+                bent[row + 2, col + j] += share * weight * (c + dx * b - dy * a)
+
+
+@kernel
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric positive definite (3, 3) matrix."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix
+    result = np.empty((3, 3))
+    result[0, 0], result[0, 1], result[0, 2] = d * f - e * e, c * e - b * f, b * e - c * d
+    result[1, 1], result[1, 2], result[2, 2] = a * f - c * c, b * c - a * e, a * d - b * b
+    result[1, 0], result[2, 0], result[2, 1] = result[0, 1], result[0, 2], result[1, 2]
+    result /= a * result[0, 0] + b * result[0, 1] + c * result[0, 2]
+    return result
