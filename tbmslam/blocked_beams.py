@@ -6,9 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from tbmslam.blocked_spans import BlockedSpans
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.blocked_beams import follow_beams
 from tbmslam.laser_scan import LaserScan
+from tbmslam.parts_in_view import PartsInViewConfig
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -25,6 +27,7 @@ class BlockedBeamsConfig(FrozenConfig):
     soon_turned: float = Field(0.35, gt=0, description="turn for ranges as near as that [rad]")
     fewest: int = Field(5, ge=1, description="neighbouring beams that must be blocked together")
     step: float = Field(0.3, gt=0, description="way or turn between two looks [m, rad]")
+    parts: PartsInViewConfig = PartsInViewConfig()
 
 
 class BlockedBeams:
@@ -46,7 +49,7 @@ class BlockedBeams:
         soon = config.very_near, config.soon, config.soon_turned
         self._limits = (config.spread, config.near, config.travelled, config.turned, *soon)
         self._last: SE2 | None = None
-        self._spans: list[tuple[float, float, npt.NDArray[np.int64]]] = []
+        self._spans = BlockedSpans()
         self._forget(0)
 
     def _forget(self, beams: int) -> None:
@@ -58,10 +61,16 @@ class BlockedBeams:
         self._state[0] = np.nan
         self._way = self._turn = 0.0
 
+    @property
+    def since(self) -> FloatArray:
+        """Stamps (B,) since when beams that are blocked are so [s]."""
+        since: FloatArray = self._state[1]
+        return since
+
     def look(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
         """Learn from a scan; return whether beams are blocked from now on that were not."""
         if len(scan.ranges) != len(self.blocked):
-            self._end(self.blocked, scan.stamp)
+            self._spans.end(self.blocked, self.since, self._anywhere(), scan.stamp)
             self._forget(len(scan.ranges))
             self._last = None
         last = self._last or T_odom_robot
@@ -84,22 +93,18 @@ class BlockedBeams:
 
     def were_any(self) -> bool:
         """Tell whether any beam was blocked at any time."""
-        return bool(self._spans) or bool(self.blocked.any())
+        return self._spans.were_any() or bool(self.blocked.any())
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked, as is known afterwards."""
-        hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
-        for since, until, beams in [*self._spans, *self._open_spans()]:
-            if since <= scan.stamp < until and beams.max() < len(hidden):
-                hidden[beams] = True
-        return scan.with_ranges(np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
+        return self._spans.cleared(scan, self.blocked, self.since, self._anywhere())
 
     def _follow(self, scan: LaserScan, way: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
         self._way, self._turn = self._way + way, self._turn + turn
         if self.blocked.any():
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
-            self._end(ends & self.blocked, scan.stamp)
+            self._spans.end(ends & self.blocked, self.since, self._anywhere(), scan.stamp)
         here = scan.stamp, self._way, self._turn
         blocked, suspected = follow_beams(self._state, ranges, here, self._limits, config.fewest)
         more = bool((blocked & ~self.blocked).any())
@@ -107,13 +112,6 @@ class BlockedBeams:
         self._hides = bool(self._hidden.any())
         return more
 
-    def _end(self, beams: npt.NDArray[np.bool_], stamp: float) -> None:
-        """Note when beams were blocked that no longer are."""
-        for since in np.unique(self._state[1, beams]):
-            self._spans.append((float(since), stamp, np.flatnonzero(beams & (self._state[1] == since))))
-
-    def _open_spans(self) -> list[tuple[float, float, npt.NDArray[np.int64]]]:
-        if not self.blocked.any():
-            return []
-        starts = np.unique(self._state[1, self.blocked])
-        return [(float(s), math.inf, np.flatnonzero(self.blocked & (self._state[1] == s))) for s in starts]
+    def _anywhere(self) -> FloatArray:
+        """Return how far blocked beams (B,) ended at the most: whatever they said is left out [m]."""
+        return np.full(len(self.blocked), np.inf)

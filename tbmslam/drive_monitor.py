@@ -3,10 +3,11 @@
 import logging
 import math
 
-from tbmslam.blocked_beams import BlockedBeams, BlockedBeamsConfig
+from tbmslam.blocked_beams import BlockedBeamsConfig
 from tbmslam.continuity import ContinuityConfig, compare_scans
 from tbmslam.incidents import Incidents
 from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.laser_view import LaserView
 from tbmslam.odometry_check import OdometryCheck, OdometryCheckConfig
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
@@ -39,7 +40,7 @@ class DriveMonitor:
     def __init__(self, continuity: ContinuityConfig, beams: BlockedBeamsConfig, odometry: OdometryCheckConfig) -> None:
         self.incidents = Incidents()
         self._continuity = continuity
-        self._beams = BlockedBeams(beams) if beams.enabled else None
+        self._view = LaserView(beams, self.incidents) if beams.enabled else None
         self._odometry = OdometryCheck(odometry)
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
@@ -48,12 +49,9 @@ class DriveMonitor:
         """Return the reading without beams that are known to be blocked; look at its odometry."""
         if self._odometry.jumps(reading.scan.stamp, reading.T_odom_robot):
             self.incidents.add(reading.scan.stamp, "the odometry jumps")
-        if self._beams is None:
+        if self._view is None:
             return reading
-        if self._beams.look(reading.scan, reading.T_odom_robot or self._T_map_robot):
-            share = self._beams.blocked.mean()
-            self.incidents.add(reading.scan.stamp, f"something on the robot blocks {share:.0%} of the beams")
-        scan = self._beams.without(reading.scan)
+        scan = self._view.cleaned(reading.scan, reading.T_odom_robot or self._T_map_robot)
         return reading if scan is reading.scan else reading.with_scan(scan)
 
     def checked(self, scan: LaserScan, match: ScanMatch, guess: SE2, jump: float) -> ScanMatch | None:
@@ -86,6 +84,8 @@ class DriveMonitor:
                 found = ScanMatch(guess, match.score, moved=False) if is_there else None
             if found is None:
                 self.incidents.add(scan.stamp, LOST)
+        if found is None and self._view is not None:
+            self._view.forget()
         self._last = (scan, (found or match).T_map_sensor)
         return found
 
@@ -94,14 +94,18 @@ class DriveMonitor:
         self._T_map_robot = T_map_robot
         if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
             self.incidents.add(reading.scan.stamp, "odometry and scans disagree about the motion")
+        if self._view is not None:
+            T_odom_robot, T_robot_sensor = reading.T_odom_robot, reading.T_robot_sensor
+            by_odometry = None if T_odom_robot is None else T_odom_robot @ T_robot_sensor
+            self._view.note_place(T_map_robot @ T_robot_sensor, by_odometry)
 
     def knows_blocked_beams(self) -> bool:
         """Tell whether any beam was blocked at any time."""
-        return self._beams is not None and self._beams.were_any()
+        return self._view is not None and self._view.were_any_blocked()
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that turned out to be blocked."""
-        return scan if self._beams is None else self._beams.cleared(scan)
+        return scan if self._view is None else self._view.cleared(scan)
 
     def tell(self, name: str, start: float) -> None:
         """Log the incidents, with the time since a stamp [s]."""

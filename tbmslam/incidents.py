@@ -67,3 +67,8 @@ class Incidents:
         if number < len(self._kept):
             known = self._kept[number]
             self._kept[number] = known._replace(seconds=max(known.seconds, stamp - known.stamp))
+
+    def reword(self, number: int, what: str) -> None:
+        """Say otherwise what an incident was, as more is known of it."""
+        if number < len(self._kept):
+            self._kept[number] = self._kept[number]._replace(what=what)

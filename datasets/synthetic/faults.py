@@ -9,7 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from datasets.synthetic.simulation import SimulatedRobot, poses_at
-from datasets.synthetic.surroundings import behind_glass, ranges_of, with_moved_boxes, with_people, within_a_crowd
+from datasets.synthetic.surroundings import (
+    behind_glass,
+    behind_posts,
+    ranges_of,
+    with_moved_boxes,
+    with_people,
+    within_a_crowd,
+)
 from datasets.synthetic.world import World
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
@@ -159,6 +166,11 @@ def _beams_blocked(scene: _Scene) -> SimulatedRobot:
     return _rescanned(scene.robot, scene.scans(), ranges)
 
 
+def _parts_in_view(scene: _Scene) -> SimulatedRobot:
+    """Stand two posts on the robot before its laser."""
+    return _rescanned(scene.robot, scene.scans(), behind_posts(scene.robot, scene.rng))
+
+
 def _glass(scene: _Scene) -> SimulatedRobot:
     """Make some walls of glass, which most beams pass."""
     return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
@@ -205,6 +217,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "stamps_twice": _stamps_twice,
     "laser_gap": _laser_gap,
     "beams_blocked": _beams_blocked,
+    "parts_in_view": _parts_in_view,
     "glass": _glass,
     "people": _people,
     "crowd": _crowd,

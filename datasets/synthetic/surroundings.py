@@ -15,6 +15,8 @@ _EVERY, _IN_SIGHT = 3.0, 8.0  # a person crosses the way so often, and is in sig
 _PERSON, _WALKING = 0.2, 1.0  # radius [m], speed [m/s]
 _CROWD, _CROWD_FROM, _CROWD_TO, _ROUND = 5, 1.0, 2.0, 0.2  # people, distances [m], how fast they walk around [rad/s]
 _BOXES, _BOX = 12, 0.5  # number, side [m]
+_POSTS = ((-1.05, 0.3, 0.03), (1.3, 0.45, 0.04))  # direction from the laser [rad], distance [m], radius [m]
+_SHAKING = 0.01  # how far parts of a driving robot are from where they belong [m]
 _KEPT_FREE = 0.7  # from the robot to the middle of a box or a person [m]
 
 
@@ -65,6 +67,17 @@ def within_a_crowd(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArra
         distances = _CROWD_FROM + (_CROWD_TO - _CROWD_FROM) * (0.5 + 0.5 * swing)
         places = pose[:2] + distances[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
         things.append(np.vstack([_polygon(place, _PERSON, 8, 0.0) for place in places]))
+    return _before(robot, things, rng)
+
+
+def behind_posts(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with two posts of the robot itself in view, which shake a little."""
+    places = [distance * np.array((math.cos(angle), math.sin(angle))) for angle, distance, _ in _POSTS]
+    things = []
+    for pose in robot.truth.poses:
+        T_world_sensor = SE2.from_array(pose) @ robot.laser.T_robot_sensor
+        shaken = [T_world_sensor.apply(place + rng.normal(0.0, _SHAKING, 2)) for place in places]
+        things.append(np.vstack([_polygon(place, post[2], 8, 0.0) for place, post in zip(shaken, _POSTS, strict=True)]))
     return _before(robot, things, rng)
 
 

@@ -45,12 +45,25 @@ def test_what_goes_on_is_one_incident():
 def test_everything_that_can_go_wrong_is_explained():
     """The words that programs give incidents are the rows of a table."""
     text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
-    named = [LOST.partition(", as")[0], CHANGED.partition(": ")[0], "what goes along holds the robot back"]
+    named = [
+        LOST.partition(", as")[0],
+        CHANGED.partition(": ")[0],
+        "what goes along holds the robot back",
+        "something on the robot",
+    ]
     written = [
         re.split(r"[{,]", call["words"])[0].strip()
         for package in ("tbmslam", "datasets")
         for path in sorted((ROOT / package).glob("*.py"))
         for call in re.finditer(r"incidents\.add\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8"))
     ]
-    assert len(written) >= 10
+    assert len(written) >= 9
     assert [words for words in (*named, *written) if words not in text] == []
+
+
+def test_an_incident_is_worded_anew_once_more_is_known():
+    incidents = Incidents()
+    number = incidents.add(3.0, "a part")
+    incidents.reword(number, "two parts")
+    incidents.reword(number + 7, "nothing")
+    assert [incident.text(1.0) for incident in incidents] == ["at 2.0 s: two parts"]

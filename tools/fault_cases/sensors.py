@@ -61,6 +61,9 @@ CASES = (
     _case("every other stamp twice", "stamps_twice@20+20"),
     _case("laser unplugged for 20 s, robot drives on", "laser_gap@20+20", "no scans", quick=True),
     _case("half of the beams covered", "beams_blocked@20+60", "blocks", quick=True),
+    _case(
+        "two posts of the robot in view, straight along a corridor", "parts_in_view@0+600", "blocks", world="corridor"
+    ),
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),
     _case("five people go along, 1 to 2 m away", "crowd@0+600"),
