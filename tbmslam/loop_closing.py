@@ -103,9 +103,8 @@ class LoopCloser:
         """
         drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
         drive.search_forward()
-        for _ in range(2):
-            drive.tighten()
-            drive.drop_contradictions()
+        drive.tighten()
+        drive.drop_contradictions()
         logger.info("%d closures between %d keyframes", len(drive.closures), len(poses))
         return drive.poses, list(drive.closures.values())
 
@@ -137,7 +136,7 @@ class _Drive:
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
-        stops = self._stops(self.config.step).tolist()
+        stops = self._stops().tolist()
         for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
@@ -148,8 +147,11 @@ class _Drive:
         self._optimise()
 
     def tighten(self) -> None:
-        """Lay every keyframe near an old submap onto it once more, now that the poses are nearly right."""
-        stops = self._stops(0.5 * self.config.step).tolist()
+        """Lay the keyframes near old submaps onto them once more, now that the poses are nearly right.
+
+        What they still miss, adjusting drive and walls makes good.
+        """
+        stops = self._stops().tolist()
         for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
@@ -178,9 +180,9 @@ class _Drive:
         error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
         return math.hypot(error.x, error.y) > self.config.surprise
 
-    def _stops(self, step: float) -> npt.NDArray[np.int64]:
-        """Return keyframes that lie at least about `step` metres apart."""
-        _, first = np.unique((self._hits.travelled / step).astype(np.int64), return_index=True)
+    def _stops(self) -> npt.NDArray[np.int64]:
+        """Return the keyframes that are searched for."""
+        _, first = np.unique((self._hits.travelled / self.config.step).astype(np.int64), return_index=True)
         return np.asarray(first, dtype=np.int64)
 
     def _optimise(self, precision: float = 1e-4) -> None:
