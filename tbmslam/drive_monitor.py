@@ -4,7 +4,7 @@ import logging
 import math
 
 from tbmslam.blocked_beams import BlockedBeamsConfig
-from tbmslam.continuity import ContinuityConfig, compare_scans
+from tbmslam.continuity import ContinuityConfig, changed_share, compare_scans
 from tbmslam.incidents import Incidents
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.laser_view import LaserView
@@ -17,10 +17,12 @@ logger = logging.getLogger(__name__)
 _SAID_AT_MOST = 20
 LOST = "lost, the scans fit neither the map nor the odometry, as if the robot had been carried"
 
-CHANGED = (
-    "all looks different after a pause, though the wheels stood still: if the robot was carried, make one robot of the "
-    "way before and one of the way after by --interval"
+_REMEDY = (
+    "though the wheels stood still: if the robot was carried, make one robot of the way before and one of the way "
+    "after by --interval"
 )
+CHANGED = f"all looks different after a pause, {_REMEDY}"
+MOVED = f"the robot does not stand where it stood before a pause, {_REMEDY}"
 
 
 class DriveMonitor:
@@ -72,20 +74,21 @@ class DriveMonitor:
         if jump:
             self.incidents.add(scan.stamp, f"the odometry steps by {jump:.0f} m, which is not believed")
         found: ScanMatch | None = match
-        change = self._change_in_pause(last, scan, guess) if self._continuity.enabled and last is not None else 0.0
-        if change > self._continuity.max_contradiction:
+        paused = last is not None and self._stood_still(last, scan, guess)
+        if last is not None and paused and self._contradicts(last, scan, guess):
             found = None
-            self.incidents.add(scan.stamp, LOST)
-        elif change > self._continuity.max_change:
-            self.incidents.add(scan.stamp, CHANGED)
-        elif self._continuity.enabled and last is not None and match.score < self._continuity.doubtful:
-            if not self._continues(last, scan, match.T_map_sensor, guess):
-                is_there = self._continues(last, scan, guess, guess)
-                found = ScanMatch(guess, match.score, moved=False) if is_there else None
-            if found is None:
-                self.incidents.add(scan.stamp, LOST)
-        if found is None and self._view is not None:
-            self._view.forget()
+        elif (
+            last is not None and self._is_doubtful(match) and not self._continues(last, scan, match.T_map_sensor, guess)
+        ):
+            is_there = self._continues(last, scan, guess, guess)
+            found = ScanMatch(guess, match.score, moved=False) if is_there else None
+        told = LOST if found is None else ""
+        if last is not None and paused and found is not None:
+            told = self._changed(last, scan, found, guess)
+        if told:
+            self.incidents.add(scan.stamp, told)
+            if self._view is not None:
+                self._view.forget()
         self._last = (scan, (found or match).T_map_sensor)
         return found
 
@@ -115,15 +118,34 @@ class DriveMonitor:
                 return
             logger.warning("%s: %s", name, incident.text(start))
 
-    def _change_in_pause(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> float:
-        """Return how much contradicts the scan before a pause in which nothing moved; 0 without such a pause."""
+    def _is_doubtful(self, match: ScanMatch) -> bool:
+        return self._continuity.enabled and match.score < self._continuity.doubtful
+
+    def _stood_still(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> bool:
+        """Tell whether a scan comes after a pause in which the wheels stood still."""
         config = self._continuity
-        if scan.stamp - last[0].stamp < config.pause:
-            return 0.0
+        if not config.enabled or scan.stamp - last[0].stamp < config.pause:
+            return False
         T_last_guess = last[1].to(guess)
-        if max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta)) > config.still:
-            return 0.0
-        return compare_scans(last[0], scan, T_last_guess, config).contradiction
+        return max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta)) <= config.still
+
+    def _contradicts(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> bool:
+        """Tell whether a scan contradicts the one before, where the wheels say that the robot is."""
+        comparison = compare_scans(last[0], scan, last[1].to(guess), self._continuity)
+        return comparison.contradiction > self._continuity.max_contradiction
+
+    def _changed(self, last: tuple[LaserScan, SE2], scan: LaserScan, found: ScanMatch, guess: SE2) -> str:
+        """Return what changed in a pause in which the wheels stood still, in words; nothing where nothing did."""
+        config = self._continuity
+        by_wheels, rest = last[1].to(guess), guess.to(found.T_map_sensor)
+        if compare_scans(last[0], scan, by_wheels, config).contradiction > config.max_change:
+            return CHANGED
+        far = config.shift + config.slack * math.hypot(by_wheels.x, by_wheels.y)
+        turned = config.turn + config.slack * abs(by_wheels.theta)
+        if math.hypot(rest.x, rest.y) > far or abs(math.remainder(rest.theta, math.tau)) > turned:
+            return MOVED
+        share = changed_share(last[0], scan, last[1].to(found.T_map_sensor), config)
+        return CHANGED if share > config.max_near_change else ""
 
     def _continues(self, last: tuple[LaserScan, SE2], scan: LaserScan, T_map_sensor: SE2, guess: SE2) -> bool:
         """Tell whether a scan at a pose does not contradict the one before, nor the odometry for no good reason."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.continuity import ContinuityConfig, compare_scans
+from tbmslam.continuity import ContinuityConfig, changed_share, compare_scans
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2
 
@@ -45,3 +45,16 @@ def test_somebody_before_the_laser_is_no_contradiction():
 def test_scans_without_anything_in_common_tell_nothing():
     nothing = LaserScan(0.0, 0.0, 0.1, 0.1, 30.0, np.full(50, np.inf))
     assert compare_scans(room(6.0, 9.0), nothing, SE2.identity(), CONFIG) == (0.0, 0.0)
+
+
+def test_near_changes_count_from_the_depth_of_a_door_on_if_both_scans_see_them():
+    before, after = room(6.0, 9.0), room(6.0, 9.0)
+    assert changed_share(before, after, SE2.identity(), CONFIG) == 0.0
+    before.ranges[20:56] -= 0.15
+    assert changed_share(before, after, SE2.identity(), CONFIG) == 0.0  # somebody who left
+    after.ranges[200:236] -= 0.15
+    assert changed_share(before, after, SE2.identity(), CONFIG) == pytest.approx(0.07, abs=0.035)
+    assert changed_share(after, before, SE2.identity(), CONFIG) == pytest.approx(0.07, abs=0.035)
+    assert compare_scans(before, after, SE2.identity(), CONFIG).contradiction == 0.0
+    far = room(60.0, 60.0)
+    assert changed_share(far, room(60.5, 60.5), SE2.identity(), CONFIG) == 0.0

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.simulation import poses_at
-from tbmslam.drive_monitor import CHANGED, LOST
+from datasets.synthetic.world import World
+from tbmslam.drive_monitor import CHANGED, LOST, MOVED
 from tbmslam.laser_scan import Reading
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
@@ -132,6 +134,46 @@ def test_a_corridor_alike_everywhere_gives_a_carried_robot_away_by_what_changed_
     slam, _ = mapped(readings)
     (told,) = [i for i in slam.incidents if i.what in (LOST, CHANGED)]
     assert told.stamp == readings[61].scan.stamp
+
+
+def bare_corridor(poses, pitch=4.0):
+    """Let a robot look around a corridor with shallow doors, alike everywhere, from some poses."""
+    xs = np.arange(-40.0, 40.0, pitch)
+    low = np.array([(x, -0.16, x + 0.95, -0.16) for x in xs] + [(x + 0.95, 0.0, x + pitch, 0.0) for x in xs])
+    sides = np.array([(x + end, 0.0, x + end, -0.16) for x in xs for end in (0.0, 0.95)])
+    walls = np.vstack((low, sides))
+    walls = np.vstack((walls, walls * (1.0, -1.0, 1.0, -1.0) + np.array((0.0, 2.2, 0.0, 2.2))))
+    angle_min, step = SimulatedLaser.field_of(361)
+    laser = SimulatedLaser(
+        beams=361, angle_min=angle_min, angle_increment=step, range_max=10.0, T_robot_sensor=SE2.identity()
+    )
+    return laser.scans(
+        World("bare", 0, walls, np.zeros((1, 2))),
+        np.arange(len(poses)) * 0.2,
+        np.array(poses),
+        np.random.default_rng(1),
+    )
+
+
+@pytest.mark.parametrize(
+    ("carried", "told"),
+    [
+        ((0.0, 0.0, 0.0), []),
+        ((1.9, 0.0, 0.0), [CHANGED]),  # doors of 16 cm where walls were
+        ((4.0, 0.08, 0.0), [MOVED]),
+        ((4.0, 0.0, 0.02), [CHANGED]),
+        ((4.0, 0.0, 0.0), []),  # nothing in the whole drive tells
+    ],
+)
+def test_a_corridor_alike_everywhere_tells_of_all_but_what_is_alike(carried, told):
+    way = [(0.1 * k, 1.1, 0.0) for k in range(30)]
+    poses = [*way[:15], *(tuple(np.add(pose, carried)) for pose in way[15:])]
+    readings = [
+        Reading(replace(scan, stamp=scan.stamp + 20.0 * (k >= 15)), SE2(*way[k]))
+        for k, scan in enumerate(bare_corridor(poses))
+    ]
+    slam, _ = mapped(readings)
+    assert [incident.what for incident in slam.incidents if incident.stamp == readings[15].scan.stamp] == told
 
 
 def test_small_changes_in_a_pause_are_told_and_cut_nothing(robot):

@@ -2,7 +2,7 @@ import json
 import re
 from pathlib import Path
 
-from tbmslam.drive_monitor import CHANGED, LOST
+from tbmslam.drive_monitor import CHANGED, LOST, MOVED
 from tbmslam.incidents import Incident, Incidents
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +48,7 @@ def test_everything_that_can_go_wrong_is_explained():
     named = [
         LOST.partition(", as")[0],
         CHANGED.partition(": ")[0],
+        MOVED.partition(": ")[0],
         "what goes along holds the robot back",
         "something on the robot",
     ]
