@@ -180,7 +180,8 @@ class MotionModel:
         distance, turn = math.hypot(step.x, step.y), abs(step.theta)
         position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
         heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
-        return Prediction(pose, np.array([position, position, heading]) * self._doubt.factors, by_odometry=True)
+        position, heading = position * self._doubt.of_position, heading * self._doubt.of_heading
+        return Prediction(pose, np.array((position, position, heading)), by_odometry=True)
 
     def _by_constant_velocity(self, reading: Reading) -> Prediction:
         config = self._config

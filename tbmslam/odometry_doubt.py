@@ -8,7 +8,6 @@ squares over the number of well-determined parameters.)
 
 import math
 
-import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
@@ -30,8 +29,8 @@ class OdometryDoubt:
 
     Attributes
     ----------
-    factors
-        Of x, y and theta (3,), at least 1.
+    of_position, of_heading
+        The factors, at least 1.
     """
 
     def __init__(self, config: OdometryDoubtConfig) -> None:
@@ -40,7 +39,7 @@ class OdometryDoubt:
         self._most = config.largest**2
         # Of position and of heading: sums of squares in stated variances, and of what was determined.
         self._squares, self._determined = [0.0, 0.0], [0.0, 0.0]
-        self.factors = np.ones(3)
+        self.of_position = self.of_heading = 1.0
 
     def note(self, guess: SE2, pose: SE2, deviations: FloatArray, information: FloatArray) -> None:
         """Learn from where a scan was found.
@@ -59,11 +58,10 @@ class OdometryDoubt:
         if not self._config.enabled:
             return
         x, y, theta = determined_shares(information, deviations)
-        position, _, heading = (deviations / self.factors).tolist()
+        position, heading = float(deviations[0]) / self.of_position, float(deviations[2]) / self.of_heading
         shift = ((pose.x - guess.x) ** 2 + (pose.y - guess.y) ** 2) / position**2
         turn = (math.remainder(pose.theta - guess.theta, math.tau) / heading) ** 2
-        position_factor = self._learned(0, shift, x + y)
-        self.factors = np.array((position_factor, position_factor, self._learned(1, turn, theta)))
+        self.of_position, self.of_heading = self._learned(0, shift, x + y), self._learned(1, turn, theta)
 
     def _learned(self, which: int, square: float, determined: float) -> float:
         """Return a factor after one more correction; a wild one counts as the largest that is thought possible."""

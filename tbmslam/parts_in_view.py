@@ -5,8 +5,6 @@ so that no scan from elsewhere goes through it; where a part of the robot was, o
 """
 
 import math
-from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -43,13 +41,6 @@ class PartsInViewConfig(FrozenConfig):
     )
 
 
-class _Look(NamedTuple):
-    T_map_sensor: SE2
-    stamp: float
-    seen: FloatArray
-    refuted: BoolArray  # which ends turned out to be no places
-
-
 class PartsInView:
     """Follows every beam while the robot drives.
 
@@ -71,13 +62,13 @@ class PartsInView:
         self.blocked: BoolArray
         self.since: FloatArray
         self._astray: BoolArray
-        self._looks: deque[_Look] = deque(maxlen=config.looks)
         self._spans = BlockedSpans()
+        self._T_map_last = SE2.identity()
         self._begin(0)
 
     def forget(self) -> None:
         """Forget where scans were taken, as where the robot got lost; what was constant is so all the same."""
-        self._looks.clear()
+        self._count = 0  # looks that are remembered
         self._T_odom_last: SE2 | None = None
         self._way = 0.0
         self._state[2] = self._state[4] = 0.0
@@ -87,20 +78,22 @@ class PartsInView:
         if len(scan.ranges) != len(self.blocked):
             self._spans.end(self._hidden, self.since, self._farthest, scan.stamp)
             self._begin(len(scan.ranges))
-        if self._looks:
-            moved = self._looks[-1].T_map_sensor.to(T_map_sensor)
+        if self._count:
+            moved = self._T_map_last.to(T_map_sensor)
             way = math.hypot(moved.x, moved.y)
             if max(way, abs(moved.theta)) < self._config.step:
                 return
             if self._disagrees(moved, T_odom_sensor):
                 self.forget()
             self._way += way
-        self._T_odom_last = T_odom_sensor
+        self._T_map_last, self._T_odom_last = T_map_sensor, T_odom_sensor
         ranges = smoothed_ranges(scan.ranges)
-        self._looks.append(_Look(T_map_sensor, scan.stamp, ranges, np.zeros(len(ranges), dtype=np.bool_)))
+        self._remember(scan.stamp, T_map_sensor, ranges)
         found = self._found(scan, ranges)
         # A part may shake; what is not where it was at two looks is gone.
-        astray = self.blocked & (np.abs(ranges - self._reference) > 2.0 * self._config.spread)
+        astray = self.blocked
+        if self._hides:
+            astray = self.blocked & (np.abs(ranges - self._reference) > 2.0 * self._config.spread)
         gone, self._astray = astray & self._astray, astray
         if gone.any() or (found & ~self.blocked).any():
             self._change(found, gone, scan)
@@ -129,7 +122,22 @@ class PartsInView:
         self._reference: FloatArray = np.zeros(beams)
         self._farthest: FloatArray = np.zeros(beams)
         self._state: FloatArray = np.full((5, beams), np.nan)  # see `follow_ranges`
+        # Of each look where and when it was, what it saw, and which ends turned out to be no places; the last one last.
+        looks = self._config.looks
+        self._lasers, self._stamps, self._seen = np.zeros((looks, 3)), np.zeros(looks), np.zeros((looks, beams))
+        self._refuted: BoolArray = np.zeros((looks, beams), dtype=np.bool_)
         self.forget()
+
+    def _remember(self, stamp: float, T_map_sensor: SE2, ranges: FloatArray) -> None:
+        """Remember a look, and forget the oldest where there are as many as may be."""
+        if self._count == self._config.looks:
+            for kept in (self._lasers, self._stamps, self._seen, self._refuted):
+                kept[:-1] = kept[1:]
+        else:
+            self._count += 1
+        last = self._count - 1
+        self._lasers[last], self._stamps[last], self._seen[last] = T_map_sensor, stamp, ranges
+        self._refuted[last] = False
 
     def _disagrees(self, moved: SE2, T_odom_sensor: SE2 | None) -> bool:
         """Tell whether the odometry says otherwise about the motion since the last look: one of both is wrong."""
@@ -142,14 +150,13 @@ class PartsInView:
         """Return which beams (B,) end on no place of the world, as is known by now."""
         config, state = self._config, self._state
         follow_ranges(state, ranges, (scan.stamp, self._way), (config.spread, config.near))
-        lasers, stamps, seen, refuted = (np.array(values) for values in zip(*self._looks, strict=True))
+        lasers, stamps, seen = self._lasers[: self._count], self._stamps[: self._count], self._seen[: self._count]
         lately = self._way - 0.5 * config.travelled
         limits = lately, config.depth, config.beside, config.unsure
-        count_refuted(state, refuted, (scan.angle_min, scan.angle_increment), lasers, stamps, seen, limits)
-        for look, known in zip(self._looks, refuted, strict=True):
-            look.refuted[:] = known
+        beams = scan.angle_min, scan.angle_increment
+        count_refuted(state, self._refuted[: self._count], beams, lasers, stamps, seen, limits)
         found = refuted_runs(state, self._way, (config.travelled, config.refuted, config.fewest))
-        for begin, end in _runs(found & ~self.blocked):
+        for begin, end in _runs(found & ~self.blocked) if found.any() else ():
             if self._may_be_glass(begin, end, scan, lasers, seen):
                 found[begin:end] = False
         return found

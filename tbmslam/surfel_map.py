@@ -120,8 +120,8 @@ class SurfelMap:
             Every n-th hit is enough.
         """
         pose, hessian, matched, cost = align(
-            self._surfels, hits.points, hits.normals, every, guess, deviations, say, tolerances, iterations
-        )
+            self._surfels, hits.points, hits.normals, every, (*guess,), deviations, say, tolerances, iterations
+        )  # a plain tuple comes in in half the time
         return Registration(SE2(*pose), hessian, matched, cost)
 
     def search(
