@@ -25,4 +25,4 @@ class AdjustmentConfig(FrozenConfig):
     length: float = Field(0.03, gt=0, description="standard deviation along a piece of wall at the least [m]")
     deviation: float = Field(0.05, gt=0, description="of a hit from its wall [m]")
     robust_width: float = Field(2.0, gt=0, description="deviations at which a sighting begins to lose its say")
-    precision: float = Field(1e-3, gt=0, lt=1, description="share of the equations' right side left unsolved")
+    precision: float = Field(1e-2, gt=0, lt=1, description="share of the equations' right side left unsolved")

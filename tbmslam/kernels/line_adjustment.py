@@ -10,18 +10,17 @@ import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
 from tbmslam.kernels.pose_systems import LineSystem
+from tbmslam.kernels.wall_pieces import Sightings
 
 
 @kernel
-def fit_lines(
-    moments: FloatArray, seers: IntArray, begins: IntArray, poses: FloatArray, enough: float, limits: FloatArray
-) -> FloatArray:
+def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatArray) -> FloatArray:
     """Return the line of each piece (L, 5): its middle, direction and half its length [m]; zeros where it is none.
 
     Parameters
     ----------
-    moments, seers, begins
-        Of sightings, see `tbmslam.kernels.wall_pieces.sort_sightings`.
+    seen
+        What the stretches saw of the pieces.
     poses
         Poses (N, 3) of the stretches.
     enough
@@ -29,24 +28,27 @@ def fit_lines(
     limits
         Of a line: the least hits, the largest standard deviation across it and the least along it [m].
     """
-    lines = np.zeros((len(begins) - 1, 5))
+    # Of each piece how many saw it, where the first one stood, and the weighed moments from there.
+    sums = np.zeros((seen.pieces_met, 9))
+    moments, seers, pieces = seen.moments, seen.seers, seen.pieces
+    for o in range(seen.size):
+        piece, count, x, y = pieces[o], moments[o, 0], moments[o, 1], moments[o, 2]
+        place_x, place_y = poses[seers[o], 0], poses[seers[o], 1]
+        if sums[piece, 0] == 0.0:
+            sums[piece, 1], sums[piece, 2] = place_x, place_y
+        weight = 1.0 / (1.0 + count / enough)
+        dx, dy = place_x - sums[piece, 1], place_y - sums[piece, 2]
+        sums[piece, 0] += 1.0
+        sums[piece, 3] += weight * count
+        sums[piece, 4] += weight * (x + count * dx)
+        sums[piece, 5] += weight * (y + count * dy)
+        sums[piece, 6] += weight * (moments[o, 3] + 2.0 * x * dx + count * dx * dx)
+        sums[piece, 7] += weight * (moments[o, 4] + x * dy + y * dx + count * dx * dy)
+        sums[piece, 8] += weight * (moments[o, 5] + 2.0 * y * dy + count * dy * dy)
+    lines = np.zeros((seen.pieces_met, 5))
     for piece in range(len(lines)):
-        first, last = begins[piece], begins[piece + 1]
-        if last - first < 2:  # one sighting tells nothing of the poses
-            continue
-        x0, y0 = poses[seers[first], 0], poses[seers[first], 1]
-        n, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for o in range(first, last):
-            weight = 1.0 / (1.0 + moments[o, 0] / enough)
-            count, x, y, xx, xy, yy = moments[o]
-            dx, dy = poses[seers[o], 0] - x0, poses[seers[o], 1] - y0
-            n += weight * count
-            sx += weight * (x + count * dx)
-            sy += weight * (y + count * dy)
-            sxx += weight * (xx + 2.0 * x * dx + count * dx * dx)
-            sxy += weight * (xy + x * dy + y * dx + count * dx * dy)
-            syy += weight * (yy + 2.0 * y * dy + count * dy * dy)
-        if n < limits[0]:
+        saw, x0, y0, n, sx, sy, sxx, sxy, syy = sums[piece]
+        if saw < 2.0 or n < limits[0]:  # one sighting tells nothing of the poses
             continue
         mx, my = sx / n, sy / n
         cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my

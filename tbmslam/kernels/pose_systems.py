@@ -53,20 +53,20 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
             for j in range(3):
                 product[source, i] += motions.across[e, i, j] * changes[target, j]
                 product[target, j] += motions.across[e, i, j] * changes[source, i]
-    for line in range(len(lines.inverses)):
-        iaa, iad, idd = lines.inverses[line]
-        if idd == 0.0:
+    couplings, inverses, seers, begins = lines
+    for line in range(len(inverses)):
+        if inverses[line, 2] == 0.0:
             continue
         turn, shift = 0.0, 0.0
-        for o in range(lines.begins[line], lines.begins[line + 1]):
-            b, change = lines.couplings[o], changes[lines.seers[o]]
-            turn += b[0, 0] * change[0] + b[1, 0] * change[1] + b[2, 0] * change[2]
-            shift += b[0, 1] * change[0] + b[1, 1] * change[1] + b[2, 1] * change[2]
-        line_turn, line_shift = iaa * turn + iad * shift, iad * turn + idd * shift
-        for o in range(lines.begins[line], lines.begins[line + 1]):
-            b, k = lines.couplings[o], lines.seers[o]
+        for o in range(begins[line], begins[line + 1]):
+            x, y, theta = changes[seers[o], 0], changes[seers[o], 1], changes[seers[o], 2]
+            turn += couplings[o, 0, 0] * x + couplings[o, 1, 0] * y + couplings[o, 2, 0] * theta
+            shift += couplings[o, 0, 1] * x + couplings[o, 1, 1] * y + couplings[o, 2, 1] * theta
+        line_turn = inverses[line, 0] * turn + inverses[line, 1] * shift
+        line_shift = inverses[line, 1] * turn + inverses[line, 2] * shift
+        for o in range(begins[line], begins[line + 1]):
             for i in range(3):
-                product[k, i] -= b[i, 0] * line_turn + b[i, 1] * line_shift
+                product[seers[o], i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
     return product
 
 

@@ -129,41 +129,46 @@ def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
 def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: FloatArray) -> None:
     """Take what eliminating the lines takes from the curvature of the knots."""
     count = len(bends.knots)
-    couplings, met, is_met = np.zeros((count, 3, 2)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
-    for line in range(len(lines.inverses)):
-        if lines.inverses[line, 2] == 0.0:
+    couplings, met, is_met = np.zeros((count, 6)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+    by_pose, inverses, seers, begins = lines
+    sides, shares = bends.sides, bends.shares
+    for line in range(len(inverses)):
+        if inverses[line, 2] == 0.0:
             continue
         touched = 0
-        for o in range(lines.begins[line], lines.begins[line + 1]):
-            k, b = lines.seers[o], lines.couplings[o]
+        for o in range(begins[line], begins[line + 1]):
+            k = seers[o]
+            a, b, c, d = by_pose[o, 0, 0], by_pose[o, 0, 1], by_pose[o, 1, 0], by_pose[o, 1, 1]
             for side in range(2):
-                knot, share, (dx, dy) = bends.sides[k, side], bends.shares[k, side], levers[k, side]
+                knot, share, dx, dy = sides[k, side], shares[k, side], levers[k, side, 0], levers[k, side, 1]
                 if not is_met[knot]:
                     is_met[knot], met[touched] = True, knot
                     touched += 1
-                coupling = couplings[knot]
-                for j in range(2):
-                    coupling[0, j] += share * b[0, j]
-                    coupling[1, j] += share * b[1, j]
-                    coupling[2, j] += share * (b[2, j] + dx * b[1, j] - dy * b[0, j])
-        _eliminate(bent, couplings, np.sort(met[:touched]), lines.inverses[line])
-        for knot in met[:touched]:
-            is_met[knot], couplings[knot] = False, 0.0
+                couplings[knot, 0] += share * a
+                couplings[knot, 1] += share * b
+                couplings[knot, 2] += share * c
+                couplings[knot, 3] += share * d
+                couplings[knot, 4] += share * (by_pose[o, 2, 0] + dx * c - dy * a)
+                couplings[knot, 5] += share * (by_pose[o, 2, 1] + dx * d - dy * b)
+        knots = np.sort(met[:touched])
+        _eliminate(bent, couplings, knots, (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
+        for knot in knots:
+            is_met[knot] = False
+            couplings[knot] = 0.0
 
 
 @kernel
-def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: FloatArray) -> None:
-    """Take what eliminating one line takes from the curvature of rising knots coupled with it (K, 3, 2)."""
+def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
+    """Take what eliminating one line takes from the curvature of rising knots coupled with it (K, 6), row by row."""
     iaa, iad, idd = inverse
     for number in range(len(knots)):
-        one = couplings[knots[number]]
+        one = knots[number]
         for i in range(3):
-            turn, shift = one[i, 0] * iaa + one[i, 1] * iad, one[i, 0] * iad + one[i, 1] * idd
-            row = bent[3 * knots[number] + i]
-            for at in range(number, len(knots)):
-                other, col = couplings[knots[at]], 3 * knots[at]
+            a, d, row = couplings[one, 2 * i], couplings[one, 2 * i + 1], 3 * one + i
+            turn, shift = a * iaa + d * iad, a * iad + d * idd
+            for other in knots[number:]:
                 for j in range(3):
-                    row[col + j] -= turn * other[j, 0] + shift * other[j, 1]
+                    bent[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
 
 
 @kernel

@@ -51,7 +51,12 @@ class Pieces(NamedTuple):
 
 
 class Sightings(NamedTuple):
-    """What stretches saw of pieces."""
+    """What stretches saw of pieces, in arrays with room for more."""
+
+    size: int
+    """How many there are."""
+    pieces_met: int
+    """Of how many pieces."""
 
     moments: FloatArray
     """Of each sighting (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes
@@ -134,29 +139,29 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
         What makes a piece.
     """
     walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
-    size = _used(begins, every)
+    size = _used(begins, every) + _used(hits.loose_begins, every)
     moments, seers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     latest = np.empty(size, dtype=np.int64)
-    known = Pieces(np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1))
+    table, numbers = np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1)
     count, cells, pieces_met = 0, 0, 0
     key_before, number, per_cell = _NOBODY, 0, 1.0 / raster.cell
     for k in range(len(poses)):
         c, s, first = math.cos(poses[k, 2]), math.sin(poses[k, 2]), count
+        while 2 * (cells + begins[k + 1] - begins[k]) > len(table):  # room for a cell for each hit
+            table, numbers = _grown(table, numbers)
         for i in range(begins[k], begins[k + 1], every):
             x, y = c * walls[i, 0] - s * walls[i, 1], s * walls[i, 0] + c * walls[i, 1]
             key = _key_of(poses[k, 0] + x - raster.shift, poses[k, 1] + y - raster.shift, per_cell)
             if key != key_before:
-                if 2 * cells >= len(known.cells):
-                    known = _grown(known)
-                place = _place_of(known.cells, key)
-                if known.cells[place, 0] == _NOBODY:
-                    known.cells[place, 0], known.cells[place, 1] = key, cells
+                place = _place_of(table, key)
+                if table[place, 0] == _NOBODY:
+                    table[place, 0], table[place, 1] = key, cells
                     cells += 1
-                key_before, number = key, known.cells[place, 1]
+                key_before, number = key, table[place, 1]
             at = number * sectors + _sector_of(walls[i, 2] + poses[k, 2], sectors)
-            piece = known.numbers[at]
+            piece = numbers[at]
             if piece < 0:
-                known.numbers[at] = piece = pieces_met
+                numbers[at] = piece = pieces_met
                 latest[piece] = -1
                 pieces_met += 1
             o = latest[piece]
@@ -165,8 +170,8 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
                 seers[o], pieces[o] = k, piece
                 moments[o] = 0.0
                 count += 1
-            _add_hit(moments[o], x, y)
-    return Sightings(moments[:count], seers[:count], pieces[:count]), known
+            _add_hit(moments, o, x, y)
+    return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
 
 
 @kernel
@@ -198,7 +203,7 @@ def join_walls(
     lines: FloatArray,
     reach: float,
 ) -> Sightings:
-    """Return sightings with those hits, too, without normal that lie on the only line of their cell they can have met.
+    """Add to sightings the hits without normal that lie on the only line of their cell they can have met.
 
     It faces who saw them, and they lie beside what is known of it: a line goes on where its wall may have ended.
 
@@ -214,11 +219,10 @@ def join_walls(
         How far a hit may lie from a line [m].
     """
     loose, begins, sectors = hits.loose, hits.loose_begins, raster.sectors
-    had, most = len(seen.seers), len(seen.seers) + _used(begins, every)
-    moments, seers, pieces = np.empty((most, 6)), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
-    moments[:had], seers[:had], pieces[:had] = seen
+    count, pieces_met, moments, seers, pieces = seen
     latest, only = np.full(len(lines), -1), lines_by_cell(known, lines, sectors)
-    count, own, per_cell = had, 0, 1.0 / raster.cell
+    table, numbers = known
+    had, own, per_cell = count, 0, 1.0 / raster.cell
     for k in range(len(poses)):
         while own < had and seers[own] == k:
             latest[pieces[own]] = own
@@ -227,17 +231,17 @@ def join_walls(
         for i in range(begins[k], begins[k + 1], every):
             x, y = c * loose[i, 0] - s * loose[i, 1], s * loose[i, 0] + c * loose[i, 1]
             at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
-            place = _place_of(known.cells, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
-            if known.cells[place, 0] == _NOBODY:
+            place = _place_of(table, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
+            if table[place, 0] == _NOBODY:
                 continue
-            cell = known.cells[place, 1]
+            cell = table[place, 1]
             piece = only[cell]
             if piece >= 0:
-                piece = piece if _is_on(lines[piece], at_x, at_y, x, y, reach) else -1
+                piece = piece if _is_on(lines, piece, at_x, at_y, x, y, reach) else -1
             elif piece == -2:
                 for sector in range(sectors):
-                    other = known.numbers[cell * sectors + sector]
-                    if other >= 0 and _is_on(lines[other], at_x, at_y, x, y, reach):
+                    other = numbers[cell * sectors + sector]
+                    if other >= 0 and _is_on(lines, other, at_x, at_y, x, y, reach):
                         piece = other if piece == -2 else -1
             if piece < 0:
                 continue
@@ -247,8 +251,8 @@ def join_walls(
                 seers[o], pieces[o] = k, piece
                 moments[o] = 0.0
                 count += 1
-            _add_hit(moments[o], x, y)
-    return Sightings(moments[:count], seers[:count], pieces[:count])
+            _add_hit(moments, o, x, y)
+    return Sightings(count, pieces_met, moments, seers, pieces)
 
 
 @kernel
@@ -265,13 +269,14 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
         How many new numbers there are, L. The begins are (L + 1,): the last one is where the last ones end.
     """
     begins = np.zeros(count + 1, dtype=np.int64)
-    for piece in seen.pieces:
-        if numbers[piece] >= 0:
-            begins[numbers[piece] + 1] += 1
+    for o in range(seen.size):
+        number = numbers[seen.pieces[o]]
+        if number >= 0:
+            begins[number + 1] += 1
     begins = np.cumsum(begins)
     moments, seers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
     places = begins.copy()
-    for o in range(len(seen.pieces)):
+    for o in range(seen.size):
         number = numbers[seen.pieces[o]]
         if number >= 0:
             moments[places[number]], seers[places[number]] = seen.moments[o], seen.seers[o]
@@ -289,13 +294,13 @@ def _used(begins: IntArray, every: int) -> int:
 
 
 @kernel
-def _add_hit(sums: FloatArray, x: float, y: float) -> None:
-    sums[0] += 1.0
-    sums[1] += x
-    sums[2] += y
-    sums[3] += x * x
-    sums[4] += x * y
-    sums[5] += y * y
+def _add_hit(moments: FloatArray, o: int, x: float, y: float) -> None:
+    moments[o, 0] += 1.0
+    moments[o, 1] += x
+    moments[o, 2] += y
+    moments[o, 3] += x * x
+    moments[o, 4] += x * y
+    moments[o, 5] += y * y
 
 
 @kernel
@@ -325,21 +330,20 @@ def _place_of(cells: IntArray, key: int) -> int:
 
 
 @kernel
-def _grown(known: Pieces) -> Pieces:
-    """Return a table twice as large."""
-    cells = np.full((2 * len(known.cells), 2), _NOBODY)
-    for old in range(len(known.cells)):
-        if known.cells[old, 0] != _NOBODY:
-            cells[_place_of(cells, known.cells[old, 0])] = known.cells[old]
-    numbers = np.full(2 * len(known.numbers), -1)
-    numbers[: len(known.numbers)] = known.numbers
-    return Pieces(cells, numbers)
+def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
+    """Return a table of cells, and the pieces in them, with twice as many places."""
+    larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
+    for old in range(len(table)):
+        if table[old, 0] != _NOBODY:
+            larger[_place_of(larger, table[old, 0])] = table[old]
+    more[: len(numbers)] = numbers
+    return larger, more
 
 
 @kernel
-def _is_on(line: FloatArray, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
+def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
     """Tell whether the end x, y of a beam's way can lie on what is left of a line: it is there, and faces the laser."""
-    px, py, lx, ly, half = line
+    px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]
     away = lx * (y - py) - ly * (x - px)
     if abs(away) > reach or abs(lx * (x - px) + ly * (y - py)) > half:
         return False

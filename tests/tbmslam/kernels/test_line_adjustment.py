@@ -5,6 +5,7 @@ import pytest
 
 from tbmslam.kernels.line_adjustment import fit_lines, line_equations
 from tbmslam.kernels.pose_systems import MotionSystem, PoseSystem, eliminated, times
+from tbmslam.kernels.wall_pieces import Sightings
 from tbmslam.se2 import SE2
 
 LIMITS = np.array([4.0, 0.05, 0.03])
@@ -16,7 +17,7 @@ def moments_of(points):
     return [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum(), (y * y).sum()]
 
 
-class Sightings:
+class ThreeLines:
     """Three lines seen from three poses each, with noise: the hits one by one, and their moments."""
 
     def __init__(self, generator):
@@ -44,11 +45,15 @@ class Sightings:
 
 @pytest.fixture
 def seen(generator):
-    return Sightings(generator)
+    return ThreeLines(generator)
 
 
 def lines_of(seen, limits=LIMITS):
-    return fit_lines(seen.moments, seen.seers, seen.begins, seen.poses, ENOUGH, limits)
+    return fit_lines(sightings_of(seen, np.repeat(np.arange(3), np.diff(seen.begins))), seen.poses, ENOUGH, limits)
+
+
+def sightings_of(seen, pieces):
+    return Sightings(len(pieces), int(pieces.max()) + 1, seen.moments, seen.seers, pieces)
 
 
 def equations_of(seen, lines):
@@ -81,8 +86,15 @@ def test_what_is_too_little_too_thick_or_too_short_is_no_line(seen, limits):
 
 
 def test_what_one_stretch_saw_alone_is_no_line(seen):
-    begins = np.arange(len(seen.seers) + 1)
-    np.testing.assert_array_equal(fit_lines(seen.moments, seen.seers, begins, seen.poses, ENOUGH, LIMITS), 0.0)
+    alone = sightings_of(seen, np.arange(len(seen.seers)))
+    np.testing.assert_array_equal(fit_lines(alone, seen.poses, ENOUGH, LIMITS), np.zeros((len(seen.seers), 5)))
+
+
+def test_the_order_of_sightings_and_spare_room_mean_nothing(seen, generator):
+    order, pieces = generator.permutation(len(seen.seers)), np.repeat(np.arange(3), np.diff(seen.begins))
+    spare = [np.concatenate((one[order], one[:4])) for one in (seen.moments, seen.seers, pieces)]
+    mixed = fit_lines(Sightings(len(order), 3, *spare), seen.poses, ENOUGH, LIMITS)
+    np.testing.assert_allclose(mixed, lines_of(seen), atol=1e-12)
 
 
 def plain_equations(seen, lines):
