@@ -10,6 +10,7 @@ from merging.config import MergeConfig, VerificationConfig
 from merging.consensus import find_consensus
 from merging.decoys import find_decoys
 from merging.features import Features, describe, match
+from merging.in_words import evidence_in_words
 from merging.structure import Structure
 from merging.verification import Evidence, examine
 from merging.warping import at_resolution, check_cell_size
@@ -189,11 +190,7 @@ def _reason(
 ) -> str:
     """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
     before = f"{found.reason}; " if found.method == "features" else ""
-    facts = (
-        f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "
-        f"{evidence.weakest_wall_m:.1f} m of them against sliding, "
-        f"{evidence.conflict:.0%} stand on free space of the other"
-    )
+    facts = evidence_in_words(evidence)
     if evidence.overlap_m2 < config.min_overlap_m2:
         return f"{before}overlap of {evidence.overlap_m2:.1f} m2 is under {config.min_overlap_m2:g} m2"
     if rivals:

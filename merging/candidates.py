@@ -24,7 +24,11 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
     The correlation proposes many motions on coarse cells; a few hundred walls slide and some more judge all of
     them, and all walls the best.
     """
-    proposals = propose(target, source, config.correlation)
+    return best_of(propose(target, source, config.correlation), target, source, config)
+
+
+def best_of(proposals: list[SE2], target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
+    """Make proposals exact; return those that the walls speak for most, the best first, none near a better one."""
     if not proposals:
         return []
     how = config.refinement

@@ -249,6 +249,22 @@ class GraphConfig(FrozenConfig):
     robust_width: Annotated[float, Field(gt=0.0)] = 3.0
 
 
+class KnownPoseConfig(FrozenConfig):
+    """How a map is laid near a pose that somebody knows.
+
+    Parameters
+    ----------
+    reach_m, reach_rad
+        How far from the told pose it is looked for, at the middle of its walls [m], and how far turned [rad].
+    min_wall_m
+        With less agreeing wall than this it is laid exactly as told [m].
+    """
+
+    reach_m: Metres = 1.0
+    reach_rad: Annotated[float, Field(gt=0.0)] = 0.18
+    min_wall_m: Metres = 2.0
+
+
 class MergeConfig(FrozenConfig):
     """How maps are merged.
 
@@ -266,6 +282,8 @@ class MergeConfig(FrozenConfig):
         `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
     reliability
         Probability that a map, by name, is to be believed at all; 1 for those not named.
+    known_poses
+        Where maps, by name, lie in the frame of the first, roughly [m, m, rad]: these are laid there and not searched.
     resolution
         Cell size at which maps are compared [m]; None takes the coarser one's of each pair.
     merged_resolution
@@ -278,6 +296,7 @@ class MergeConfig(FrozenConfig):
     rule: Rule | None = None
     coverage: Coverage = "union"
     reliability: dict[str, Share] = Field(default_factory=dict)
+    known_poses: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
     resolution: Metres | None = None
     merged_resolution: Metres | None = None
     features: FeatureConfig = FeatureConfig()
@@ -297,6 +316,7 @@ class MergeConfig(FrozenConfig):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     graph: GraphConfig = GraphConfig()
+    known: KnownPoseConfig = KnownPoseConfig()
     near: NearConfig = NearConfig()
     joint: JointConfig = JointConfig()
     stretches: StretchConfig = StretchConfig()

@@ -2,6 +2,7 @@
 
 import math
 
+from merging.verification import Evidence
 from tbmslam.se2 import SE2, wrap_angle
 
 
@@ -15,3 +16,12 @@ def pose_in_words(pose: SE2 | None) -> tuple[str, str, str]:
     if pose is None:
         return "–", "–", "–"
     return f"{pose.x:.3f}", f"{pose.y:.3f}", f"{math.degrees(wrap_angle(pose.theta)):.2f}"
+
+
+def evidence_in_words(evidence: Evidence) -> str:
+    """Return in a line what two maps say for and against a place."""
+    return (
+        f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "
+        f"{evidence.weakest_wall_m:.1f} m of them against sliding, "
+        f"{evidence.conflict:.0%} stand on free space of the other"
+    )

@@ -48,7 +48,10 @@ class Group:
 
 
 def groups_of(
-    names: Sequence[str], alignments: Mapping[Pair, Alignment], config: GraphConfig | None = None
+    names: Sequence[str],
+    alignments: Mapping[Pair, Alignment],
+    config: GraphConfig | None = None,
+    known: Mapping[str, SE2] | None = None,
 ) -> list[Group]:
     """Join maps to groups and find their poses.
 
@@ -60,16 +63,19 @@ def groups_of(
         Alignments of pairs (target, source); refused ones may still confirm others.
     config
         When places are one, and what a confirmation is worth.
+    known
+        Poses of maps that are a group whatever speaks against it.
 
     Returns
     -------
-    The groups, the largest first, and among equals the one whose first map was named first; a map that nothing
-    connects is a group of its own.
+    The groups, the known one before all, the largest first, and among equals the one whose first map was named first;
+    a map that nothing connects is a group of its own.
     """
-    config = config or GraphConfig()
+    config, known = config or GraphConfig(), known or {}
     offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
     trusted = _without_outvoted(offers, config)
-    groups = [{name: SE2.identity()} for name in names]
+    groups = [dict(known)] if known else []
+    groups += [{name: SE2.identity()} for name in names if name not in known]
     while True:
         joints = joints_of(groups, trusted, config)
         if not joints:
@@ -79,7 +85,9 @@ def groups_of(
         del groups[best.second]
     ordered = [{name: group[name] for name in names if name in group} for group in groups]
     finished = [_finished(group, offers, config) for group in ordered]
-    return sorted(finished, key=lambda group: (-len(group), list(names).index(group.first)))
+    return sorted(
+        finished, key=lambda group: (known.keys().isdisjoint(group.poses), -len(group), list(names).index(group.first))
+    )
 
 
 def join(

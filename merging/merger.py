@@ -1,5 +1,6 @@
 """Many maps whose relative poses nobody knows become one."""
 
+import itertools
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_refinement import JointRefinement
+from merging.known_poses import place_known
 from merging.map_graph import Group, groups_of
 from merging.merged_group import merge_group
 from merging.near_look import look_near
@@ -67,8 +69,9 @@ def merge(
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
-    order of the maps. Maps that this leaves apart are looked at again by what was seen from near by, and those that
-    fit nowhere as a whole are tried once more in stretches of their drives.
+    order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start. Maps that
+    this leaves apart are looked at again by what was seen from near by, and those that fit nowhere as a whole are tried
+    once more in stretches of their drives.
 
     Parameters
     ----------
@@ -86,18 +89,20 @@ def merge(
     Raises
     ------
     ValueError
-        If there are fewer than two maps.
+        If there are fewer than two maps, or poses are known of a map that is none of them or the first.
     """
     config, watch = config or MergeConfig(), watch or Watch()
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
-    alignments = align_all(maps, config, workers, watch, scheduler)
-    groups = _grouped(maps, alignments, config, watch)
+    known = place_known(maps, config)
+    unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
+    alignments = known.alignments | align_all(maps, config, workers, watch, scheduler, unknown)
+    groups = _grouped(maps, alignments, config, watch, known.poses)
     near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
     judged_by, placed = dict(near.grids), list[Pair]()
     if near.alignments:
         alignments |= near.alignments
-        groups = _grouped(maps, alignments, config, watch)
+        groups = _grouped(maps, alignments, config, watch, known.poses)
     while True:
         joined = merge_group(maps, groups[0], config, watch) if len(groups[0]) > 1 else None
         bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler, placed)
@@ -108,7 +113,7 @@ def merge(
         maps = {**maps, where[1]: found.straightened}
         pair, alignment, grids = _in_order(list(maps), where, found)
         alignments[pair], judged_by[pair] = alignment, grids
-        groups = _grouped(maps, alignments, config, watch)
+        groups = _grouped(maps, alignments, config, watch, known.poses)
     if joined is None:
         left_out = {name: _why_alone(name, alignments) for name in maps}
         return Merge(None, {}, alignments, left_out, None, judged_by=judged_by)
@@ -128,10 +133,14 @@ def merge(
 
 
 def _grouped(
-    maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], config: MergeConfig, watch: Watch
+    maps: Mapping[str, TbmMap],
+    alignments: Mapping[Pair, Alignment],
+    config: MergeConfig,
+    watch: Watch,
+    known: Mapping[str, SE2],
 ) -> list[Group]:
     with watch.during("grouping"):
-        return groups_of(list(maps), alignments, config.graph)
+        return groups_of(list(maps), alignments, config.graph, known)
 
 
 def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:

@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import logging
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -56,6 +57,8 @@ EXAMPLES = """examples:
       all maps in a folder that build_maps wrote, eight pairs at a time
   python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
       any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
+  python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
+      of one of them it is known where it lies: about 12.5 m, -3 m and 90 degrees in the plan's frame
 
 exit codes: 0 merged, 1 something is wrong (one line says what), 2 wrong usage, 3 no two maps could be merged (the
 report says why), 130 interrupted
@@ -174,6 +177,15 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         help="try every rotation and shift (correlation, default), match keypoints (features, the paper's), or do as "
         "the related work does: for comparison, each accepts by its own lights",
     )
+    finding.add_argument(
+        "--pose",
+        nargs=4,
+        action="append",
+        default=[],
+        metavar=("NAME", "X", "Y", "DEG"),
+        help="where a map, by its name in the report, lies in the first map's frame, to a metre and ten degrees: it is "
+        "laid there, made exact, and not searched for; may be repeated",
+    )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
     finding.add_argument(
@@ -227,6 +239,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "rule": options.rule,
         "coverage": options.coverage,
         "reliability": dict(options.reliability) or None,
+        "known_poses": _known_poses(parser, options.pose) or None,
         "joint": {"enabled": False} if options.rigid else None,
         "resolution": options.compare_at,
         "merged_resolution": options.resolution,
@@ -237,6 +250,18 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         return changed(config, {"merging": _given(**chosen)}, "options")
     except ConfigError as error:
         parser.error(str(error))
+
+
+def _known_poses(parser: argparse.ArgumentParser, poses: Sequence[Sequence[str]]) -> dict[str, list[float]]:
+    """Return poses by the names of maps [m, m, rad]."""
+    known = {}
+    for name, *numbers in poses:
+        try:
+            x, y, degrees = (float(number) for number in numbers)
+        except ValueError:
+            parser.error(f"--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, got {' '.join((name, *numbers))}")
+        known[name] = [x, y, math.radians(degrees)]
+    return known
 
 
 def _given(**values: object) -> dict[str, object]:
@@ -258,6 +283,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
     if strangers := [name for name in config.reliability if name not in named]:
         raise ConfigError(f"--reliability: {strangers[0]!r} is none of the maps, which are {', '.join(named)}")
+    _check_known_poses(config, list(named))
     _check_files(options.maps, options.out)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
@@ -268,6 +294,17 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
         _save(options, result, maps, config, Making(command, watch.seconds))
     _tell(result, options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
+
+
+def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
+    from tbmslam.parameters import ConfigError
+
+    for name in config.known_poses:
+        if name == names[0]:
+            others = ", ".join(names[1:])
+            raise ConfigError(f"--pose: poses are told in the frame of {name}, the first map: tell those of {others}")
+        if name not in names:
+            raise ConfigError(f"--pose: {name!r} is none of the maps, which are {', '.join(names)}")
 
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:

@@ -76,11 +76,15 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-def test_two_real_drives_through_one_building(shared_data, tmp_path):
-    """Merged or refused, but with a reason and a report."""
+def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_is_told(shared_data, tmp_path):
     logs = [shared_data / "cmu-wean" / f"robotdata{number}.log" for number in (1, 2)]
     maps = build(tmp_path / "maps", *logs, "--separate", "--no-truth")
-    status = merge.main([str(maps / "robot_0"), str(maps / "robot_1"), "-o", str(tmp_path / "merged")])
+    drives = [str(maps / "robot_0"), str(maps / "robot_1")]
+    plan = str(shared_data / "cmu-wean" / "wean.dat.gz")
+    told = ["--pose", "robot_0", "34.5", "40", "71"]
+    assert merge.main([plan, *drives, *told, "-o", str(tmp_path / "merged")]) == 0
     report = json.loads((tmp_path / "merged" / "report.json").read_text())
-    assert status == (0 if report["merged"] else 3)
-    assert report["pairs"][0]["reason"]
+    assert [name for name, one in report["maps"].items() if one["merged"]] == ["wean.dat", "robot_0", "robot_1"]
+    pairs = {(one["target"], one["source"]): one for one in report["pairs"]}
+    assert pairs["robot_0", "robot_1"]["confidence"] >= 0.85
+    assert pairs["wean.dat", "robot_0"]["agreed_wall_m"] > 25.0

@@ -51,6 +51,18 @@ def test_of_forty_maps_the_one_false_alignment_is_outvoted_at_once():
     assert len(kept) == len(offers) - 1
 
 
+def test_a_known_group_comes_first_and_stands_whatever_speaks_against_it():
+    against = found("b", "c") | found("c", "d") | found("a", "b", T=SE2(20.0, 0.0, 0.0))
+    places = {name: POSES["b"].inverse() @ POSES[name] for name in ("b", "d")}
+    elsewhere = {"a": SE2.identity(), "c": SE2(50.0, 0.0, 1.0)}
+    groups = groups_of(list("abcd"), found("b", "d"), known=elsewhere)
+    assert_poses(groups[0], elsewhere)
+    assert_poses(groups[1], places)
+    groups = groups_of(list("abcd"), against, known={"a": SE2.identity(), "b": POSES["b"]})
+    assert_poses(groups[0], POSES)
+    assert groups[0].outvoted == (("a", "b"),)
+
+
 def test_the_largest_group_comes_first_in_its_own_frame():
     groups = groups_of(list("abcd"), found("b", "c") | found("c", "d"))
     assert groups[0].first == "b"

@@ -57,6 +57,32 @@ def folders(tmp_path_factory):
     return root
 
 
+def test_a_map_is_laid_where_it_is_told(folders, tmp_path, capsys):
+    turned = SE2(2.0, 3.0, math.radians(70.0)).inverse()
+    words = [str(turned.x + 0.1), str(turned.y), "-67"]
+    given = [str(folders / name) for name in ("here", "there", "foreign")]
+    assert merge.main([*given, "-o", str(tmp_path), "--pose", "there", *words]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["pairs"][0]["method"] == "told"
+    assert report["maps"]["there"]["T_merged_map"] == pytest.approx(list(turned), abs=0.01)
+    assert report["config"]["known_poses"] == {"there": [*map(float, words[:2]), math.radians(-67.0)]}
+    assert "there in here: accepted: laid where told, but for 0." in capsys.readouterr().out
+
+
+def test_a_pose_of_the_first_map_is_refused(folders, tmp_path, capsys):
+    given = [str(folders / name) for name in ("here", "there")]
+    assert merge.main([*given, "-o", str(tmp_path), "--set", "merging.known_poses.here=[0.0, 0.0, 0.0]"]) == 1
+    told = "merge: --pose: poses are told in the frame of here, the first map: tell those of there"
+    assert capsys.readouterr().err.strip() == told
+
+
+def test_a_pose_that_is_no_number_is_wrong_usage(folders, tmp_path, capsys):
+    given = [str(folders / name) for name in ("here", "there")]
+    with pytest.raises(SystemExit, match="2"):
+        merge.main([*given, "-o", str(tmp_path), "--pose", "there", "1", "two", "3"])
+    assert "--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, got there 1 two 3" in capsys.readouterr().err
+
+
 def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsys):
     assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path / "merged")]) == 0
     merged = map_folder.load_map(tmp_path / "merged")
@@ -279,6 +305,10 @@ def test_help_answers_at_once():
         (
             ("here", "there", "--reliability", "nobody=0.5"),
             "merge: --reliability: 'nobody' is none of the maps, which",
+        ),
+        (
+            ("here", "there", "--pose", "nobody", "0", "0", "0"),
+            "merge: --pose: 'nobody' is none of the maps, which are",
         ),
         (("here", "new\nline/none"), "merge: .*new line/none: does not exist"),
     ],
