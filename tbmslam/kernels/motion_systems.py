@@ -41,13 +41,14 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
     """
     own, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
     across = np.zeros((len(motions.ends), 3, 3))
-    error, slopes = np.empty(3), np.zeros((2, 3, 3))
+    error, pull, slopes = np.empty(3), np.empty(3), np.zeros((2, 3, 3))
     for e in range(len(motions.ends)):
         source, target = motions.ends[e]
         _linearise(motions.levers[e], motions.measured[e], poses[source], poses[target], error, slopes)
-        information = motions.informations[e]
-        pull = information[:, 0] * error[0] + information[:, 1] * error[1] + information[:, 2] * error[2]  # symmetric
-        square = pull[0] * error[0] + pull[1] * error[1] + pull[2] * error[2]
+        information, square = motions.informations[e], 0.0
+        for i in range(3):
+            pull[i] = information[i, 0] * error[0] + information[i, 1] * error[1] + information[i, 2] * error[2]
+            square += pull[i] * error[i]
         say = 1.0 / (1.0 + square / motions.widths[e] ** 2)
         for end in range(2):
             k, slope = motions.ends[e, end], slopes[end]
@@ -56,7 +57,9 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
                 gradient[k, i] += say * (slope[0, i] * pull[0] + slope[1, i] * pull[1] + slope[2, i] * pull[2])
         add_between(across[e], slopes[0], information, slopes[1], say)
         if source == target:
-            own[source] += across[e] + across[e].T
+            for i in range(3):
+                for j in range(3):
+                    own[source, i, j] += across[e, i, j] + across[e, j, i]
             across[e] = 0.0
     return own, MotionSystem(motions.ends, across), gradient
 

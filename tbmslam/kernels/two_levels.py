@@ -41,23 +41,28 @@ class Factors(NamedTuple):
 @kernel
 def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
     """Return what solves the two parts of a step at poses (N, 3)."""
-    alone = system.own - eliminated(system.lines, len(poses))
+    # Element by element, as whole rows take seconds to compile.
+    alone = eliminated(system.lines, len(poses))
     nexts = np.zeros_like(alone)
     for e in range(len(system.motions.ends)):
         source, target = system.motions.ends[e]
-        if target == source + 1:
-            nexts[source] += system.motions.across[e]
-        elif source == target + 1:
-            nexts[target] += system.motions.across[e].T
-    inverses = np.empty_like(alone)
+        for i in range(3):
+            for j in range(3):
+                if target == source + 1:
+                    nexts[source, i, j] += system.motions.across[e, i, j]
+                elif source == target + 1:
+                    nexts[target, j, i] += system.motions.across[e, i, j]
+    inverses, levers = np.empty_like(alone), np.empty((len(poses), 2, 2))
     for k in range(len(poses)):
+        for i in range(3):
+            for j in range(3):
+                alone[k, i, j] = system.own[k, i, j] - alone[k, i, j]
         if k > 0:
             add_between(alone[k], nexts[k - 1], inverses[k - 1], nexts[k - 1], -1.0)
-        inverses[k] = _inverse(alone[k])
-    levers = np.empty((len(poses), 2, 2))
-    for k in range(len(poses)):
+        _invert(alone[k], inverses[k])
         for side in range(2):
-            levers[k, side] = poses[k, :2] - poses[bends.knots[bends.sides[k, side]], :2]
+            knot = bends.knots[bends.sides[k, side]]
+            levers[k, side, 0], levers[k, side, 1] = poses[k, 0] - poses[knot, 0], poses[k, 1] - poses[knot, 1]
     return Factors(inverses, nexts, levers, factorise(_bent(system, bends, levers)))
 
 
@@ -120,7 +125,7 @@ def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
     for e in range(len(system.motions.ends)):
         source, target = system.motions.ends[e]
         _add_bent(bent, bends, levers, source, target, system.motions.across[e])
-        _add_bent(bent, bends, levers, target, source, system.motions.across[e].T)
+        _add_bent(bent, bends, levers, target, source, np.ascontiguousarray(system.motions.across[e].T))
     _eliminate_lines(bent, system.lines, bends, levers)
     return bent
 
@@ -150,24 +155,23 @@ def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: 
                 couplings[knot, 3] += share * d
                 couplings[knot, 4] += share * (by_pose[o, 2, 0] + dx * c - dy * a)
                 couplings[knot, 5] += share * (by_pose[o, 2, 1] + dx * d - dy * b)
-        knots = np.sort(met[:touched])
-        _eliminate(bent, couplings, knots, (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
-        for knot in knots:
+        _eliminate(bent, couplings, met[:touched], (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
+        for knot in met[:touched]:
             is_met[knot] = False
-            couplings[knot] = 0.0
+            for i in range(6):
+                couplings[knot, i] = 0.0
 
 
 @kernel
 def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
-    """Take what eliminating one line takes from the curvature of rising knots coupled with it (K, 6), row by row."""
+    """Take what eliminating one line takes from the curvature of some knots, all (K, 6) coupled with it, row by row."""
     iaa, iad, idd = inverse
-    for number in range(len(knots)):
-        one = knots[number]
+    for one in knots:
         for i in range(3):
             a, d, row = couplings[one, 2 * i], couplings[one, 2 * i + 1], 3 * one + i
             turn, shift = a * iaa + d * iad, a * iad + d * idd
-            for other in knots[number:]:
-                for j in range(3):
+            for other in knots:
+                for j in range(3 if other >= one else 0):
                     bent[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
 
 
@@ -193,12 +197,12 @@ def _add_bent(bent: FloatArray, bends: Bends, levers: FloatArray, one: int, othe
 
 
 @kernel
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a symmetric positive definite (3, 3) matrix."""
-    (a, b, c), (_, d, e), (_, _, f) = matrix
-    result = np.empty((3, 3))
-    result[0, 0], result[0, 1], result[0, 2] = d * f - e * e, c * e - b * f, b * e - c * d
-    result[1, 1], result[1, 2], result[2, 2] = a * f - c * c, b * c - a * e, a * d - b * b
-    result[1, 0], result[2, 0], result[2, 1] = result[0, 1], result[0, 2], result[1, 2]
-    result /= a * result[0, 0] + b * result[0, 1] + c * result[0, 2]
-    return result
+def _invert(matrix: FloatArray, inverse: FloatArray) -> None:
+    """Write the inverse of a symmetric positive definite (3, 3) matrix."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * aa + b * ab + c * ac)
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = scale * aa, scale * (a * f - c * c), scale * (a * d - b * b)
+    inverse[0, 1], inverse[0, 2], inverse[1, 2] = scale * ab, scale * ac, scale * (b * c - a * e)
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
