@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from merging.alignment import Alignment, Pair
+from merging.alignment import Alignment, Alternative, Pair
 from merging.config import MergeConfig
 from merging.in_words import confidence_in_words, pose_in_words
 from merging.merger import Merge
@@ -84,17 +84,17 @@ def _pictures(pair: Pair, merge: Merge, views: Views, config: MergeConfig) -> Se
         alone = [(name, view) for name, view in zip(pair, (target, source), strict=True) if view is not None]
         return [Picture(draw_alone(view.structure), f"The walls of {name}.") for name, view in alone]
     places = [(found.T_target_source, caption.format(target=pair[0], source=pair[1]))]
-    places += [
-        (
-            other.T_target_source,
-            f"Alternative {number}: confidence {other.confidence:.3f}, {other.agreed_wall_m:.1f} m of wall agree.",
-        )
-        for number, other in enumerate(found.alternatives, 1)
-    ]
+    places += [(other.T_target_source, _caption(number, other)) for number, other in enumerate(found.alternatives, 1)]
     return [
         Picture(draw_pair(target.structure, source.structure, motion, config.verification), caption)
         for motion, caption in places
     ]
+
+
+def _caption(number: int, other: Alternative) -> str:
+    x, y, degrees = pose_in_words(other.T_target_source)
+    where = f"Alternative {number}, at {x} m, {y} m, {degrees}°"
+    return f"{where}: confidence {other.confidence:.3f}, {other.agreed_wall_m:.1f} m of wall agree."
 
 
 def _table(pairs: Sequence[Pair], merge: Merge) -> Table:

@@ -355,6 +355,8 @@ def _tell(result: "Merge", out: Path) -> None:
         print(f"{source} in {target}: {'accepted' if found.accepted else 'refused'}: {found.reason}")
     for name, reason in result.left_out.items():
         print(f"left out: {name}: {reason}")
+    if result.left_out:
+        print("whoever knows where one lies may say so: --pose NAME X Y DEG, in the first map's frame")
     if result.merged is None:
         print(f"nothing merged; the reasons are in {out / 'report.json'}")
         return

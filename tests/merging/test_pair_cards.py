@@ -39,7 +39,9 @@ def test_alternatives_of_an_ambiguous_pair_are_pictured(maps):
     (card,), _ = pair_cards.pair_cards(result, maps, CONFIG)
     assert card.verdict == "ambiguous"
     assert len(card.pictures) == 2
-    assert card.pictures[1].caption == "Alternative 1: confidence 0.400, 12.0 m of wall agree."
+    assert (
+        card.pictures[1].caption == "Alternative 1, at 1.000 m, 0.000 m, 0.00°: confidence 0.400, 12.0 m of wall agree."
+    )
 
 
 @pytest.mark.parametrize(

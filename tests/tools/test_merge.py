@@ -114,7 +114,9 @@ def test_a_merge_is_merged_with_a_map_file(folders, tmp_path):
 def test_a_foreign_map_is_left_out_and_named(folders, tmp_path, capsys):
     names = [str(folders / name) for name in ("foreign", "here", "there")]
     assert merge.main([*names, "-o", str(tmp_path)]) == 0
-    assert "left out: foreign: no alignment with a merged map was accepted" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "left out: foreign: no alignment with a merged map was accepted" in said
+    assert "whoever knows where one lies may say so: --pose NAME X Y DEG, in the first map's frame\n" in said
     assert json.loads((tmp_path / "report.json").read_text())["frame"] == "here"
 
 
