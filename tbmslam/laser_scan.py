@@ -38,6 +38,10 @@ class Hits(NamedTuple):
         """Return the same hits in another frame."""
         return Hits(*move_hits(self.points, self.normals, T_new_old))
 
+    def chosen(self, those: npt.NDArray[np.bool_]) -> "Hits":
+        """Return some of the hits, as marked (M,)."""
+        return Hits(self.points[those], self.normals[those])
+
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, so that at least `count` are left where there are as many."""
         step = max(len(self.points) // count, 1)

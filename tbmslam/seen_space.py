@@ -17,6 +17,7 @@ from tbmslam.se2 import SE2, FloatArray
 _DIRECTIONS = 360
 _LARGEST_WALKER = 1.0  # [m]
 _APART = 0.5  # neighbouring hits farther from each other are on two things [m]
+_NEAR_BESIDE = 0.3  # people who pass by a wall are as near to it [m]
 
 
 class SeenSpace:
@@ -70,3 +71,17 @@ def may_walk(points: FloatArray) -> bool:
         return False
     cuts = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _APART) + 1
     return all(np.hypot(*np.ptp(thing, axis=0)) <= _LARGEST_WALKER for thing in np.split(points, cuts))
+
+
+def small_things(points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which hits (M, 2), neighbours, are on things as small as people that stand before what is beside them."""
+    cuts = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _NEAR_BESIDE) + 1
+    begins, ends = np.concatenate(([0], cuts)), np.concatenate((cuts, [len(points)]))
+    ranges = np.hypot(points[:, 0], points[:, 1])
+    are = np.zeros(len(points), dtype=np.bool_)
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        is_before = begin == 0 or ranges[begin - 1] > ranges[begin]
+        is_behind = end < len(points) and ranges[end] < ranges[end - 1]
+        if is_before and not is_behind and begin < end:
+            are[begin:end] = np.hypot(*np.ptp(points[begin:end], axis=0)) <= _LARGEST_WALKER
+    return are

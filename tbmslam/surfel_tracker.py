@@ -12,7 +12,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.seen_space import SeenSpace, may_walk
+from tbmslam.seen_space import SeenSpace, may_walk, small_things
 from tbmslam.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracker import Since
 
@@ -97,7 +97,7 @@ class SurfelTracker:
             result = self._searched(hits, guess, other_guess(), deviations, result)
         if result.matched < config.min_matched:
             return ScanMatch(guess, result.matched, moved=False)
-        return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)
+        return _match_of(result)
 
     def _is_worth_a_search(self, result: Registration) -> bool:
         """Tell whether a doubtful scan should be searched for.
@@ -130,7 +130,7 @@ class SurfelTracker:
 
         Where the scan was found nobody may seem to walk, since those who walk hold it back until they stand still. Then
         things as small as people must walk where the odometry says it is, which must have been right of late: from a
-        wrong place walls would seem to walk, too.
+        wrong place walls would seem to walk, too. Or nobody saw them walk, as they were close around from the start.
         """
         self.sees_walkers = False
         if since is None:
@@ -142,21 +142,46 @@ class SurfelTracker:
         there, deviations = since()
         guess = SE2(there.x, there.y, found.theta)
         may_hold_back = self._may_hold_back(found, there, deviations)
-        if not self.sees_walkers and not (
-            may_hold_back and may_walk(hits.points[self._space.in_seen_space(hits, guess)])
-        ):
-            return match
+        settled: ScanMatch | None = None
+        if self.sees_walkers or (may_hold_back and may_walk(hits.points[self._space.in_seen_space(hits, guess)])):
+            settled = self._among_walkers(hits, found, guess, deviations)
+        if settled is None and may_hold_back:
+            settled = self._among_things(hits, found, guess, deviations)
+        self.sees_walkers |= settled is not None
+        return settled or match
+
+    def _among_walkers(self, hits: Hits, found: SE2, guess: SE2, deviations: FloatArray) -> ScanMatch | None:
+        """Return where the odometry says that a scan was taken, if what stands still fits there as well."""
         still = self._space.standing(hits, guess)
         # From a wrong place walls, too, seem to stand where nothing was.
-        if not 0 < len(still.points) < most:
-            return match
+        if not 0 < len(still.points) < (1.0 - self._config.walking) * len(hits.points):
+            return None
         moving = 1.0 - len(still.points) / len(hits.points)
         by_odometry = self._register(still, guess, deviations)
-        as_found = self._register(still, found, _HELD)
-        if by_odometry.matched < as_found.matched - moving:
-            return match
-        self.sees_walkers = True
-        return ScanMatch(by_odometry.pose, by_odometry.matched, moved=True, information=by_odometry.hessian)
+        if by_odometry.matched < self._register(still, found, _HELD).matched - moving:
+            return None
+        return _match_of(by_odometry)
+
+    def _among_things(self, hits: Hits, found: SE2, guess: SE2, deviations: FloatArray) -> ScanMatch | None:
+        """Return where the odometry says that a scan was taken, if only what may be people says otherwise.
+
+        What is as small as people may all walk. They hold the robot back where the odometry is ahead by more than it
+        errs, they fit worse where it says, and all else fits better. Where it is ahead by far more than it errs, all
+        else may fit worse by as much as they hide: nobody saw the walls behind them before. Where furniture tells of
+        wheels that slip, all else tells it, too.
+        """
+        is_thing = small_things(hits.points)
+        rest, things, share = hits.chosen(~is_thing), hits.chosen(is_thing), is_thing.mean()
+        ahead = math.hypot(guess.x - found.x, guess.y - found.y) / deviations[0]
+        if ahead < 1.0 or not len(rest.points) or share < self._config.walking:
+            return None
+        by_odometry = self._register(rest, guess, deviations)
+        better = by_odometry.matched - self._register(rest, found, _HELD).matched
+        if better < (-share if ahead > _SURE else self._config.walking):
+            return None
+        if self._register(things, by_odometry.pose, _HELD).matched >= self._register(things, found, _HELD).matched:
+            return None
+        return _match_of(by_odometry)
 
     def _may_hold_back(self, found: SE2, there: SE2, deviations: FloatArray) -> bool:
         """Tell whether who goes along may be all that keeps a scan from where the odometry says it is.
@@ -222,3 +247,7 @@ class SurfelTracker:
         hits = self._space.still(self._hits_of(scan), pose)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
+
+
+def _match_of(result: Registration) -> ScanMatch:
+    return ScanMatch(result.pose, result.matched, moved=True, information=result.hessian)

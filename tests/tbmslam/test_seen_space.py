@@ -5,7 +5,7 @@ import pytest
 
 from tbmslam.laser_scan import Hits
 from tbmslam.se2 import SE2
-from tbmslam.seen_space import SeenSpace, may_walk
+from tbmslam.seen_space import SeenSpace, may_walk, small_things
 
 
 def wall(*things):
@@ -90,3 +90,15 @@ def test_it_is_told_which_hits_stand_where_nothing_was():
     np.testing.assert_array_equal(
         hits.points[~space.in_seen_space(hits, SE2.identity())], space.standing(hits, SE2.identity()).points
     )
+
+
+def test_things_are_small_and_stand_before_what_is_beside_them():
+    angles = np.linspace(-1.0, 1.0, 101)
+    ranges = 3.0 / np.cos(angles)
+    ranges[20:30] = 1.0  # a person
+    ranges[50:90] = 2.0  # a wall of 1.6 m
+    ranges[95:] = 2.5  # a person at the edge of the view
+    ranges[40:44] = 8.0  # an open door
+    points = ranges[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    assert np.flatnonzero(small_things(points)).tolist() == [*range(20, 30), *range(95, 101)]
+    assert len(small_things(np.zeros((0, 2)))) == 0
