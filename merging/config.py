@@ -25,6 +25,11 @@ Rule = Literal[
 Coverage = Literal["union", "overlap"]
 
 
+Coordinate = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-1000.0, le=1000.0, allow_inf_nan=False)]
+KnownPose = tuple[Coordinate, Coordinate, Angle]
+
+
 class FeatureConfig(FrozenConfig):
     """Keypoints and how they are matched: the paper's numbers, and OpenCV's where the paper is silent.
 
@@ -296,7 +301,7 @@ class MergeConfig(FrozenConfig):
     rule: Rule | None = None
     coverage: Coverage = "union"
     reliability: dict[str, Share] = Field(default_factory=dict)
-    known_poses: dict[str, tuple[float, float, float]] = Field(default_factory=dict)
+    known_poses: dict[str, KnownPose] = Field(default_factory=dict)
     resolution: Metres | None = None
     merged_resolution: Metres | None = None
     features: FeatureConfig = FeatureConfig()

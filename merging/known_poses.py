@@ -7,7 +7,7 @@ everywhere, a plan drawn otherwise than a laser sees. What the maps say for and 
 import itertools
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,10 @@ from merging.in_words import evidence_in_words
 from merging.structure import Structure
 from merging.verification import Evidence, examine
 from merging.views import Views
-from tbmslam.se2 import SE2, wrap_angle
+from merging.warping import corners_of
+from tbmslam.errors import TbmSlamError
+from tbmslam.map_check import MAX_CELLS
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.tbm_map import TbmMap
 
 logger = logging.getLogger(__name__)
@@ -31,6 +34,10 @@ _SHIFTS, _TURNS = 5, 9
 """So many starts along each axis and of the rotation, up to as far as the pose may be wrong."""
 _NEVER = 1e-300
 """No place is less likely than this."""
+
+
+class KnownPoseError(TbmSlamError):
+    """A told pose that no merged map can have: one line with the map, the fact and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,8 @@ def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
     ------
     ValueError
         If a pose is told of a map that is none of these, or of the first.
+    KnownPoseError
+        If a map would lie so far from the others that the merged map had too many cells.
     """
     first = next(iter(maps))
     for name in config.known_poses:
@@ -64,6 +73,7 @@ def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
     if not config.known_poses:
         return KnownPlaces({}, {})
     views = Views({name: one.grid for name, one in maps.items()}, config.model_copy(update={"method": "correlation"}))
+    resolution = config.merged_resolution or maps[first].grid.geometry.resolution
     poses, alignments = {first: SE2.identity()}, dict[Pair, Alignment]()
     for name in (name for name in maps if name in config.known_poses):
         guess = SE2(*config.known_poses[name])
@@ -74,7 +84,19 @@ def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
             logger.warning("%s: more of its walls contradict the told pose than bear it out: is it right?", name)
         alignments[target, name] = found
         poses[name] = poses[target] @ (found.T_target_source or SE2.identity())
+        _check_extent(name, [corners_of(maps[one].grid.geometry, pose) for one, pose in poses.items()], resolution)
     return KnownPlaces(poses, alignments)
+
+
+def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -> None:
+    """Refuse a map with which the merged one would be too large."""
+    width, height = np.ptp(np.concatenate(corners), axis=0)
+    cols, rows = math.ceil(width / resolution), math.ceil(height / resolution)
+    if rows * cols > MAX_CELLS:
+        raise KnownPoseError(
+            f"{name}: where it is told to lie the merged map would be {width:.0f} x {height:.0f} m, {rows * cols:.2g} "
+            f"cells, more than the {MAX_CELLS:.0e} that are possible: correct the pose, or pass a coarser --resolution"
+        )
 
 
 def align_near(target: View | None, source: View | None, T_target_source: SE2, config: MergeConfig) -> Alignment:

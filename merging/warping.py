@@ -8,7 +8,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 from tbmslam.resampling import PlacedGrid
-from tbmslam.se2 import SE2
+from tbmslam.se2 import SE2, FloatArray
 
 
 class CellSizeError(TbmSlamError):
@@ -64,10 +64,16 @@ def at_resolution(grid: TbmGrid, resolution: float) -> TbmGrid:
     return warp(known, SE2.identity(), known.geometry._replace(resolution=resolution))
 
 
+def corners_of(source: GridGeometry, T_target_source: SE2) -> FloatArray:
+    """Return the corners (4, 2) of a source grid in the frame it is placed in [m]."""
+    left, bottom, right, top = source.bounds()
+    return T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+
+
 def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometry) -> GridGeometry:
     """Return the smallest part of a lattice that covers a source grid placed in its frame."""
     left, bottom, right, top = source.bounds()
-    corners = T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+    corners = corners_of(source, T_target_source)
     check_cell_size(lattice.resolution)
     cells = (corners - (lattice.origin_x, lattice.origin_y)) / lattice.resolution
     sides = np.ptp(cells, axis=0)

@@ -6,7 +6,7 @@ import pytest
 
 from merging import MergeConfig, merge
 from merging.aligner import view_of
-from merging.known_poses import align_near, place_known
+from merging.known_poses import KnownPoseError, align_near, place_known
 from tbmslam.belief import FREE
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.resampling import resample
@@ -122,3 +122,15 @@ def test_an_empty_map_lies_where_told(maps, empty, which):
 def test_a_pose_of_no_other_map_is_refused(maps, name):
     with pytest.raises(ValueError, match=f"known_poses must be of maps after the first, 'floor', got '{name}'"):
         merge(maps, told(**{name: (0.0, 0.0, 0.0)}))
+
+
+def test_a_pose_so_far_off_that_the_merged_map_were_too_large_is_refused(maps):
+    where = "half: where it is told to lie the merged map would be [0-9]+ x [0-9]+ m, .* cells, more than the 4e[+]08"
+    with pytest.raises(KnownPoseError, match=where):
+        merge(maps, told(half=(5000.0, -5000.0, 0.0)))
+
+
+@pytest.mark.parametrize("pose", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (1e5, 0.0, 0.0), (0.0, 0.0, 1e4)])
+def test_a_pose_that_nothing_has_is_no_parameter(pose):
+    with pytest.raises(ValueError, match=r"known_poses\.half"):
+        told(half=pose)
