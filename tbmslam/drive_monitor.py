@@ -112,11 +112,19 @@ class DriveMonitor:
 
     def tell(self, name: str, start: float) -> None:
         """Log the incidents, with the time since a stamp [s]."""
+        self._note_scale(start)
         for number, incident in enumerate(self.incidents):
             if number == _SAID_AT_MOST:
                 logger.warning("%s: and %d more", name, self.incidents.number - number)
                 return
             logger.warning("%s: %s", name, incident.text(start))
+
+    def _note_scale(self, start: float) -> None:
+        """Note once that scans and odometry differ in length all along."""
+        scale = self._odometry.scale()
+        what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
+        if scale != 1.0 and self._last is not None and all(incident.what != what for incident in self.incidents):
+            self.incidents.add(start, what, self._last[0].stamp - start)
 
     def _is_doubtful(self, match: ScanMatch) -> bool:
         return self._continuity.enabled and match.score < self._continuity.doubtful

@@ -25,6 +25,7 @@ _JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, as the robot sees it
 _CLOCK_FAULT = 82.2  # as in some recordings of the MIT Stata Center [s]
 _CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
 _CARRIED_FOR = 2.0  # [s]
+_TOO_LONG = 1.1  # factor
 _COVER = 0.25  # where blocked beams end [m]
 
 
@@ -171,6 +172,17 @@ def _parts_in_view(scene: _Scene) -> SimulatedRobot:
     return _rescanned(scene.robot, scene.scans(), behind_posts(scene.robot, scene.rng))
 
 
+def _range_scale(scene: _Scene) -> SimulatedRobot:
+    """Let all ranges be too long."""
+    return _rescanned(scene.robot, scene.scans(), (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32))
+
+
+def _scans_repeated(scene: _Scene) -> SimulatedRobot:
+    """Let the laser send one scan again and again."""
+    ranges, those = ranges_of(scene.robot), scene.scans()
+    return _rescanned(scene.robot, those, np.repeat(ranges[those.argmax()][None], len(ranges), axis=0))
+
+
 def _glass(scene: _Scene) -> SimulatedRobot:
     """Make some walls of glass, which most beams pass."""
     return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
@@ -218,6 +230,8 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "laser_gap": _laser_gap,
     "beams_blocked": _beams_blocked,
     "parts_in_view": _parts_in_view,
+    "range_scale": _range_scale,
+    "scans_repeated": _scans_repeated,
     "glass": _glass,
     "people": _people,
     "crowd": _crowd,

@@ -193,3 +193,12 @@ def test_odometry_that_freezes_is_told_and_scans_alone_tell_the_motion(robot):
     slam, drive = mapped(readings)
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     assert any(i.what.startswith("the odometry stands still while the robot moves") for i in slam.incidents)
+
+
+def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
+    readings = [replace(r, scan=r.scan.with_ranges(1.1 * r.scan.ranges)) for r in robot.readings]
+    slam, _ = mapped(readings)
+    slam.finish()
+    (told,) = [line for line in said(slam) if "scale" in line]
+    assert told.startswith("at 0.0 s: the scans go 1.1")
+    assert "times as far as the odometry, one of them has a wrong scale, for " in told

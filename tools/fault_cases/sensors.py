@@ -64,6 +64,8 @@ CASES = (
     _case(
         "two posts of the robot in view, straight along a corridor", "parts_in_view@0+600", "blocks", world="corridor"
     ),
+    _case("all ranges 10 % too long", "range_scale@0+600", "wrong scale", remedy=True),
+    _case("one scan sent again and again for 3 s", "scans_repeated@25+3", "lost"),
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),
     _case("five people go along, 1 to 2 m away", "crowd@0+600"),
