@@ -34,6 +34,12 @@ class ContinuityConfig(FrozenConfig):
     min_agreement: float = Field(
         0.7, ge=0, le=1, description="must have this share of its hits on what the last scan hit"
     )
+    elsewhere: float = Field(
+        0.3,
+        ge=0,
+        le=1,
+        description="a scan with less of its hits on what the last scan hit, and max_change in its free space, is none",
+    )
     pause: float = Field(1.5, gt=0, description="after so long without a scan a robot may have been carried [s]")
     still: float = Field(0.15, gt=0, description="it stood still meanwhile if its odometry moved no farther [m, rad]")
     max_change: float = Field(

@@ -163,5 +163,7 @@ class DriveMonitor:
         is_far = max(math.hypot(moved.x, moved.y), abs(moved.theta)) > config.far
         if is_far and comparison.agreement < config.min_agreement:
             return False
+        if comparison.agreement < config.elsewhere and comparison.contradiction > config.max_change:
+            return False
         # Late odometry puts far hits of a scan that goes on into free space too, but not most of all hits.
         return comparison.contradiction <= config.max_contradiction or comparison.agreement > config.max_agreement

@@ -202,3 +202,33 @@ def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
     (told,) = [line for line in said(slam) if "scale" in line]
     assert told.startswith("at 0.0 s: the scans go 1.1")
     assert "times as far as the odometry, one of them has a wrong scale, for " in told
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_another_floor_from_one_scan_to_the_next_is_no_continuation(robot, drive_in, seed):
+    """As when a lift's door opens: little contradicts, and nothing agrees."""
+    other = drive_in("halls", 30.0, odometry="good", seed=seed)
+    there, first, last = other.readings, other.readings[0], robot.readings[60]
+    moved = last.T_odom_robot @ first.T_odom_robot.inverse()
+    later = last.scan.stamp + 0.2 - first.scan.stamp
+    readings = [
+        *robot.readings[:61],
+        *(
+            replace(r, scan=replace(r.scan, stamp=r.scan.stamp + later), T_odom_robot=moved @ r.T_odom_robot)
+            for r in there
+        ),
+    ]
+    slam, drive = mapped(readings)
+    (lost,) = [i for i in slam.incidents if i.what == LOST]
+    assert lost.stamp == readings[61].scan.stamp
+    assert len(drive.trajectory) == len(there)
+
+
+def test_a_hand_before_the_laser_is_a_continuation(robot):
+    readings = [
+        replace(r, scan=r.scan.with_ranges(np.where(np.arange(181) < 160, 0.4, r.scan.ranges))) if 60 <= k < 63 else r
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert not any(i.what == LOST for i in slam.incidents)
