@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from datasets.salvaged_bag import Loss
-from tbmslam.special_file import why_unreadable
+from tbmslam.files.special_file import why_unreadable
 
 _LARGEST = 10_000_000  # of a description [bytes]
 

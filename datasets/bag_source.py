@@ -11,7 +11,7 @@ from datasets.bag_files import CutFileError, check_files, is_ros1, storage_files
 from datasets.errors import DatasetError
 from datasets.open_bag import OpenBag, RawMessage
 from datasets.salvaged_bag import Loss, SalvagedBag
-from tbmslam.special_file import why_unreadable
+from tbmslam.files.special_file import why_unreadable
 
 logger = logging.getLogger(__name__)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tbmslam.incidents import Incidents
+from tbmslam.monitoring.incidents import Incidents
 
 
 @dataclass

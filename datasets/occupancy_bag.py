@@ -12,9 +12,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tbmslam.atomic_file import replacing
+from tbmslam.files.atomic_file import replacing
+from tbmslam.files.ros_map import FREE_PIXEL, OCCUPIED_PIXEL, ros_pixels
 from tbmslam.grid import TbmGrid
-from tbmslam.ros_map import FREE_PIXEL, OCCUPIED_PIXEL, ros_pixels
 
 Format = Literal["ros1", "mcap"]
 

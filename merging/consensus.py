@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from merging.config import ConsensusConfig
 from merging.features import Matches
-from tbmslam.rigid_fit import fit_rigid
+from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray
 
 

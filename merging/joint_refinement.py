@@ -4,7 +4,7 @@ A map that bent while it was made fits another nowhere exactly. Where maps carry
 keyframes are laid onto submaps of another's near where the rigid alignment puts them, and onto its own where it came
 back; what fits becomes a closure, and one pose graph of all drives, of what they measured of their motions before they
 closed loops by themselves, takes the bends out. In the end drives and walls are adjusted to each other
-(`tbmslam.surface_adjustment`).
+(`tbmslam.adjustment.surface_adjustment`).
 """
 
 import logging
@@ -17,11 +17,11 @@ import numpy.typing as npt
 from merging.bending_config import JointConfig
 from merging.joint_closures import Track, find_closures
 from merging.redrawing import redraw
+from tbmslam.adjustment.surface_adjustment import adjust
 from tbmslam.drive_correction import with_keyframes_at
+from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.pose_graph import MotionEdge, optimise
-from tbmslam.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
-from tbmslam.surface_adjustment import adjust
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 

@@ -24,7 +24,7 @@ from merging.verification import Evidence, examine
 from merging.views import Views
 from merging.warping import corners_of
 from tbmslam.errors import TbmSlamError
-from tbmslam.map_check import MAX_CELLS
+from tbmslam.files.map_check import MAX_CELLS
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.tbm_map import TbmMap
 

@@ -15,9 +15,9 @@ from merging.fusion import Fusion
 from merging.merge_page import merge_page
 from merging.merger import Merge
 from merging.warping import offset_in, warp
-from tbmslam.atomic_file import write_bytes
 from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.png import encode_png
+from tbmslam.files.atomic_file import write_bytes
+from tbmslam.files.png import encode_png
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.se2 import SE2

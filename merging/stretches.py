@@ -16,7 +16,7 @@ from merging.config import GraphConfig
 from merging.offers import Offer, offers_of
 from merging.redrawing import redraw
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
-from tbmslam.rigid_fit import fit_rigid
+from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angle
 from tbmslam.tbm_map import TbmMap
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 from tbmslam.resampling import PlacedGrid
 from tbmslam.se2 import SE2, FloatArray
 

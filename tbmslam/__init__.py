@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from datasets.options import RecordingOptions
     from tbmslam.config import SlamConfig, preset
     from tbmslam.errors import TbmSlamError
+    from tbmslam.files.map_folder import load_map, save_map
     from tbmslam.grid import TbmGrid
     from tbmslam.laser_scan import LaserScan, Reading
-    from tbmslam.map_folder import load_map, save_map
     from tbmslam.se2 import SE2
     from tbmslam.slam import Slam
     from tbmslam.tbm_map import TbmMap
@@ -44,9 +44,9 @@ _HOMES = {
     "TbmGrid": "grid",
     "TbmMap": "tbm_map",
     "TbmSlamError": "errors",
-    "load_map": "map_folder",
+    "load_map": "files.map_folder",
     "preset": "config",
-    "save_map": "map_folder",
+    "save_map": "files.map_folder",
 }
 
 

@@ -6,23 +6,23 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from tbmslam.adjustment_config import AdjustmentConfig
-from tbmslam.blocked_beams import BlockedBeamsConfig
-from tbmslam.continuity import ContinuityConfig
-from tbmslam.deskew import DeskewConfig
-from tbmslam.forgetting import ForgettingConfig
+from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.grid_tracker import GridTrackerConfig
-from tbmslam.loop_closing import LoopClosingConfig
+from tbmslam.loops.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
-from tbmslam.motion import MotionConfig
-from tbmslam.odometry_check import OdometryCheckConfig
+from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
+from tbmslam.monitoring.continuity import ContinuityConfig
+from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.parameters import ConfigError, changed
-from tbmslam.particle_tracker import ParticleTrackerConfig
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
 from tbmslam.scan_matching.monte_carlo import MonteCarloConfig
 from tbmslam.sensor_model import SensorModelConfig
-from tbmslam.surfel_tracker import SurfelTrackerConfig
+from tbmslam.tracking.deskew import DeskewConfig
+from tbmslam.tracking.forgetting import ForgettingConfig
+from tbmslam.tracking.grid_tracker import GridTrackerConfig
+from tbmslam.tracking.motion import MotionConfig
+from tbmslam.tracking.particle_tracker import ParticleTrackerConfig
+from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 
 __all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "MapConfig", "SlamConfig", "config_from_dict", "preset"]
 

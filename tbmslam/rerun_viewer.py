@@ -13,8 +13,8 @@ from typing import Any, Self
 import numpy as np
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.map_pictures import draw_grid
 from tbmslam.laser_scan import Reading
-from tbmslam.map_pictures import draw_grid
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 

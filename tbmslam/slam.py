@@ -8,32 +8,32 @@ from dataclasses import replace
 
 import numpy as np
 
+from tbmslam.adjustment.surface_adjustment import adjust
 from tbmslam.config import SlamConfig
-from tbmslam.deskew import deskewed
-from tbmslam.drive_memory import DriveMemory
-from tbmslam.drive_monitor import DriveMonitor
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
-from tbmslam.grid_tracker import GridTracker, GridTrackerConfig
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.loop_closing import LoopCloser
+from tbmslam.loops.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
-from tbmslam.motion import MotionModel, Prediction
-from tbmslam.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
 from tbmslam.scan_hits import ScanHits
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.sensor_model import beam_factors
-from tbmslam.surface_adjustment import adjust
-from tbmslam.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.tile_maps import TileMaps
-from tbmslam.tracked_keyframe import TrackedKeyframe, chain, motions, packed
-from tbmslam.tracker import Tracker
+from tbmslam.tracking.deskew import deskewed
+from tbmslam.tracking.drive_memory import DriveMemory
+from tbmslam.tracking.grid_tracker import GridTracker, GridTrackerConfig
+from tbmslam.tracking.motion import MotionModel, Prediction
+from tbmslam.tracking.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
+from tbmslam.tracking.tile_maps import TileMaps
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
+from tbmslam.tracking.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
 

@@ -9,14 +9,14 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from tbmslam.config import SlamConfig
-from tbmslam.drive_memory import DriveMemory
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.slam import Slam
-from tbmslam.tracker import Since, Tracker
+from tbmslam.tracking.drive_memory import DriveMemory
+from tbmslam.tracking.tracker import Since, Tracker
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

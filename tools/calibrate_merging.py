@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
-    from tbmslam.atomic_file import write_bytes, write_text
+    from tbmslam.files.atomic_file import write_bytes, write_text
     from tools.calibration_plot import draw_calibration
     from tools.calibration_table import BINS, calibration_table, worth
     from tools.confidence_fit import fit_model, held_out

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from tbmslam.png import encode_png
+from tbmslam.files.png import encode_png
 
 _SIZE, _MARGIN = 480, 60
 _BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)

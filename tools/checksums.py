@@ -3,9 +3,9 @@
 import hashlib
 from pathlib import Path
 
-from tbmslam.atomic_file import write_text
-from tbmslam.map_folder import map_files
-from tbmslam.special_file import why_unreadable
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.map_folder import map_files
+from tbmslam.files.special_file import why_unreadable
 
 NAME = "SHA256SUMS"
 _BESIDE_THE_MAP = (

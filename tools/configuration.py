@@ -9,8 +9,8 @@ from datasets import RecordingOptions
 from merging.config import MergeConfig
 from tbmslam.config import ConfigError, SlamConfig, preset
 from tbmslam.config_text import config_text
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.parameters import changed, parse_setting
-from tbmslam.special_file import why_unreadable
 
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
 

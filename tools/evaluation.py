@@ -10,23 +10,23 @@ from pathlib import Path
 import numpy as np
 
 from datasets.synthetic.world import World, WorldError, load_world
-from tbmslam.atomic_file import write_bytes
-from tbmslam.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
-from tbmslam.error_statistics import ErrorStatistics
 from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
+from tbmslam.evaluation.error_statistics import ErrorStatistics
+from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement
+from tbmslam.evaluation.map_refinement import refine_map_transform
+from tbmslam.evaluation.relations import read_relations, relation_errors
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.files.atomic_file import write_bytes
+from tbmslam.files.map_check import MapFileError
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.png import encode_png
+from tbmslam.files.tum import read_tum
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_agreement import Labels, cell_labels, map_agreement
-from tbmslam.map_check import MapFileError
-from tbmslam.map_folder import load_map
-from tbmslam.map_refinement import refine_map_transform
-from tbmslam.png import encode_png
-from tbmslam.relations import read_relations, relation_errors
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_alignment import align_trajectories
-from tbmslam.trajectory_errors import absolute_errors, relative_errors
-from tbmslam.tum import read_tum
 
 
 class EvaluationError(TbmSlamError):

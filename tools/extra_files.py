@@ -34,7 +34,7 @@ def check_extra_files(options: argparse.Namespace) -> None:
         If what writes it is not installed.
     """
     if options.geotiff:
-        from tbmslam.geotiff import require_rasterio
+        from tbmslam.files.geotiff import require_rasterio
 
         require_rasterio()
 
@@ -48,7 +48,7 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
         If a file cannot be written, or what writes it is not installed.
     """
     if options.geotiff and tbm_map is not None:
-        from tbmslam.geotiff import write_geotiff
+        from tbmslam.files.geotiff import write_geotiff
 
         write_geotiff(folder / "map.tif", tbm_map.grid)
     else:

@@ -98,7 +98,7 @@ def _write(args: argparse.Namespace) -> None:
 
 def _floor(name: str, path: str) -> "Building":
     from datasets.synthetic.floors import floor_of_grid
-    from tbmslam.map_folder import load_map
+    from tbmslam.files.map_folder import load_map
     from tools.pair_files import PairFileError, load_pair
 
     try:

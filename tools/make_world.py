@@ -133,8 +133,8 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.odometry_noise import OdometryNoise
     from datasets.synthetic.simulation import simulate
     from datasets.synthetic.truth import write_truth
-    from tbmslam.atomic_file import write_bytes
-    from tbmslam.png import encode_png
+    from tbmslam.files.atomic_file import write_bytes
+    from tbmslam.files.png import encode_png
     from tools.progress import ProgressBars
     from tools.world_picture import draw_world
 

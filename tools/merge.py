@@ -272,7 +272,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     with loading():
         from merging.merger import merge
         from merging.shared_scans import drives_given_twice
-        from tbmslam.map_folder import load_map
+        from tbmslam.files.map_folder import load_map
         from tbmslam.parameters import ConfigError
         from tbmslam.report.making import Making
         from tools.output_folder import output_folder
@@ -309,7 +309,7 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:
     """Refuse to write over a picture that a yaml among the maps names, and tell of maps that are given twice."""
-    from tbmslam.map_folder import FIXED_NAMES, files_of_map
+    from tbmslam.files.map_folder import FIXED_NAMES, files_of_map
     from tools.output_folder import OutputError
 
     ours, seen = {*FIXED_NAMES, "overlay.png", "contradictions.png"}, set()
@@ -333,8 +333,8 @@ def _save(
     making: "Making",
 ) -> None:
     from merging.report import write_report
-    from tbmslam.atomic_file import write_text
-    from tbmslam.map_folder import remove_map, save_map
+    from tbmslam.files.atomic_file import write_text
+    from tbmslam.files.map_folder import remove_map, save_map
     from tools.checksums import NAME as CHECKSUMS
     from tools.checksums import write_checksums
     from tools.configuration import merging_text

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from datasets.synthetic.map_pairs import MapPair
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.map_check import check_geometry
+from tbmslam.files.occupancy import masses_from_probability
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import check_geometry
-from tbmslam.occupancy import masses_from_probability
 from tbmslam.se2 import SE2, wrap_angle
-from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 
 _RIGHT_M, _RIGHT_DEG = 0.5, 2.0

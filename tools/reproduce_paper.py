@@ -132,7 +132,7 @@ def _check(args: argparse.Namespace) -> None:
 def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
-    from tbmslam.atomic_file import write_text
+    from tbmslam.files.atomic_file import write_text
     from tools.paper.experiments import run_experiments
     from tools.paper.maps import load_pairs
     from tools.paper.record import record_of

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tbmslam.atomic_file import write_bytes
+from tbmslam.files.atomic_file import write_bytes
 from tools.ending import ended
 from tools.grammar import Grammar
 from tools.path_argument import path_argument

@@ -8,7 +8,7 @@ import numpy as np
 
 from datasets.synthetic.simulation import SimulatedRobot
 from datasets.synthetic.world import World
-from tbmslam.png import Picture
+from tbmslam.files.png import Picture
 
 _PIXELS_PER_METRE = 25
 _SIXTEENTHS = _PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel

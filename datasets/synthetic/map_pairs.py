@@ -17,8 +17,8 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.corridor_lattice import CorridorLattice
 from datasets.synthetic.map_distortion import Distortion
 from datasets.synthetic.world import World
-from tbmslam.atomic_file import replacing
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.files.atomic_file import replacing
 from tbmslam.se2 import SE2
 
 Occupancy = npt.NDArray[np.int8]

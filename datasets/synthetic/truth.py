@@ -7,7 +7,7 @@ from pathlib import Path
 
 from datasets.synthetic.simulation import SimulatedRobot
 from datasets.synthetic.world import World
-from tbmslam.atomic_file import write_text
+from tbmslam.files.atomic_file import write_text
 from tbmslam.trajectory import Trajectory
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from tbmslam.atomic_file import replacing
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.atomic_file import replacing
+from tbmslam.files.map_check import MAX_CELLS
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.grid import GridGeometry
 from tbmslam.laser_scan import FARTHEST_PLACE
-from tbmslam.map_check import MAX_CELLS
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.special_file import why_unreadable
 
 Labels = npt.NDArray[np.uint8]
 

@@ -8,11 +8,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from datasets.occupancy_bag import occupancy, write_occupancy_bag
-from tbmslam.atomic_file import FileNotWrittenError
+from tbmslam.files.atomic_file import FileNotWrittenError
+from tbmslam.files.map_image import read_image
+from tbmslam.files.ros_map import occupancy_of_image, write_ros_map
+from tbmslam.files.ros_map_header import read_ros_map_header
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_image import read_image
-from tbmslam.ros_map import occupancy_of_image, write_ros_map
-from tbmslam.ros_map_header import read_ros_map_header
 
 GEOMETRY = GridGeometry(0.05, -1.25, 3.5, 21, 13)
 STAMP = 1295883467.123456

@@ -10,11 +10,11 @@ from scipy import ndimage
 
 from datasets.synthetic.world import World
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.evaluation.map_agreement import cell_labels
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignment, align_trajectories
+from tbmslam.files.tum import read_tum
 from tbmslam.grid import TbmGrid
-from tbmslam.map_agreement import cell_labels
 from tbmslam.se2 import SE2
-from tbmslam.trajectory_alignment import TrajectoryAlignment, align_trajectories
-from tbmslam.tum import read_tum
 
 ONE_CELL_AROUND = np.ones((3, 3), dtype=bool)
 

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from tbmslam.map_folder import load_map
-from tbmslam.relations import read_relations, relation_errors
-from tbmslam.tum import read_tum
+from tbmslam.evaluation.relations import read_relations, relation_errors
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.tum import read_tum
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
 

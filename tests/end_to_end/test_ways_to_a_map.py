@@ -14,7 +14,7 @@ from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
 from datasets.synthetic.simulation import simulate as simulate_robots
 from datasets.synthetic.world import load_world
-from tbmslam.map_folder import load_map
+from tbmslam.files.map_folder import load_map
 from tbmslam.se2 import SE2
 from tbmslam.trajectory import Trajectory
 from tests.end_to_end.against_truth import alignment_errors, placed, share_of_cells_as_in

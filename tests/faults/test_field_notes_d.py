@@ -22,21 +22,21 @@ from merging.fusion import fuse
 from merging.merger import merge
 from tbmslam import kernels
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
+from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.evidence_grid import EvidenceGrid, GridTooLargeError
+from tbmslam.files.map_check import MapFileError, check_size
+from tbmslam.files.map_folder import load_map, save_map
+from tbmslam.files.ros_map import read_ros_map, write_ros_map
+from tbmslam.files.tum import TumError, read_tum, write_tum
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.kernels.insertion import __dict__ as insertion_kernels
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.map_check import MapFileError, check_size
-from tbmslam.map_folder import load_map, save_map
 from tbmslam.resampling import resample
-from tbmslam.ros_map import read_ros_map, write_ros_map
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_alignment import TrajectoryAlignmentError
-from tbmslam.trajectory_errors import absolute_errors
-from tbmslam.tum import TumError, read_tum, write_tum
 from tools.pair_files import grid_of
 
 YAML = (

@@ -11,16 +11,16 @@ from datasets import DatasetError, open_recording
 from datasets.digest import file_digests
 from datasets.listing import list_recordings
 from datasets.synthetic.world import WorldError, load_world
-from tbmslam.beesoft_map import read_beesoft_map
 from tbmslam.config import ConfigError
 from tbmslam.errors import TbmSlamError
-from tbmslam.map_check import MapFileError
-from tbmslam.map_file import drive_lengths, read_map_file
-from tbmslam.map_folder import files_of_map, load_map
-from tbmslam.relations import RelationsError, read_relations
-from tbmslam.ros_map import read_ros_map
-from tbmslam.tbm_dump import read_tbm_dump
-from tbmslam.tum import TumError, read_tum
+from tbmslam.evaluation.relations import RelationsError, read_relations
+from tbmslam.files.beesoft_map import read_beesoft_map
+from tbmslam.files.map_check import MapFileError
+from tbmslam.files.map_file import drive_lengths, read_map_file
+from tbmslam.files.map_folder import files_of_map, load_map
+from tbmslam.files.ros_map import read_ros_map
+from tbmslam.files.tbm_dump import read_tbm_dump
+from tbmslam.files.tum import TumError, read_tum
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
 from tools.checksums import NAME, changed_files

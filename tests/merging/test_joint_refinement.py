@@ -9,7 +9,7 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.laser import SimulatedLaser
 from merging.bending_config import JointConfig
 from merging.joint_refinement import refine_jointly
-from tbmslam.adjustment_config import AdjustmentConfig
+from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes

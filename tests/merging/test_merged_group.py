@@ -12,8 +12,8 @@ from merging.merged_group import merge_group
 from merging.redrawing import redraw
 from merging.warping import warp
 from tbmslam.config import MapConfig
+from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
 from tbmslam.keyframes import Keyframes
-from tbmslam.map_agreement import cell_labels, map_agreement
 from tbmslam.rendering import render
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2

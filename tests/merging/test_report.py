@@ -8,7 +8,7 @@ import pytest
 from merging import MergeConfig, merge
 from merging.report import as_json, draw_conflict, draw_overlay, write_report
 from merging.warping import warp
-from tbmslam.atomic_file import FileNotWrittenError
+from tbmslam.files.atomic_file import FileNotWrittenError
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.se2 import SE2

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from tbmslam.files.map_check import MapFileError
+from tbmslam.files.map_folder import load_map, save_map
+from tbmslam.files.tbm_dump import write_tbm_dump
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
-from tbmslam.map_check import MapFileError
-from tbmslam.map_folder import load_map, save_map
 from tbmslam.se2 import SE2
-from tbmslam.tbm_dump import write_tbm_dump
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 

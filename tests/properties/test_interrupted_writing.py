@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tbmslam.atomic_file import FileNotWrittenError, write_bytes
+from tbmslam.files.atomic_file import FileNotWrittenError, write_bytes
+from tbmslam.files.map_check import MapFileError
+from tbmslam.files.map_file import read_map_file, write_map_file
+from tbmslam.files.map_folder import load_map, save_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_check import MapFileError
-from tbmslam.map_file import read_map_file, write_map_file
-from tbmslam.map_folder import load_map, save_map
 from tbmslam.tbm_map import TbmMap
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,7 +25,7 @@ WRITE_FOR_EVER = """
 import sys
 import numpy as np
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import save_map
+from tbmslam.files.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 maps = []
 for name, cell in (("old", (0, 1, 0, 0)), ("new", (0, 0, 1, 0))):
@@ -45,7 +45,7 @@ from pathlib import Path
 import numpy as np
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
-from tbmslam.map_folder import remove_map, save_map
+from tbmslam.files.map_folder import remove_map, save_map
 from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 

@@ -3,8 +3,9 @@ import sys
 
 import pytest
 
-from tbmslam import map_check, memory
-from tbmslam.map_check import MapFileError, check_size
+from tbmslam import memory
+from tbmslam.files import map_check
+from tbmslam.files.map_check import MapFileError, check_size
 
 
 def test_a_machine_has_memory_and_not_endlessly_much():

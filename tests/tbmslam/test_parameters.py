@@ -1,9 +1,9 @@
 import pytest
 
 from tbmslam.config import SlamConfig, preset
-from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.parameters import ConfigError, changed, parameter_names, parse_setting
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
+from tbmslam.tracking.grid_tracker import GridTrackerConfig
 
 
 def test_what_is_not_named_stays():

@@ -10,11 +10,11 @@ from datasets.synthetic.faults import Fault, inject
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
 from tbmslam.config import SlamConfig, config_from_dict, preset
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2, compose, inverse
 from tbmslam.slam import Slam
-from tbmslam.trajectory_alignment import align_trajectories
-from tbmslam.trajectory_errors import absolute_errors
 
 
 def mapped(readings, config=None):

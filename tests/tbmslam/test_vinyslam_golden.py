@@ -9,11 +9,9 @@ import pytest
 
 from tbmslam.config import SlamConfig, preset
 from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.grid_tracker import GridTrackerConfig
 from tbmslam.kernels.insertion import walk_beam
 from tbmslam.kernels.scoring import impact_at
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.motion import MotionConfig
 from tbmslam.scan_matching import monte_carlo
 from tbmslam.scan_matching.beam_weights import beam_weights
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
@@ -21,6 +19,8 @@ from tbmslam.scan_matching.monte_carlo import MonteCarloConfig, MonteCarloMatche
 from tbmslam.se2 import SE2
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
 from tbmslam.slam import Slam
+from tbmslam.tracking.grid_tracker import GridTrackerConfig
+from tbmslam.tracking.motion import MotionConfig
 
 GOLDEN = Path(__file__).resolve().parents[3] / "shared" / "data" / "vinyslam-golden"
 pytestmark = pytest.mark.skipif(not GOLDEN.is_dir(), reason="the original program's golden runs are not here")

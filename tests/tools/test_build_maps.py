@@ -11,9 +11,9 @@ import pytest
 
 from datasets import DatasetError
 from tbmslam.config import ConfigError
-from tbmslam.map_folder import load_map
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.tum import TumError, read_tum
 from tbmslam.segmentation import SegmentationError
-from tbmslam.tum import TumError, read_tum
 from tools import build_maps, make_world
 from tools.mapping.run import OutputError
 

@@ -5,8 +5,8 @@ import subprocess
 import numpy as np
 import pytest
 
+from tbmslam.files.map_folder import save_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 from tools.checksums import NAME, changed_files, write_checksums
 

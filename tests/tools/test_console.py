@@ -3,8 +3,8 @@ import sys
 
 import pytest
 
+from tbmslam.files.map_folder import save_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 from tools import evaluate, merge
 from tools.console import one_line, print_anything

@@ -10,12 +10,12 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.files.map_folder import load_map, save_map
+from tbmslam.files.tum import write_tum
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import load_map, save_map
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
-from tbmslam.tum import write_tum
 from tools.evaluate import main
 
 ROOT = Path(__file__).resolve().parents[2]

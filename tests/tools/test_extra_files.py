@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from tbmslam.geotiff import GeoTiffError
+from tbmslam.files.geotiff import GeoTiffError
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files

@@ -9,9 +9,9 @@ import pytest
 from datasets.synthetic.floors import pairs_of
 from datasets.synthetic.map_pairs import building_of_world
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.ros_map import write_ros_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import load_map
-from tbmslam.ros_map import write_ros_map
 from tbmslam.se2 import SE2
 from tests.datasets.conftest import BagScript
 from tools import build_maps

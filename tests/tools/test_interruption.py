@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tbmslam.files.map_folder import save_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 from tools.ending import ended
 from tools.interruption import Interruption, hear_interruption

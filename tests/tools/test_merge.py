@@ -21,7 +21,7 @@ from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 from tools import merge
 
-map_folder = pytest.importorskip("tbmslam.map_folder")
+map_folder = pytest.importorskip("tbmslam.files.map_folder")
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -50,8 +50,8 @@ class PairResult:
 
 def benchmark_pairs(args: argparse.Namespace) -> None:
     """Align all pairs of a folder and print the tables."""
-    from tbmslam.atomic_file import write_bytes, write_text
     from tbmslam.errors import TbmSlamError
+    from tbmslam.files.atomic_file import write_bytes, write_text
 
     paths = sorted(args.pairs.glob("*.npz"))
     if not paths:

@@ -7,7 +7,7 @@ import sys
 from typing import NamedTuple
 
 from datasets.synthetic.endless_drive import Route
-from tbmslam.atomic_file import write_text
+from tbmslam.files.atomic_file import write_text
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.scaling import ScalingRun, run_scaling
 from tools.machine import describe_machine, machine_line

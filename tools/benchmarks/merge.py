@@ -20,7 +20,7 @@ from merging.consensus import find_consensus
 from merging.features import describe_all, match
 from merging.fusion import fuse
 from merging.warping import canvas_over, place
-from tbmslam.atomic_file import write_text
+from tbmslam.files.atomic_file import write_text
 from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap

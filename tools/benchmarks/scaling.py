@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from datasets.synthetic.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.atomic_file import write_text
 from tbmslam.config import preset
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.files.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
-from tbmslam.trajectory_alignment import align_trajectories
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam_run import CpuClock
 from tools.benchmarks.warm_up import warm_up

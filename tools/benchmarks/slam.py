@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from tbmslam.atomic_file import write_text
+from tbmslam.files.atomic_file import write_text
 from tools.benchmarks.measured_process import in_fresh_process
 from tools.benchmarks.recording_spec import RecordingSpec
 from tools.benchmarks.slam_run import SlamRun, run_slam

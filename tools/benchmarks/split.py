@@ -18,16 +18,16 @@ import numpy as np
 
 from merging import merge
 from merging.redrawing import redraw
-from tbmslam.atomic_file import write_text
 from tbmslam.belief import FREE
-from tbmslam.map_agreement import MapAgreement, cell_labels, map_agreement
-from tbmslam.map_folder import load_map
-from tbmslam.map_refinement import refine_map_transform
+from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement
+from tbmslam.evaluation.map_refinement import refine_map_transform
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.map_folder import load_map
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2, wrap_angle
 from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_alignment import align_trajectories
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recording_spec import as_words
@@ -67,7 +67,8 @@ class SplitRun:
         For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
         error of its relative pose [m], [deg]; None where one was left out.
     agree, agree_nearby
-        Shares of cells that are as in the undivided map, see `tbmslam.map_agreement`; None where nothing was merged.
+        Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None where nothing was
+        merged.
     turned
         The share for the undivided map itself, drawn again on the merged map's cells.
     again

@@ -25,10 +25,10 @@ from datasets.synthetic.map_pairs import (
     room_of,
 )
 from merging import align
-from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
-from tbmslam.special_file import why_unreadable
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.worker_pool import worker_pool
 from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair

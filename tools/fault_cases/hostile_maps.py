@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tbmslam.files.map_folder import save_map
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.map_folder import save_map
 from tbmslam.tbm_map import TbmMap
 from tools import merge
 from tools.fault_cases.child_run import run_child

@@ -5,14 +5,14 @@ import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tbmslam.atomic_file import write_text
 from tbmslam.errors import TbmSlamError
-from tbmslam.map_folder import load_map
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.tum import read_tum
 from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.rerun_viewer import RerunViewer
 from tbmslam.tbm_map import TbmMap
-from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
 from tools.checksums import changed_files, write_checksums
 from tools.configuration import Configuration

@@ -16,16 +16,16 @@ from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
 from datasets.cached import cached
 from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
-from tbmslam.atomic_file import write_text
 from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.map_folder import save_map
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.laser_scan import Reading
-from tbmslam.map_folder import save_map
 from tbmslam.report.making import versions
 from tbmslam.se2 import SE2
 from tbmslam.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
-from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 from tools.checksums import NAME as CHECKSUMS

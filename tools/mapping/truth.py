@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from datasets.digest import file_digests
-from tbmslam.atomic_file import write_text
 from tbmslam.config import preset
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
+from tbmslam.files.atomic_file import write_text
+from tbmslam.files.special_file import why_unreadable
+from tbmslam.files.tum import read_tum
 from tbmslam.slam import Slam
-from tbmslam.special_file import why_unreadable
 from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
-from tbmslam.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
-from tbmslam.tum import read_tum
 from tbmslam.watch import Watch
 from tools.mapping.task import MappingTask, Shelf
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from datasets.synthetic.map_pairs import building_of_area, cut_pairs
 from merging.experiments.map_pair import MapPair
 from tbmslam.errors import TbmSlamError
+from tbmslam.files.map_folder import load_map
+from tbmslam.files.special_file import why_unreadable
 from tbmslam.grid import TbmGrid
-from tbmslam.map_folder import load_map
 from tbmslam.se2 import SE2
-from tbmslam.special_file import why_unreadable
 from tools import build_maps, make_world
 from tools.pair_files import KnownPair
 

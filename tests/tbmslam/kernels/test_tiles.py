@@ -7,7 +7,7 @@ from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.kernels.insertion import insert_scan, touched_cells
 from tbmslam.kernels.tiles import HitModel, climb_posterior, log_likelihood, log_posterior, sampled_posterior
 from tbmslam.sensor_model import SensorModelConfig, beam_factors
-from tbmslam.tile_maps import TileMaps
+from tbmslam.tracking.tile_maps import TileMaps
 
 FACTORS = beam_factors(SensorModelConfig(hit_quality=0.4, miss_quality=0.1, wall_blur=0.0), 0.1, 1.0)
 MODEL = HitModel(gain=0.5, clutter=0.05, unknown=0.3, spread=0.8)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.drive_bends import bends_of
+from tbmslam.adjustment.drive_bends import bends_of
 from tbmslam.kernels.pose_systems import LineSystem, MotionSystem, PoseSystem, times
 from tbmslam.kernels.two_levels import factors_of, precondition
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tbmslam.relations import read_relations
+from tbmslam.evaluation.relations import read_relations
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 
 ROOT = Path(__file__).resolve().parents[3]

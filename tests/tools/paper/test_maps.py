@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from tbmslam.map_folder import save_map
+from tbmslam.files.map_folder import save_map
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area

@@ -1,0 +1,1 @@
+"""How far maps and trajectories are from the truth."""

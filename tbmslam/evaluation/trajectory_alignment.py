@@ -1,0 +1,75 @@
+"""Two trajectories of one drive, laid onto each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.trajectory import Trajectory
+
+
+class TrajectoryAlignmentError(TbmSlamError):
+    """The trajectories have too little in common."""
+
+
+@dataclass(frozen=True)
+class TrajectoryAlignment:
+    """How an estimated trajectory lies on a reference.
+
+    Parameters
+    ----------
+    T_reference_estimate
+        Carries the estimate's frame to the reference's.
+    errors_m
+        Distance (M,) left at every pose that both have [m].
+    """
+
+    T_reference_estimate: SE2
+    errors_m: FloatArray
+
+    @property
+    def ate_m(self) -> float:
+        """Absolute trajectory error: root mean square of the distances left [m]."""
+        return float(np.sqrt(np.mean(self.errors_m**2)))
+
+
+def align_trajectories(
+    reference: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01
+) -> TrajectoryAlignment:
+    """Lay an estimate onto a reference by the rigid motion that leaves the smallest squared distances.
+
+    Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
+
+    Raises
+    ------
+    TrajectoryAlignmentError
+        When fewer than two poses belong together.
+    """
+    i, j = matching_stamps(reference.stamps, estimate.stamps, max_stamp_difference)
+    if len(i) < 2:
+        raise TrajectoryAlignmentError(
+            f"only {len(i)} of {len(estimate)} poses have a partner within {max_stamp_difference:g} s in the "
+            "reference: check that both trajectories are of the same drive and clock"
+        )
+    target, source = reference.poses[i, :2], estimate.poses[j, :2]
+    T_reference_estimate, _ = fit_rigid(target, source)
+    errors = np.hypot(*(T_reference_estimate.apply(source) - target).T)
+    return TrajectoryAlignment(T_reference_estimate, errors)
+
+
+def matching_stamps(
+    first: FloatArray, second: FloatArray, tolerance: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return indices into both arrays of stamps (N,), (M,) that lie nearest to each other and within the tolerance."""
+    if not len(first) or not len(second):
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    order = np.argsort(first, kind="stable")
+    ordered = first[order]
+    after = np.searchsorted(ordered, second)
+    left, right = np.clip(after - 1, 0, len(first) - 1), np.clip(after, 0, len(first) - 1)
+    nearest = np.where(np.abs(ordered[left] - second) <= np.abs(ordered[right] - second), left, right)
+    matched = np.flatnonzero(np.abs(ordered[nearest] - second) <= tolerance)
+    return order[nearest[matched]], matched

@@ -1,0 +1,136 @@
+"""How far an estimated trajectory is from the true one: as a whole (ATE) and step by step (RPE).
+
+Source of both: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", 2012, section IV.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories, matching_stamps
+from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angles
+from tbmslam.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class AbsoluteErrors:
+    """Distances left after the estimate was laid onto the truth.
+
+    Parameters
+    ----------
+    T_truth_estimate
+        Carries the estimate's frame to the truth's.
+    points
+        Estimated positions (M, 2) in the truth's frame, in the order of the estimate [m].
+    errors_m
+        Their distances (M,) from the truth.
+    unmatched
+        Estimated poses without a true one at their stamp.
+    """
+
+    T_truth_estimate: SE2
+    points: FloatArray
+    errors_m: FloatArray
+    unmatched: int
+
+
+@dataclass(frozen=True)
+class RelativeErrors:
+    """How far estimated steps are from the true ones.
+
+    Parameters
+    ----------
+    points
+        Estimated positions (K, 2) at which the steps end, in the estimate's frame [m].
+    translations_m, rotations_deg
+        Absolute error (K,) of each step.
+    """
+
+    points: FloatArray
+    translations_m: FloatArray
+    rotations_deg: FloatArray
+
+
+def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
+    """Lay the estimate onto the truth by a rigid motion and measure what is left, eq. 3 there.
+
+    Raises
+    ------
+    TrajectoryAlignmentError
+        When fewer than two poses belong together.
+    """
+    alignment = align_trajectories(truth, estimate, max_stamp_difference)
+    _, matched = matching_stamps(truth.stamps, estimate.stamps, max_stamp_difference)
+    points = alignment.T_reference_estimate.apply(estimate.poses[matched, :2])
+    return AbsoluteErrors(alignment.T_reference_estimate, points, alignment.errors_m, len(estimate) - len(matched))
+
+
+def relative_errors(
+    truth: Trajectory,
+    estimate: Trajectory,
+    *,
+    distance: float | None = None,
+    seconds: float | None = None,
+    max_stamp_difference: float = 0.01,
+) -> RelativeErrors:
+    """Compare steps of a chosen length, one beginning where the last one ended, with the true ones, eq. 1 there.
+
+    Parameters
+    ----------
+    truth, estimate
+        Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
+    distance, seconds
+        Length of a step, one of the two: travelled by the truth [m], or passed [s].
+
+    Raises
+    ------
+    TrajectoryAlignmentError
+        When the trajectories share no whole step.
+    """
+    if (distance is None) == (seconds is None):
+        raise ValueError(f"one of distance and seconds must be given, got {distance} and {seconds}")
+    step, unit = (distance, "m") if distance is not None else (seconds, "s")
+    if step is None or not step > 0.0:
+        raise ValueError(f"step must be positive, got {step}")
+    i, j = matching_stamps(truth.stamps, estimate.stamps, max_stamp_difference)
+    true, estimated = truth.poses[i], estimate.poses[j]
+    progress = way_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
+    ends = _step_ends(progress, step)
+    if len(ends) < 2:
+        raise TrajectoryAlignmentError(
+            f"the {len(i)} poses that both trajectories have reach over {progress[-1] if len(i) else 0.0:.3g} {unit}, "
+            f"less than a step of {step:g} {unit}: choose a shorter step or check stamps and clocks"
+        )
+    true_x, true_y, true_theta = _motions(true[ends]).T
+    x, y, theta = _motions(estimated[ends]).T
+    # inverse(true step) @ estimated step: a rotation does not change the length of the difference.
+    translations = np.hypot(x - true_x, y - true_y)
+    rotations = np.degrees(np.abs(wrap_angles(theta - true_theta)))
+    return RelativeErrors(estimated[ends[1:], :2], translations, rotations)
+
+
+def _passed(stamps: FloatArray) -> FloatArray:
+    """Return the time passed since the first stamp; where a recorder steps back no time passes."""
+    return np.cumsum(np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0))
+
+
+def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:
+    """Return indices of the first pose and of every pose that is the first at least one step after the last one."""
+    ends = [0] if len(progress) else []
+    while ends:
+        following = int(np.searchsorted(progress, progress[ends[-1]] + step))
+        if following >= len(progress):
+            break
+        ends.append(max(following, ends[-1] + 1))  # a step may be too short to be a number's last digit
+        if ends[-1] >= len(progress):
+            ends.pop()
+            break
+    return np.array(ends, dtype=np.intp)
+
+
+def _motions(poses: FloatArray) -> FloatArray:
+    """Return each pose (N - 1, 3) in the frame of the one before."""
+    (dx, dy, turn), heading = np.diff(poses, axis=0).T, poses[:-1, 2]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return np.column_stack((cosine * dx + sine * dy, cosine * dy - sine * dx, turn))

@@ -1,0 +1,1 @@
+"""Maps and trajectories in files: ours, and those of other programs."""

@@ -1,0 +1,1 @@
+"""Loops: places seen again are found, verified, and bend the drive so that they coincide."""

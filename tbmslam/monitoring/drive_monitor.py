@@ -1,0 +1,169 @@
+"""What watches over a drive: notices what goes wrong, says when, and keeps the worst out of the map."""
+
+import logging
+import math
+
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
+from tbmslam.monitoring.continuity import ContinuityConfig, changed_share, compare_scans
+from tbmslam.monitoring.incidents import Incidents
+from tbmslam.monitoring.laser_view import LaserView
+from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2
+
+logger = logging.getLogger(__name__)
+
+_SAID_AT_MOST = 20
+LOST = "lost, the scans fit neither the map nor the odometry, as if the robot had been carried"
+
+_REMEDY = (
+    "though the wheels stood still: if the robot was carried, make one robot of the way before and one of the way "
+    "after by --interval"
+)
+CHANGED = f"all looks different after a pause, {_REMEDY}"
+MOVED = f"the robot does not stand where it stood before a pause, {_REMEDY}"
+
+
+class DriveMonitor:
+    """Watches over one drive.
+
+    Parameters
+    ----------
+    continuity, beams, odometry
+        When something is wrong.
+
+    Attributes
+    ----------
+    incidents
+        What went wrong, and when.
+    """
+
+    def __init__(self, continuity: ContinuityConfig, beams: BlockedBeamsConfig, odometry: OdometryCheckConfig) -> None:
+        self.incidents = Incidents()
+        self._continuity = continuity
+        self._view = LaserView(beams, self.incidents) if beams.enabled else None
+        self._odometry = OdometryCheck(odometry)
+        self._last: tuple[LaserScan, SE2] | None = None
+        self._T_map_robot = SE2.identity()
+
+    def cleaned(self, reading: Reading) -> Reading:
+        """Return the reading without beams that are known to be blocked; look at its odometry."""
+        if self._odometry.jumps(reading.scan.stamp, reading.T_odom_robot):
+            self.incidents.add(reading.scan.stamp, "the odometry jumps")
+        if self._view is None:
+            return reading
+        scan = self._view.cleaned(reading.scan, reading.T_odom_robot or self._T_map_robot)
+        return reading if scan is reading.scan else reading.with_scan(scan)
+
+    def checked(self, scan: LaserScan, match: ScanMatch, guess: SE2, jump: float) -> ScanMatch | None:
+        """Return where a scan was taken: as it was matched, or as the odometry says; None where neither can be.
+
+        A scan that hardly matches continues the scan before, or else it puts walls into space just seen free.
+
+        Parameters
+        ----------
+        scan, match
+            The scan and where it was placed.
+        guess
+            Where it was expected, T_map_sensor.
+        jump
+            How far the odometry stepped where that was not believed [m]; else 0.
+        """
+        last = self._last
+        if jump:
+            self.incidents.add(scan.stamp, f"the odometry steps by {jump:.0f} m, which is not believed")
+        found: ScanMatch | None = match
+        paused = last is not None and self._stood_still(last, scan, guess)
+        if last is not None and paused and self._contradicts(last, scan, guess):
+            found = None
+        elif (
+            last is not None and self._is_doubtful(match) and not self._continues(last, scan, match.T_map_sensor, guess)
+        ):
+            is_there = self._continues(last, scan, guess, guess)
+            found = ScanMatch(guess, match.score, moved=False) if is_there else None
+        told = LOST if found is None else ""
+        if last is not None and paused and found is not None:
+            told = self._changed(last, scan, found, guess)
+        if told:
+            self.incidents.add(scan.stamp, told)
+            if self._view is not None:
+                self._view.forget()
+        self._last = (scan, (found or match).T_map_sensor)
+        return found
+
+    def note_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
+        """Compare the odometry's motion with what was found."""
+        self._T_map_robot = T_map_robot
+        if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
+            self.incidents.add(reading.scan.stamp, "odometry and scans disagree about the motion")
+        if self._view is not None:
+            T_odom_robot, T_robot_sensor = reading.T_odom_robot, reading.T_robot_sensor
+            by_odometry = None if T_odom_robot is None else T_odom_robot @ T_robot_sensor
+            self._view.note_place(T_map_robot @ T_robot_sensor, by_odometry)
+
+    def knows_blocked_beams(self) -> bool:
+        """Tell whether any beam was blocked at any time."""
+        return self._view is not None and self._view.were_any_blocked()
+
+    def cleared(self, scan: LaserScan) -> LaserScan:
+        """Return an earlier scan without the beams that turned out to be blocked."""
+        return scan if self._view is None else self._view.cleared(scan)
+
+    def tell(self, name: str, start: float) -> None:
+        """Log the incidents, with the time since a stamp [s]."""
+        self._note_scale(start)
+        for number, incident in enumerate(self.incidents):
+            if number == _SAID_AT_MOST:
+                logger.warning("%s: and %d more", name, self.incidents.number - number)
+                return
+            logger.warning("%s: %s", name, incident.text(start))
+
+    def _note_scale(self, start: float) -> None:
+        """Note once that scans and odometry differ in length all along."""
+        scale = self._odometry.scale()
+        what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
+        if scale != 1.0 and self._last is not None and all(incident.what != what for incident in self.incidents):
+            self.incidents.add(start, what, self._last[0].stamp - start)
+
+    def _is_doubtful(self, match: ScanMatch) -> bool:
+        return self._continuity.enabled and match.score < self._continuity.doubtful
+
+    def _stood_still(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> bool:
+        """Tell whether a scan comes after a pause in which the wheels stood still."""
+        config = self._continuity
+        if not config.enabled or scan.stamp - last[0].stamp < config.pause:
+            return False
+        T_last_guess = last[1].to(guess)
+        return max(math.hypot(T_last_guess.x, T_last_guess.y), abs(T_last_guess.theta)) <= config.still
+
+    def _contradicts(self, last: tuple[LaserScan, SE2], scan: LaserScan, guess: SE2) -> bool:
+        """Tell whether a scan contradicts the one before, where the wheels say that the robot is."""
+        comparison = compare_scans(last[0], scan, last[1].to(guess), self._continuity)
+        return comparison.contradiction > self._continuity.max_contradiction
+
+    def _changed(self, last: tuple[LaserScan, SE2], scan: LaserScan, found: ScanMatch, guess: SE2) -> str:
+        """Return what changed in a pause in which the wheels stood still, in words; nothing where nothing did."""
+        config = self._continuity
+        by_wheels, rest = last[1].to(guess), guess.to(found.T_map_sensor)
+        if compare_scans(last[0], scan, by_wheels, config).contradiction > config.max_change:
+            return CHANGED
+        far = config.shift + config.slack * math.hypot(by_wheels.x, by_wheels.y)
+        turned = config.turn + config.slack * abs(by_wheels.theta)
+        if math.hypot(rest.x, rest.y) > far or abs(math.remainder(rest.theta, math.tau)) > turned:
+            return MOVED
+        share = changed_share(last[0], scan, last[1].to(found.T_map_sensor), config)
+        return CHANGED if share > config.max_near_change else ""
+
+    def _continues(self, last: tuple[LaserScan, SE2], scan: LaserScan, T_map_sensor: SE2, guess: SE2) -> bool:
+        """Tell whether a scan at a pose does not contradict the one before, nor the odometry for no good reason."""
+        config = self._continuity
+        comparison = compare_scans(last[0], scan, last[1].to(T_map_sensor), config)
+        moved = guess.to(T_map_sensor)
+        is_far = max(math.hypot(moved.x, moved.y), abs(moved.theta)) > config.far
+        if is_far and comparison.agreement < config.min_agreement:
+            return False
+        if comparison.agreement < config.elsewhere and comparison.contradiction > config.max_change:
+            return False
+        # Late odometry puts far hits of a scan that goes on into free space too, but not most of all hits.
+        return comparison.contradiction <= config.max_contradiction or comparison.agreement > config.max_agreement

@@ -1,0 +1,98 @@
+"""What of a laser's view the robot itself takes: beams left out of every scan, and told with the time."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.kernels import BoolArray
+from tbmslam.laser_scan import LaserScan
+from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig
+from tbmslam.monitoring.blocked_spans import directions
+from tbmslam.monitoring.incidents import Incidents
+from tbmslam.monitoring.parts_in_view import PartsInView
+from tbmslam.se2 import SE2
+
+_LATELY_S = 60.0  # beams that were blocked so lately are no news
+_TOGETHER_S = 5.0  # what came so soon after other things is told with them
+_BESIDE = 0.07  # [rad]
+
+
+class _Told(NamedTuple):
+    since: float
+    beams: BoolArray
+    number: int
+
+
+class LaserView:
+    """Watches over what one laser sees.
+
+    Parameters
+    ----------
+    config
+        When a beam counts as blocked.
+    incidents
+        Where it is told.
+    """
+
+    def __init__(self, config: BlockedBeamsConfig, incidents: Incidents) -> None:
+        self._incidents = incidents
+        self._beams = BlockedBeams(config)
+        self._parts = PartsInView(config.parts) if config.parts.enabled else None
+        self._told: _Told | None = None
+        # When each beam was last known to be blocked, and when one beside it was [s].
+        self._known, self._beside = np.zeros(0), np.zeros(0)
+        self._raw: LaserScan | None = None
+
+    def cleaned(self, scan: LaserScan, T_odom_robot: SE2) -> LaserScan:
+        """Return a scan without beams that are known to be blocked."""
+        self._raw = scan
+        if self._beams.look(scan, T_odom_robot):
+            self._tell(scan, self._beams)
+        scan = self._beams.without(scan)
+        return scan if self._parts is None else self._parts.without(scan)
+
+    def note_place(self, T_map_sensor: SE2, T_odom_sensor: SE2 | None) -> None:
+        """Learn where the last scan was taken."""
+        if self._parts is not None and self._raw is not None:
+            self._parts.look(self._raw, T_map_sensor, T_odom_sensor)
+            self._tell(self._raw, self._parts)
+
+    def forget(self) -> None:
+        """Forget where scans were taken: the robot got lost."""
+        if self._parts is not None:
+            self._parts.forget()
+
+    def were_any_blocked(self) -> bool:
+        """Tell whether any beam was blocked at any time."""
+        return self._beams.were_any() or (self._parts is not None and self._parts.were_any())
+
+    def cleared(self, scan: LaserScan) -> LaserScan:
+        """Return an earlier scan without the beams that were blocked, as is known afterwards."""
+        scan = self._beams.cleared(scan)
+        return scan if self._parts is None else self._parts.cleared(scan)
+
+    def _tell(self, scan: LaserScan, found: BlockedBeams | PartsInView) -> None:
+        """Tell which beams are blocked that were not lately, with the time since when they are."""
+        blocked = found.blocked
+        if len(self._known) != len(blocked):
+            self._told = None
+            self._known, self._beside = (np.full(len(blocked), -np.inf) for _ in range(2))
+        new = blocked & (scan.stamp - self._known > _LATELY_S)
+        if new.any():
+            since, told = float(found.since[new].min()), self._told
+            if told is not None and abs(since - told.since) <= _TOGETHER_S:
+                told.beams[new] = True
+                self._incidents.reword(told.number, _blocks(scan, told.beams))
+            elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # at the edges others come and go
+                self._told = _Told(since, new, self._incidents.add(since, _blocks(scan, new)))
+        if blocked.any():
+            self._known[blocked] = scan.stamp
+            beside = math.ceil(_BESIDE / abs(scan.angle_increment))
+            self._beside[np.convolve(blocked, np.ones(2 * beside + 1), "same") > 0.5] = scan.stamp
+
+
+def _blocks(scan: LaserScan, beams: BoolArray) -> str:
+    return (
+        f"something on the robot, or along with it, blocks {beams.mean():.0%} of the beams, {directions(scan, beams)}"
+    )

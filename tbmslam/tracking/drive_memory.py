@@ -1,0 +1,125 @@
+"""What is kept of a drive while it lasts: keyframes where it is new, and where it was in between."""
+
+import logging
+from array import array
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.drive_correction import spread_corrections
+from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
+
+logger = logging.getLogger(__name__)
+
+_UNSETTLED = 20.0
+"""Travelled length at the end of a drive on which nothing is forgotten yet [m]."""
+
+_GAP_VARIANCES = np.array([0.05**2, 0.05**2, 0.01**2])
+"""Of the motion over what was forgotten: closures on both sides know better."""
+
+
+class DriveMemory:
+    """The keyframes of a part of a drive that hangs together.
+
+    Once there are many, those of places shown often enough are forgotten, so that memory grows with what is explored.
+    The drive then goes on as if it had not gone there; where it was is remembered as seen from keyframes kept.
+
+    Parameters
+    ----------
+    start
+        First reading of the part.
+    config
+        What is kept.
+
+    Attributes
+    ----------
+    keyframes
+        Those kept; their indices count the part's readings.
+    """
+
+    def __init__(self, start: int, config: ForgettingConfig) -> None:
+        self.start = start
+        self.keyframes: list[TrackedKeyframe] = []
+        self._config = config
+        self._limit = config.limit
+        self._settled = 0
+        self._number = 0
+        self._T_kept_tracked = SE2.identity()
+        # Of what was forgotten: reading, reading of the keyframe kept, and pose as seen from its laser, five numbers.
+        self._forgotten = array("d")
+
+    def __len__(self) -> int:
+        """Return how many keyframes there were, kept or not."""
+        return self._number
+
+    def add(self, keyframe: TrackedKeyframe) -> None:
+        """Keep a keyframe."""
+        self.keyframes.append(keyframe.moved(self._T_kept_tracked) if self._forgotten else keyframe)
+        self._number += 1
+
+    def is_full(self) -> bool:
+        """Tell whether it is time to forget."""
+        return len(self.keyframes) >= self._limit
+
+    def forget(self, closed: FloatArray, closures: Sequence[MotionEdge]) -> None:
+        """Forget keyframes that show nothing new.
+
+        Parameters
+        ----------
+        closed
+            Poses (K, 3) of the laser after loops were closed.
+        closures
+            Between which keyframes.
+        """
+        travelled = way_lengths(closed)
+        settled = int(np.searchsorted(travelled, travelled[-1] - _UNSETTLED))
+        gone = may_be_forgotten(closed, closures, self._settled, settled, self._config)
+        if gone.any():  # what comes after it may be forgotten next time
+            settled = min(settled, int(np.flatnonzero(gone)[-1]))
+        self._remember(closed, travelled, gone, settled)
+        T_new_old = SE2.identity()
+        kept: list[TrackedKeyframe] = []
+        numbers = np.flatnonzero(~gone).tolist()
+        for before, number in zip([0, *numbers], numbers, strict=False):
+            keyframe = self.keyframes[number]
+            if number > before + 1:
+                T_new_old = (
+                    kept[-1].match.T_map_sensor
+                    @ relative_pose(closed, before, number)
+                    @ keyframe.match.T_map_sensor.inverse()
+                )
+                match = keyframe.match._replace(information=None)
+                keyframe = replace(keyframe, match=match, variances=_GAP_VARIANCES)
+            kept.append(keyframe.moved(T_new_old))
+        logger.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))
+        self.keyframes = kept
+        self._T_kept_tracked = T_new_old @ self._T_kept_tracked
+        self._settled = int(np.count_nonzero(~gone[:settled]))
+        self._limit = max(self._config.limit, 2 * len(kept))
+
+    def corrected(self, poses: FloatArray, closed: FloatArray) -> FloatArray:
+        """Return the poses (N, 3) of the robot at all readings after those of the laser at keyframes were corrected."""
+        kept = np.array([k.index for k in self.keyframes], dtype=np.int64)
+        sensor_poses = np.array([k.T_robot_sensor for k in self.keyframes]).reshape(-1, 3)
+        known = np.array(self._forgotten).reshape(-1, 5)
+        forgotten, anchors = known[:, :2].astype(np.int64).T
+        seen_from = closed[np.searchsorted(kept, anchors)]
+        indices = np.concatenate((kept, forgotten))
+        moved = np.vstack((compose(closed, inverse(sensor_poses)), compose(seen_from, known[:, 2:])))
+        order = np.argsort(indices)
+        return spread_corrections(poses, indices[order], moved[order])
+
+    def _remember(self, closed: FloatArray, travelled: FloatArray, gone: npt.NDArray[np.bool_], settled: int) -> None:
+        """Note where the robot was about every metre of what is forgotten, as seen from the nearest laser kept."""
+        anchors = np.flatnonzero(~gone[:settled])
+        _, stops = np.unique(travelled.astype(np.int64), return_index=True)
+        for number in stops[gone[stops]].tolist():
+            anchor = int(anchors[np.argmin(np.hypot(*(closed[anchors, :2] - closed[number, :2]).T))])
+            keyframe = self.keyframes[number]
+            pose = relative_pose(closed, anchor, number) @ keyframe.T_robot_sensor.inverse()
+            self._forgotten.extend((keyframe.index, self.keyframes[anchor].index, *pose))

@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from tbmslam.evaluation.error_statistics import ErrorStatistics
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
+from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.files.tum import write_tum
+from tbmslam.se2 import SE2
+from tbmslam.trajectory import Trajectory
+
+
+def winding(count=300, rate=10.0):
+    """Return a drive with turns, in both senses and past the half turn."""
+    t = np.arange(count) / rate
+    theta = 3.0 * np.sin(0.3 * t) + 0.1 * t
+    steps = 0.07 * np.column_stack((np.cos(theta), np.sin(theta)))
+    return Trajectory(1.3e9 + t, np.column_stack((np.cumsum(steps, axis=0), (theta + np.pi) % (2 * np.pi) - np.pi)))
+
+
+def wrong(truth, seed):
+    """Return a noisy, drifting copy in a frame of its own, which lacks some poses."""
+    rng = np.random.default_rng(seed)
+    poses = truth.poses + np.cumsum(rng.normal(0, [0.004, 0.004, 0.002], truth.poses.shape), axis=0)
+    kept = np.sort(rng.choice(len(truth), len(truth) - 20, replace=False))
+    stamps = truth.stamps[kept] + rng.uniform(-0.004, 0.004, len(kept))
+    return Trajectory(stamps, poses[kept]).transformed(SE2(5.0, -3.0, 2.0))
+
+
+def in_evo(truth, estimate, tmp_path):
+    """Return both trajectories as evo reads and matches them."""
+    pytest.importorskip("evo", reason="evo is not installed")
+    from evo.core import sync
+    from evo.tools import file_interface
+
+    paths = tmp_path / "truth.tum", tmp_path / "estimate.tum"
+    for path, trajectory in zip(paths, (truth, estimate), strict=True):
+        write_tum(path, trajectory)
+    return sync.associate_trajectories(*(file_interface.read_tum_trajectory_file(path) for path in paths))
+
+
+def all_figures(metric):
+    """Return evo's figures as ours are."""
+    from evo.core.metrics import StatisticsType as Kind
+
+    kinds = (Kind.rmse, Kind.mean, Kind.std, Kind.median, Kind.max)
+    return ErrorStatistics(*(metric.get_statistic(kind) for kind in kinds))
+
+
+def approximately(statistics):
+    return pytest.approx(list(vars(statistics).values()), rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ate_is_evos(seed, tmp_path):
+    truth = winding()
+    estimate = wrong(truth, seed)
+    reference, other = in_evo(truth, estimate, tmp_path)
+    from evo.core import metrics
+
+    other.align(reference, correct_scale=False)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, other))
+    absolute = absolute_errors(truth, estimate)
+    assert list(vars(ErrorStatistics.of(absolute.errors_m)).values()) == approximately(all_figures(ape))
+    assert absolute.unmatched == len(estimate) - other.num_poses
+    np.testing.assert_allclose(absolute.points, other.positions_xyz[:, :2], atol=1e-5)
+
+
+@pytest.mark.parametrize("step", [0.3, 1.0, 4.0])
+def test_rpe_over_a_distance_is_evos(step, tmp_path):
+    truth = winding()
+    estimate = wrong(truth, 7)
+    pair = in_evo(truth, estimate, tmp_path)
+    from evo.core import metrics
+
+    relative = relative_errors(truth, estimate, distance=step)
+    for relation, ours in (
+        (metrics.PoseRelation.translation_part, relative.translations_m),
+        (metrics.PoseRelation.rotation_angle_deg, relative.rotations_deg),
+    ):
+        rpe = metrics.RPE(relation, step, metrics.Unit.meters, pairs_from_reference=True)
+        rpe.process_data(pair)
+        np.testing.assert_allclose(ours, rpe.error, rtol=1e-4, atol=1e-5)
+        assert list(vars(ErrorStatistics.of(ours)).values()) == approximately(all_figures(rpe))
+
+
+def test_steps_of_time():
+    truth = winding(100, rate=10.0)
+    late = truth.poses.copy()
+    late[50:, 0] += 0.2  # one jump: one step in ten sees it
+    relative = relative_errors(truth, Trajectory(truth.stamps, late), seconds=0.95)
+    assert len(relative.translations_m) == 9
+    assert np.sort(relative.translations_m)[-2:] == pytest.approx([0.0, 0.2], abs=1e-9)
+    assert relative.points[-1] == pytest.approx(late[90, :2])
+
+
+def test_a_perfect_estimate_in_another_frame_has_no_error():
+    truth = winding()
+    moved = truth.transformed(SE2(3.0, 4.0, -2.5))
+    assert absolute_errors(truth, moved).errors_m.max() < 1e-9
+    relative = relative_errors(truth, moved, distance=2.0)
+    assert relative.translations_m.max() < 1e-9
+    assert relative.rotations_deg.max() < 1e-9
+
+
+def test_a_recorder_that_steps_back_passes_no_time_twice():
+    stamps = np.array([0.0, 1.0, 0.5, 1.5, 2.5])
+    drive = Trajectory(stamps, np.zeros((5, 3)))
+    assert len(relative_errors(drive, drive, seconds=1.0).translations_m) == 3
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ({}, "one of distance and seconds must be given, got None and None"),
+        ({"distance": 1.0, "seconds": 1.0}, r"one of distance and seconds must be given, got 1\.0 and 1\.0"),
+        ({"seconds": 0.0}, r"step must be positive, got 0\.0"),
+    ],
+)
+def test_wrong_steps(step, message):
+    with pytest.raises(ValueError, match=message):
+        relative_errors(winding(), winding(), **step)
+
+
+def test_a_drive_shorter_than_a_step():
+    with pytest.raises(TrajectoryAlignmentError, match=r"300 poses .* reach over 20.9 m, less than a step of 50 m"):
+        relative_errors(winding(), winding(), distance=50.0)
+    with pytest.raises(TrajectoryAlignmentError, match=r"the 0 poses that both trajectories have reach over 0 s"):
+        relative_errors(winding(), Trajectory(np.zeros(1), np.zeros((1, 3))), seconds=1.0)

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.loops.loop_closing import LoopCloser, LoopClosingConfig
+from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.slam import Slam
+from tbmslam.tracking.surfel_map import SurfelConfig
+from tests.tbmslam.drifting_drive import drifting_keyframes, errors, packed
+
+INFORMATION = np.diag([0.004**-2, 0.004**-2, 0.002**-2])
+
+
+def drifting(robot, drift_per_metre):
+    """Return true and drifting laser poses of a keyframe every 0.4 m, their scans and the motions between them."""
+    true, tracked, scans = drifting_keyframes(robot, drift_per_metre, 0.4)
+    chain = [MotionEdge(k, k + 1, relative_pose(tracked, k, k + 1), INFORMATION) for k in range(len(tracked) - 1)]
+    return true, tracked, scans, chain
+
+
+@pytest.mark.parametrize(("world", "left"), [("apartment", 0.5), ("office", 0.1), ("store", 0.25)])
+def test_a_drifting_drive_is_bent_back(drive_in, world, left):
+    true, tracked, scans, chain = drifting(drive_in(world, None, seed=1), 0.001)
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert len(closures) > 5
+    assert errors(true, closed).max() < left * errors(true, tracked).max()
+    for edge in closures:
+        error = relative_pose(true, edge.source, edge.target).inverse() @ edge.T_source_target
+        covariance = np.linalg.inv(edge.information)
+        assert np.array(error[:2]) @ np.linalg.inv(covariance[:2, :2]) @ np.array(error[:2]) < 6.0**2
+
+
+def test_a_self_similar_corridor_closes_nothing_false(drive_in):
+    true, tracked, scans, chain = drifting(drive_in("corridor", 80.0, seed=1), 0.0)
+    closed, _ = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert errors(true, closed).max() < 0.1
+
+
+def test_a_drive_that_never_comes_back_stays_as_it_is():
+    poses = np.column_stack((np.arange(0.0, 30.0, 0.5), np.zeros(60), np.zeros(60)))
+    scans = [LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0 + 0.01 * k)) for k in range(60)]
+    chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), INFORMATION) for k in range(59)]
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, packed(scans), chain)
+    assert closures == []
+    np.testing.assert_array_equal(closed, poses)
+
+
+def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
+    """Forgotten ones are built anew and give the same poses."""
+    robot = drive_in("apartment", 60.0)
+    slam = Slam()
+    for reading in robot.readings:
+        slam.process(reading)
+    expected = slam.finish().drives[0]
+    monkeypatch.setattr("tbmslam.loops.closing_targets._SUBMAPS_KEPT", 1)
+    found = slam.finish().drives[0]
+    assert len(expected.closures) > 0
+    np.testing.assert_array_equal(found.closures, expected.closures)
+    np.testing.assert_array_equal(found.trajectory.poses, expected.trajectory.poses)

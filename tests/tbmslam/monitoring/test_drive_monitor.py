@@ -1,0 +1,234 @@
+"""What goes wrong in drives: a right map, or a warning that names the time."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.simulation import poses_at
+from datasets.synthetic.world import World
+from tbmslam.evaluation.trajectory_errors import absolute_errors
+from tbmslam.laser_scan import Reading
+from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED
+from tbmslam.se2 import SE2
+from tbmslam.slam import Slam
+
+
+@pytest.fixture
+def robot(drive_in):
+    return drive_in("apartment", 30.0, odometry="good")
+
+
+def mapped(readings):
+    slam = Slam()
+    for reading in readings:
+        slam.process(reading)
+    return slam, slam.finish().drives[0]
+
+
+def said(slam):
+    return [incident.text(slam.started) for incident in slam.incidents]
+
+
+def test_an_ordinary_drive_has_no_incident(robot):
+    slam, _ = mapped(robot.readings)
+    assert said(slam) == []
+
+
+def carried(robot, begin, end):
+    """Carry the robot on from one reading to a later one while its wheels stand still."""
+    before, after = robot.readings[begin].T_odom_robot, robot.readings[end].T_odom_robot
+    moved = [replace(r, T_odom_robot=before @ after.inverse() @ r.T_odom_robot) for r in robot.readings[end:]]
+    return [*robot.readings[: begin + 1], *moved]
+
+
+def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(robot, caplog):
+    readings = carried(robot, 60, 120)
+    slam, drive = mapped(readings)
+    (lost, left_out) = [i for i in slam.incidents if i.what == LOST or "left out" in i.what]
+    assert lost.what == LOST
+    assert lost.stamp == readings[61].scan.stamp
+    assert left_out.stamp == readings[0].scan.stamp
+    assert "make a robot of it by --interval 0.0 12.0" in left_out.what
+    assert len(drive.trajectory) == len(readings) - 61
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any(LOST in line for line in caplog.messages)
+    assert drive.keyframes.stamps[0] == readings[61].scan.stamp
+
+
+def test_the_laser_unplugged_for_a_while_costs_only_that_while(robot):
+    readings = [*robot.readings[:60], *robot.readings[130:]]
+    slam, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert not any(i.what == LOST for i in slam.incidents)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.3
+
+
+def test_odometry_that_jumps_is_told_and_does_no_harm(robot):
+    far = SE2(1e7, 0.0, 0.0)
+    readings = [
+        r if k < 60 else replace(r, T_odom_robot=(far if k == 60 else SE2(1.0, 2.0, 1.0)) @ r.T_odom_robot)
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any("at 12.0 s: the odometry steps by 10000000 m, which is not believed" in line for line in said(slam))
+    assert any("the odometry jumps" in line for line in said(slam))
+
+
+def test_covered_beams_do_not_end_up_in_the_map(robot):
+    readings = []
+    for reading in robot.readings:
+        ranges = reading.scan.ranges.copy()
+        ranges[40:80] = 0.3
+        readings.append(replace(reading, scan=replace(reading.scan, ranges=ranges)))
+    slam, drive = mapped(readings)
+    assert any(
+        "at 0.0 s: something on the robot, or along with it, blocks 22% of the beams, -50 to -11°" in line
+        for line in said(slam)
+    )
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+    kept = np.concatenate([drive.keyframes.scan(k).ranges for k in range(len(drive.keyframes))])
+    assert not (np.abs(kept - 0.3) < 1e-6).any()
+
+
+def test_many_incidents_are_not_all_said(robot, caplog):
+    slam = Slam(name="robot_7")
+    for number in range(30):
+        slam.incidents.add(100.0 * number, f"incident {number}")
+    slam.process(robot.readings[0])
+    with caplog.at_level(logging.WARNING):
+        slam.finish()
+    assert len(caplog.messages) == 21
+    assert caplog.messages[-1] == "robot_7: and 10 more"
+
+
+def test_odometry_in_a_bag_that_stops_for_a_while(robot):
+    stamps = robot.truth.stamps
+    odometry = poses_at(robot.odometry, stamps)
+    readings = [
+        Reading(r.scan, None if 40 <= k < 110 else SE2.from_array(pose), r.T_robot_sensor)
+        for k, (r, pose) in enumerate(zip(robot.readings, odometry, strict=True))
+    ]
+    _, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+
+
+def paused(readings, at, seconds):
+    """Switch the laser off for a while, in which the robot stands still."""
+    return [replace(r, scan=replace(r.scan, stamp=r.scan.stamp + seconds * (k >= at))) for k, r in enumerate(readings)]
+
+
+def test_a_pause_in_which_nothing_changes_is_no_incident(robot):
+    slam, drive = mapped(paused(robot.readings, 60, 600.0))
+    assert said(slam) == []
+    assert len(drive.trajectory) == len(robot.readings)
+
+
+def test_a_corridor_alike_everywhere_gives_a_carried_robot_away_by_what_changed_in_a_pause(robot):
+    """Scans fit in some way all the same, which says nothing where the wheels stood still."""
+    readings = paused(carried(robot, 60, 66), 61, 2.0)
+    slam, _ = mapped(readings)
+    (told,) = [i for i in slam.incidents if i.what in (LOST, CHANGED)]
+    assert told.stamp == readings[61].scan.stamp
+
+
+def bare_corridor(poses, pitch=4.0):
+    """Let a robot look around a corridor with shallow doors, alike everywhere, from some poses."""
+    xs = np.arange(-40.0, 40.0, pitch)
+    low = np.array([(x, -0.16, x + 0.95, -0.16) for x in xs] + [(x + 0.95, 0.0, x + pitch, 0.0) for x in xs])
+    sides = np.array([(x + end, 0.0, x + end, -0.16) for x in xs for end in (0.0, 0.95)])
+    walls = np.vstack((low, sides))
+    walls = np.vstack((walls, walls * (1.0, -1.0, 1.0, -1.0) + np.array((0.0, 2.2, 0.0, 2.2))))
+    angle_min, step = SimulatedLaser.field_of(361)
+    laser = SimulatedLaser(
+        beams=361, angle_min=angle_min, angle_increment=step, range_max=10.0, T_robot_sensor=SE2.identity()
+    )
+    return laser.scans(
+        World("bare", 0, walls, np.zeros((1, 2))),
+        np.arange(len(poses)) * 0.2,
+        np.array(poses),
+        np.random.default_rng(1),
+    )
+
+
+@pytest.mark.parametrize(
+    ("carried", "told"),
+    [
+        ((0.0, 0.0, 0.0), []),
+        ((1.9, 0.0, 0.0), [CHANGED]),  # doors of 16 cm where walls were
+        ((4.0, 0.08, 0.0), [MOVED]),
+        ((4.0, 0.0, 0.02), [CHANGED]),
+        ((4.0, 0.0, 0.0), []),  # nothing in the whole drive tells
+    ],
+)
+def test_a_corridor_alike_everywhere_tells_of_all_but_what_is_alike(carried, told):
+    way = [(0.1 * k, 1.1, 0.0) for k in range(30)]
+    poses = [*way[:15], *(tuple(np.add(pose, carried)) for pose in way[15:])]
+    readings = [
+        Reading(replace(scan, stamp=scan.stamp + 20.0 * (k >= 15)), SE2(*way[k]))
+        for k, scan in enumerate(bare_corridor(poses))
+    ]
+    slam, _ = mapped(readings)
+    assert [incident.what for incident in slam.incidents if incident.stamp == readings[15].scan.stamp] == told
+
+
+def test_small_changes_in_a_pause_are_told_and_cut_nothing(robot):
+    readings = paused(carried(robot, 60, 62), 61, 2.0)
+    slam, drive = mapped(readings)
+    assert [i.what for i in slam.incidents] == [CHANGED]
+    assert len(drive.trajectory) == len(readings)
+
+
+def test_odometry_that_freezes_is_told_and_scans_alone_tell_the_motion(robot):
+    stopped = robot.readings[60].T_odom_robot
+    last = robot.readings[120].T_odom_robot
+    readings = [
+        r if k < 60 else replace(r, T_odom_robot=stopped @ last.inverse() @ (last if k < 120 else r.T_odom_robot))
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert any(i.what.startswith("the odometry stands still while the robot moves") for i in slam.incidents)
+
+
+def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
+    readings = [replace(r, scan=r.scan.with_ranges(1.1 * r.scan.ranges)) for r in robot.readings]
+    slam, _ = mapped(readings)
+    slam.finish()
+    (told,) = [line for line in said(slam) if "scale" in line]
+    assert told.startswith("at 0.0 s: the scans go 1.1")
+    assert "times as far as the odometry, one of them has a wrong scale, for " in told
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_another_floor_from_one_scan_to_the_next_is_no_continuation(robot, drive_in, seed):
+    """As when a lift's door opens: little contradicts, and nothing agrees."""
+    other = drive_in("halls", 30.0, odometry="good", seed=seed)
+    there, first, last = other.readings, other.readings[0], robot.readings[60]
+    moved = last.T_odom_robot @ first.T_odom_robot.inverse()
+    later = last.scan.stamp + 0.2 - first.scan.stamp
+    readings = [
+        *robot.readings[:61],
+        *(
+            replace(r, scan=replace(r.scan, stamp=r.scan.stamp + later), T_odom_robot=moved @ r.T_odom_robot)
+            for r in there
+        ),
+    ]
+    slam, drive = mapped(readings)
+    (lost,) = [i for i in slam.incidents if i.what == LOST]
+    assert lost.stamp == readings[61].scan.stamp
+    assert len(drive.trajectory) == len(there)
+
+
+def test_a_hand_before_the_laser_is_a_continuation(robot):
+    readings = [
+        replace(r, scan=r.scan.with_ranges(np.where(np.arange(181) < 160, 0.4, r.scan.ranges))) if 60 <= k < 63 else r
+        for k, r in enumerate(robot.readings)
+    ]
+    slam, drive = mapped(readings)
+    assert len(drive.trajectory) == len(readings)
+    assert not any(i.what == LOST for i in slam.incidents)

@@ -1,0 +1,71 @@
+import json
+import re
+from pathlib import Path
+
+from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED
+from tbmslam.monitoring.incidents import Incident, Incidents
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_an_incident_tells_its_time():
+    assert Incident(112.34, "no scans", 5.0).text(100.0) == "at 12.3 s: no scans, for 5.0 s"
+    assert Incident(112.34, "the odometry jumps").text(100.0) == "at 12.3 s: the odometry jumps"
+    assert json.loads(json.dumps(Incident(112.5, "x").as_dict(100.0))) == {
+        "at_s": 12.5,
+        "stamp": 112.5,
+        "what": "x",
+        "seconds": 0.0,
+    }
+
+
+def test_memory_is_bounded_and_all_are_counted():
+    incidents = Incidents()
+    numbers = [incidents.add(10.0 * k, "x") for k in range(150)]
+    incidents.lengthen(numbers[3], 32.0)
+    incidents.lengthen(numbers[3], 31.0)
+    incidents.lengthen(numbers[149], 5000.0)
+    assert (len(incidents), incidents.number) == (100, 150)
+    assert [incident.seconds for incident in incidents][:5] == [0.0, 0.0, 0.0, 2.0, 0.0]
+
+
+def test_what_goes_on_is_one_incident():
+    incidents = Incidents()
+    for stamp in (1.0, 2.0, 5.0, 20.0):
+        incidents.add(stamp, "stamps step back")
+        incidents.add(stamp + 0.1, "no scans", 0.5)
+    assert [incident.text(0.0) for incident in incidents] == [
+        "at 1.0 s: stamps step back, for 4.0 s",
+        "at 1.1 s: no scans, for 4.5 s",
+        "at 20.0 s: stamps step back",
+        "at 20.1 s: no scans, for 0.5 s",
+    ]
+
+
+def test_everything_that_can_go_wrong_is_explained():
+    """The words that programs give incidents are the rows of a table."""
+    text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
+    named = [
+        LOST.partition(", as")[0],
+        CHANGED.partition(": ")[0],
+        MOVED.partition(": ")[0],
+        "what goes along holds the robot back",
+        "something on the robot",
+        "the scans go",
+    ]
+    written = [
+        re.split(r"[{,]", call["words"])[0].strip()
+        for package in ("tbmslam", "datasets")
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for call in re.finditer(r"incidents\.add\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8"))
+    ]
+    assert len(written) >= 9
+    assert [words for words in (*named, *written) if words not in text] == []
+
+
+def test_an_incident_is_worded_anew_once_more_is_known():
+    incidents = Incidents()
+    number = incidents.add(3.0, "a part")
+    incidents.reword(number, "two parts")
+    incidents.reword(number + 7, "nothing")
+    assert [incident.text(1.0) for incident in incidents] == ["at 2.0 s: two parts"]

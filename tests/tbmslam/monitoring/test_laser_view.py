@@ -1,0 +1,57 @@
+"""Beams blocked by either sign are left out, and told once."""
+
+import math
+
+import numpy as np
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
+from tbmslam.monitoring.incidents import Incidents
+from tbmslam.monitoring.laser_view import LaserView
+from tbmslam.monitoring.parts_in_view import PartsInViewConfig
+from tbmslam.se2 import SE2
+
+ANGLES = -1.0 + 0.02 * np.arange(100)
+COVERED = slice(0, 20)
+
+
+def drive(turning, until=40, config=None):
+    """Drive through a hall with 20 beams covered."""
+    incidents = Incidents()
+    view = LaserView(config or BlockedBeamsConfig(), incidents)
+    rng = np.random.default_rng(2)
+    for k in range(60):
+        pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k) * turning)
+        ranges = 8.0 + rng.normal(0.0, 0.005, 100)
+        if k < until:
+            ranges[COVERED] = 0.6 + rng.normal(0.0, 0.005, 20)
+        scan = LaserScan(float(k), -1.0, 0.02, 0.02, 30.0, ranges)
+        cleaned = view.cleaned(scan, pose)
+        view.note_place(pose, pose)
+    return view, [incident.text(0.0) for incident in incidents], cleaned
+
+
+def test_it_is_told_once_with_the_time_whichever_sign_shows_it_first():
+    for turning in (0.0, 1.0):
+        view, told, cleaned = drive(turning)
+        assert told == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+        assert view.were_any_blocked()
+        assert np.isfinite(cleaned.ranges).all()
+        early = view.cleared(LaserScan(3.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 0.6)))
+        assert np.isnan(early.ranges[COVERED]).all()
+
+
+def test_without_the_look_at_parts_only_turning_tells():
+    config = BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False))
+    assert drive(0.0, config=config)[1] == []
+    assert len(drive(1.0, config=config)[1]) == 1
+
+
+def test_a_lost_robot_s_places_are_forgotten():
+    view, _, _ = drive(0.0, until=0)
+    view.forget()
+    assert not view.were_any_blocked()
+    scan = LaserScan(99.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 8.0))
+    view.cleaned(scan, SE2.identity())
+    view.note_place(SE2(500.0, 0.0, 0.0), None)
+    assert view.cleared(scan) is scan

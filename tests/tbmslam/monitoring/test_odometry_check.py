@@ -1,0 +1,57 @@
+import math
+
+from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
+from tbmslam.se2 import SE2
+
+
+def at(k, speed=0.3):
+    return SE2(speed * k, 0.0, 0.0)
+
+
+def test_odometry_that_drifts_agrees():
+    check = OdometryCheck(OdometryCheckConfig())
+    assert not any(check.disagrees(at(k, 0.28), SE2(5.0 + 0.3 * k, 2.0, 0.01 * k)) for k in range(50))
+
+
+def test_odometry_that_slips_or_turns_disagrees_and_then_again_only_after_a_while():
+    for wheels in (at(10, 0.6), SE2(3.0, 0.0, 1.0)):
+        check = OdometryCheck(OdometryCheckConfig())
+        said = [check.disagrees(at(k) if k < 10 else wheels @ at(k - 10), at(k)) for k in range(30)]
+        assert said == [k == 10 for k in range(30)]
+    assert not check.disagrees(None, at(31))
+    assert not check.disagrees(at(99), at(32))
+
+
+def test_a_step_beyond_what_is_usual_is_a_jump():
+    check = OdometryCheck(OdometryCheckConfig())
+    assert not any(check.jumps(0.1 * k, at(k, 0.05)) for k in range(40))
+    assert check.jumps(4.0, at(40 + 20, 0.05))
+    assert not check.jumps(4.1, at(41 + 20, 0.05))
+    assert not check.jumps(24.1, at(400, 0.05))  # a pause: the speed is what counts
+    assert not check.jumps(24.2, None)
+    assert not check.jumps(24.3, SE2(math.pi, 50.0, 0.0))
+
+
+def test_without_experience_nothing_is_a_jump():
+    check = OdometryCheck(OdometryCheckConfig())
+    assert not check.jumps(0.0, at(0))
+    assert not check.jumps(0.1, at(100))
+
+
+def test_lengths_that_differ_all_along_are_a_wrong_scale():
+    for speed, scale in ((0.33, 1.0 / 1.1), (0.24, 1.25), (0.29, 1.0), (0.3, 1.0)):
+        check = OdometryCheck(OdometryCheckConfig())
+        for k in range(60):
+            check.disagrees(at(k, speed), at(k))
+        assert math.isclose(check.scale(), scale)
+
+
+def test_wheels_that_slip_stand_still_or_are_silent_for_a_while_tell_no_scale():
+    check, x = OdometryCheck(OdometryCheckConfig()), 0.0
+    for k in range(100):
+        x += 0.9 if 20 < k < 40 else 0.0 if 60 < k < 80 else 0.3
+        check.disagrees(None if k % 37 == 0 else SE2(x, 0.0, 0.0), at(k))
+    assert check.scale() == 1.0
+    short = OdometryCheck(OdometryCheckConfig())
+    assert not any(short.disagrees(at(k, 0.25), at(k)) for k in range(30))
+    assert short.scale() == 1.0

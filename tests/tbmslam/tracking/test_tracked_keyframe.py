@@ -1,0 +1,60 @@
+from dataclasses import fields
+
+import numpy as np
+
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_scan import LaserScan
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
+
+SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
+
+
+def keyframe(pose, information, variances):
+    match = ScanMatch(pose, 0.9, moved=True, information=information)
+    return TrackedKeyframe.of(0, SCAN, SE2.identity(), match, np.array(variances))
+
+
+def test_a_step_knows_what_surfaces_and_odometry_know():
+    """Surfaces that only tell y in the map leave x to the odometry; in the turned keyframe's frame both swap."""
+    before = keyframe(SE2(1.0, 2.0, np.pi / 2), None, [1.0, 1.0, 1.0])
+    after = keyframe(SE2(1.0, 2.5, np.pi / 2), np.diag([0.0, 1e6, 1e4]), [0.01, 0.01, 0.04])
+    (edge,) = chain(motions([before, after]))
+    np.testing.assert_allclose(edge.T_source_target, (0.5, 0.0, 0.0), atol=1e-12)
+    covariance = np.linalg.inv(edge.information)
+    floor = 0.004**2
+    np.testing.assert_allclose(covariance[0, 0], 1.0 / (1e6 + 100.0) + floor)
+    np.testing.assert_allclose(covariance[1, 1], 0.01 + floor)
+    np.testing.assert_allclose(covariance[2, 2], 1.0 / (1e4 + 25.0) + 0.001**2)
+
+
+def test_one_keyframe_has_no_steps():
+    assert chain(motions([keyframe(SE2.identity(), None, [1.0, 1.0, 1.0])])) == []
+
+
+def test_a_drive_in_a_larger_graph_begins_at_its_first_pose():
+    three = [keyframe(SE2(x, 0.0, 0.0), None, [1.0, 1.0, 1.0]) for x in (0.0, 1.0, 2.0)]
+    assert [(edge.source, edge.target) for edge in chain(motions(three), 7)] == [(7, 8), (8, 9)]
+
+
+def test_scans_are_kept_in_half_the_memory():
+    scan = LaserScan(1.0, -1.0, 0.1, 0.1, 9.0, np.array([1.5, np.inf, np.nan, 0.1]), 0.01, SE2(0.0, 0.1, 0.2))
+    match = ScanMatch(SE2.identity(), 0.9, moved=True)
+    kept = [TrackedKeyframe.of(index, scan, SE2.identity(), match, np.ones(3)) for index in range(3)]
+    assert kept[0].ranges.nbytes == scan.ranges.nbytes // 2
+    again = kept[0].scan
+    assert again.ranges.dtype == np.float64
+    np.testing.assert_allclose(again.ranges, scan.ranges, rtol=1e-7)
+    assert (again.stamp, again.beam_step, again.time_increment) == (1.0, scan.beam_step, 0.01)
+
+
+def test_keyframes_are_packed_as_scans_are(generator):
+    match = ScanMatch(SE2.identity(), 0.9, moved=True)
+    scans = [LaserScan(k, -1.0, 0.1, 0.1, 9.0, generator.uniform(size=3 + k), 0.01, SE2(0, 0, k)) for k in range(4)]
+    poses, mount = [SE2(k, 1.0, 0.5) for k in range(4)], SE2(0.3, 0.0, 1.0)
+    kept = [TrackedKeyframe.of(k, scan, mount, match, np.ones(3)) for k, scan in enumerate(scans)]
+    found, expected = packed(kept, np.array(poses)), Keyframes.from_scans(scans, poses, [mount] * 4)
+    for field in fields(Keyframes):
+        np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
+    assert len(packed([], np.zeros((0, 3)))) == 0
