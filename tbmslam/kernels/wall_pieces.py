@@ -150,7 +150,8 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
         while 2 * (cells + begins[k + 1] - begins[k]) > len(table):  # room for a cell for each hit
             table, numbers = _grown(table, numbers)
         for i in range(begins[k], begins[k + 1], every):
-            x, y = c * walls[i, 0] - s * walls[i, 1], s * walls[i, 0] + c * walls[i, 1]
+            own_x, own_y = float(walls[i, 0]), float(walls[i, 1])
+            x, y = c * own_x - s * own_y, s * own_x + c * own_y
             key = _key_of(poses[k, 0] + x - raster.shift, poses[k, 1] + y - raster.shift, per_cell)
             if key != key_before:
                 place = _place_of(table, key)
@@ -229,7 +230,8 @@ def join_walls(
             own += 1
         c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for i in range(begins[k], begins[k + 1], every):
-            x, y = c * loose[i, 0] - s * loose[i, 1], s * loose[i, 0] + c * loose[i, 1]
+            own_x, own_y = float(loose[i, 0]), float(loose[i, 1])
+            x, y = c * own_x - s * own_y, s * own_x + c * own_y
             at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
             place = _place_of(table, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
             if table[place, 0] == _NOBODY:
@@ -322,7 +324,8 @@ def _sector_of(angle: float, sectors: int) -> int:
 def _place_of(cells: IntArray, key: int) -> int:
     """Return the place of a key in a hash table, or the free one where it belongs."""
     mask = len(cells) - 1
-    mixed = (key ^ (key >> 32)) * 0x9E3779B97F4A7C1
+    # Both halves times primes (M. Teschner et al., 2003), small enough that nothing overflows, compiled or not.
+    mixed = ((key >> 32) * 73856093) ^ ((key & 0xFFFFFFFF) * 19349663)
     place = (mixed ^ (mixed >> 29)) & mask
     while cells[place, 0] != _NOBODY and cells[place, 0] != key:
         place = (place + 1) & mask
