@@ -44,7 +44,7 @@ class RigidStretches:
 
     def __init__(self, poses: FloatArray, counts: Sequence[int], config: AdjustmentConfig) -> None:
         self._poses = poses
-        self._ends = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+        self._drive_ends = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
         begins = [first + _stretch_begins(poses[first:last], config) for first, last in self._drives()]
         self._starts = starts = np.concatenate(begins)
         ends = np.append(starts[1:], len(poses))
@@ -101,7 +101,7 @@ class RigidStretches:
         return np.vstack(parts)
 
     def _drives(self) -> list[tuple[int, int]]:
-        return list(itertools.pairwise(self._ends.tolist()))
+        return list(itertools.pairwise(self._drive_ends.tolist()))
 
 
 def _stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:

@@ -79,9 +79,9 @@ def line_equations(
     Parameters
     ----------
     moments, seers, begins
-        As of `fit_lines`.
+        The sightings of one line after the other, as `tbmslam.kernels.wall_pieces.sort_sightings` returns them.
     lines
-        What it remoments.
+        What `fit_lines` returns (L, 5); those without length say nothing.
     poses
         Poses (N, 3) of the stretches; small changes of theirs are dx, dy in the map's frame and dtheta about their own
         place.
