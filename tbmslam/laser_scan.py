@@ -155,7 +155,8 @@ class Reading:
         Raises
         ------
         ValueError
-            A pose is not finite or beyond `FARTHEST_PLACE`, or a stamp or angle of the scan is not finite.
+            A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, or all of its
+            beams have one direction.
         """
         for pose in (self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept):
             if pose is None:
@@ -169,6 +170,10 @@ class Reading:
             raise ValueError(
                 "stamp, angle_min and angle_increment must be finite, got "
                 f"{scan.stamp}, {scan.angle_min}, {scan.angle_increment}"
+            )
+        if scan.angle_increment == 0.0 and len(scan.ranges) > 1:
+            raise ValueError(
+                f"angle_increment must not be 0 where there is more than one beam, got 0 and {len(scan.ranges)} beams"
             )
 
     def with_scan(self, scan: LaserScan) -> "Reading":
