@@ -86,10 +86,22 @@ class LaserView:
                 self._incidents.reword(told.number, _blocks(scan, told.beams))
             elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # at the edges others come and go
                 self._told = _Told(since, new, self._incidents.add(since, _blocks(scan, new)))
+        self._note(scan, blocked)
+
+    def _note(self, scan: LaserScan, blocked: BoolArray) -> None:
+        """Note that beams (B,) are known to be blocked."""
         if blocked.any():
             self._known[blocked] = scan.stamp
-            beside = math.ceil(_BESIDE / abs(scan.angle_increment))
-            self._beside[np.convolve(blocked, np.ones(2 * beside + 1), "same") > 0.5] = scan.stamp
+            self._beside[_widened(blocked, scan.angle_increment)] = scan.stamp
+
+
+def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:
+    """Return beams (B,) and those beside them."""
+    beams = len(blocked)
+    # No more than there are, however narrow the fan; a single beam has no step.
+    beside = math.ceil(_BESIDE / max(abs(angle_increment), _BESIDE / beams))
+    widened: BoolArray = np.convolve(blocked, np.ones(2 * beside + 1))[beside : beside + beams] > 0.5
+    return widened
 
 
 def _blocks(scan: LaserScan, beams: BoolArray) -> str:

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
@@ -55,3 +56,26 @@ def test_a_lost_robot_s_places_are_forgotten():
     view.cleaned(scan, SE2.identity())
     view.note_place(SE2(500.0, 0.0, 0.0), None)
     assert view.cleared(scan) is scan
+
+
+@pytest.mark.parametrize("step", [math.radians(0.25), -math.radians(0.25), 1e-9, 1e-320])
+def test_a_fan_narrower_than_what_counts_as_beside(step):
+    incidents, rng = Incidents(), np.random.default_rng(2)
+    view = LaserView(BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False)), incidents)
+    for k in range(40):
+        ranges = 8.0 + rng.normal(0.0, 0.005, 30)
+        ranges[:10] = 0.25
+        scan = LaserScan(float(k), 0.0, step, 0.02, 30.0, ranges)
+        cleaned = view.cleaned(scan, SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
+    assert np.flatnonzero(np.isnan(cleaned.ranges)).tolist() == list(range(10))
+    assert len(incidents) == 1
+
+
+def test_a_single_beam_without_a_step():
+    incidents, config = Incidents(), BlockedBeamsConfig(fewest=1)
+    view = LaserView(config, incidents)
+    for k in range(40):
+        pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k))
+        cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)), pose)
+    assert np.isnan(cleaned.ranges).all()
+    assert len(incidents) == 1
