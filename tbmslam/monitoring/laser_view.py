@@ -49,6 +49,8 @@ class LaserView:
         self._raw = scan
         if self._beams.look(scan, T_odom_robot):
             self._tell(scan, self._beams)
+        else:
+            self._note(scan, self._beams.blocked)
         scan = self._beams.without(scan)
         return scan if self._parts is None else self._parts.without(scan)
 
@@ -78,7 +80,8 @@ class LaserView:
         if len(self._known) != len(blocked):
             self._told = None
             self._known, self._beside = (np.full(len(blocked), -np.inf) for _ in range(2))
-        new = blocked & (scan.stamp - self._known > _LATELY_S)
+        # What has been there since before it was last known is no news, even after a gap in the recording.
+        new = blocked & (scan.stamp - self._known > _LATELY_S) & (found.since > self._known)
         if new.any():
             since, told = float(found.since[new].min()), self._told
             if told is not None and abs(since - told.since) <= _TOGETHER_S:

@@ -79,3 +79,33 @@ def test_a_single_beam_without_a_step():
         cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)), pose)
     assert np.isnan(cleaned.ranges).all()
     assert len(incidents) == 1
+
+
+def told_by(blocked_at, stamps):
+    """Return what is told, without the look at parts, where beams are blocked at some times."""
+    incidents, rng = Incidents(), np.random.default_rng(2)
+    view = LaserView(BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False)), incidents)
+    for k, stamp in enumerate(stamps):
+        ranges = 8.0 + rng.normal(0.0, 0.005, 100)
+        for beams, near in blocked_at(k):
+            ranges[beams] = near
+        pose = SE2(0.31 * k, 0.0, 0.8 * math.sin(0.5 * k))
+        view.cleaned(LaserScan(float(stamp), -1.0, 0.02, 0.02, 30.0, ranges), pose)
+    return [incident.text(0.0) for incident in incidents]
+
+
+def test_a_post_that_shakes_now_and_then_is_told_once():
+    shaking = told_by(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
+    assert shaking == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+
+
+def test_what_comes_back_after_a_while_is_told_again():
+    told = told_by(lambda k: [] if 100 <= k < 300 else [(COVERED, 0.6)], range(400))
+    assert [text.split(":")[0] for text in told] == ["at 0.0 s", "at 300.0 s"]
+
+
+def test_what_stays_is_not_told_again_after_a_gap_in_the_recording():
+    other = slice(60, 80)
+    stamps = [k if k < 100 else k + 500 for k in range(200)]
+    told = told_by(lambda k: [(COVERED, 0.6)] + ([(other, 0.5)] if k >= 100 else []), stamps)
+    assert [text.rsplit(", ", 1)[1] for text in told] == ["-57 to -36°", "11 to 33°"]
