@@ -46,6 +46,7 @@ class DriveMonitor:
         self._odometry = OdometryCheck(odometry)
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
+        self._said_scale = False
 
     def cleaned(self, reading: Reading) -> Reading:
         """Return the reading without beams that are known to be blocked; look at its odometry."""
@@ -89,12 +90,14 @@ class DriveMonitor:
             self.incidents.add(scan.stamp, told)
             if self._view is not None:
                 self._view.forget()
-        self._last = (scan, (found or match).T_map_sensor)
+        self._last = (scan, guess if found is None else found.T_map_sensor)
         return found
 
     def note_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
-        """Compare the odometry's motion with what was found."""
+        """Compare the odometry's motion with what was found, and take the keyframe's place for its last scan's."""
         self._T_map_robot = T_map_robot
+        if self._last is not None:
+            self._last = (self._last[0], T_map_robot @ reading.T_robot_sensor)
         if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
             self.incidents.add(reading.scan.stamp, "odometry and scans disagree about the motion")
         if self._view is not None:
@@ -122,9 +125,10 @@ class DriveMonitor:
     def _note_scale(self, start: float) -> None:
         """Note once that scans and odometry differ in length all along."""
         scale = self._odometry.scale()
-        what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
-        if scale != 1.0 and self._last is not None and all(incident.what != what for incident in self.incidents):
-            self.incidents.add(start, what, self._last[0].stamp - start)
+        if scale != 1.0 and self._last is not None and not self._said_scale:
+            what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
+            self.incidents.add_first(start, what, self._last[0].stamp - start)
+            self._said_scale = True
 
     def _is_doubtful(self, match: ScanMatch) -> bool:
         return self._continuity.enabled and match.score < self._continuity.doubtful

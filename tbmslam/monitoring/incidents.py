@@ -62,6 +62,12 @@ class Incidents:
             self._kept.append(Incident(stamp, what, seconds))
         return self.number - 1
 
+    def add_first(self, stamp: float, what: str, seconds: float) -> None:
+        """Note what holds for all of a drive, before everything else, however much there is."""
+        self.number += 1
+        self._kept.insert(0, Incident(stamp, what, seconds))
+        del self._kept[_MOST_KEPT:]
+
     def lengthen(self, number: int, stamp: float) -> None:
         """Let an incident last until a stamp [s]."""
         if number < len(self._kept):

@@ -1,6 +1,7 @@
 """What goes wrong in drives: a right map, or a warning that names the time."""
 
 import logging
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,9 @@ from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.simulation import poses_at
 from datasets.synthetic.world import World
 from tbmslam.evaluation.trajectory_errors import absolute_errors
-from tbmslam.laser_scan import Reading
-from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED
+from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED, DriveMonitor
+from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
 
@@ -115,6 +117,43 @@ def test_odometry_in_a_bag_that_stops_for_a_while(robot):
     _, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+
+
+def room(length, width, stamp):
+    """What a laser in the middle of an empty room sees."""
+    angles = np.radians(np.arange(-180.0, 180.0) + 0.5)
+    ranges = np.minimum(length / 2.0 / np.abs(np.cos(angles)), width / 2.0 / np.abs(np.sin(angles)))
+    return LaserScan(stamp, float(angles[0]), math.radians(1.0), 0.1, 30.0, ranges)
+
+
+def settled_by(monitor, metres, scan):
+    """Let a keyframe be moved after its scan was checked, as where people held the robot back."""
+    checked = monitor.checked(scan, ScanMatch(SE2.identity(), 0.9, moved=True), SE2.identity(), 0.0)
+    settled = checked.T_map_sensor @ SE2(metres, 0.0, 0.0)
+    monitor.note_keyframe(Reading(scan, None), settled)
+    return settled
+
+
+@pytest.mark.parametrize("metres", [0.0, 0.12, 0.4])
+def test_what_is_compared_after_a_pause_is_the_place_that_was_settled_on(metres):
+    config = Slam().config
+    for sides, told in (((6.0, 12.0), []), ((12.0, 6.0), [LOST])):
+        monitor = DriveMonitor(config.continuity, config.blocked_beams, config.odometry_check)
+        settled = settled_by(monitor, metres, room(6.0, 12.0, 0.0))
+        monitor.checked(room(*sides, 2.0), ScanMatch(settled, 0.9, moved=True), settled, 0.0)
+        assert [incident.what for incident in monitor.incidents] == told
+
+
+def test_a_lost_robot_goes_on_from_where_it_was_expected():
+    config = Slam().config
+    monitor = DriveMonitor(config.continuity, config.blocked_beams, config.odometry_check)
+    monitor.checked(room(6.0, 12.0, 0.0), ScanMatch(SE2.identity(), 0.9, moved=True), SE2.identity(), 0.0)
+    astray = ScanMatch(SE2(0.45, 0.4, 0.5), 0.1, moved=True)
+    assert monitor.checked(room(12.0, 6.0, 0.1), astray, SE2.identity(), 0.0) is None
+    assert (
+        monitor.checked(room(12.0, 6.0, 0.2), ScanMatch(SE2.identity(), 0.1, moved=True), SE2.identity(), 0.0)
+        is not None
+    )
 
 
 def paused(readings, at, seconds):

@@ -69,3 +69,12 @@ def test_an_incident_is_worded_anew_once_more_is_known():
     incidents.reword(number, "two parts")
     incidents.reword(number + 7, "nothing")
     assert [incident.text(1.0) for incident in incidents] == ["at 2.0 s: two parts"]
+
+
+def test_what_holds_for_a_whole_drive_comes_first_however_much_there_is():
+    incidents = Incidents()
+    for k in range(150):
+        incidents.add(10.0 * k, "x")
+    incidents.add_first(0.0, "a wrong scale", 60.0)
+    assert (len(incidents), incidents.number) == (100, 151)
+    assert next(iter(incidents)).text(0.0) == "at 0.0 s: a wrong scale, for 60.0 s"
