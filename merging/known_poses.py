@@ -115,11 +115,11 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
         empty = "target" if target is None else "source"
         return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
     place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
-    step = target.structure.geometry.resolution
+    step, enough = target.structure.geometry.resolution, evidence.agreed_wall_m >= config.known.min_wall_m
     return Alignment(
         method="told",
         accepted=True,
-        reason=f"{_how_laid(place, T_target_source, source.structure)}; {evidence_in_words(evidence)}",
+        reason=f"{_how_laid(place, T_target_source, source.structure, enough)}; {evidence_in_words(evidence)}",
         T_target_source=place,
         matches=round(evidence.compared_wall_m / step),
         inliers=round(evidence.agreed_wall_m / step),
@@ -188,10 +188,10 @@ def _middle(source: Structure) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def _how_laid(place: SE2, told: SE2, source: Structure) -> str:
-    moved_m, turned = _apart(place, told, source)
-    if place == told:
+def _how_laid(place: SE2, told: SE2, source: Structure, enough: bool) -> str:
+    if not enough:
         return "laid exactly as told, since hardly any wall says more"
+    moved_m, turned = _apart(place, told, source)
     return f"laid where told, but for {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
 
 

@@ -69,9 +69,9 @@ def merge(
     """Merge maps whose relative poses nobody knows.
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
-    order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start. Maps that
-    this leaves apart are looked at again by what was seen from near by, and those that fit nowhere as a whole are tried
-    once more in stretches of their drives.
+    order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
+    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by, and
+    those that fit nowhere as a whole are tried once more in stretches of their drives.
 
     Parameters
     ----------

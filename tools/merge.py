@@ -48,6 +48,7 @@ RULES = (
     "entropy-filter",
 )
 COVERAGES = ("union", "overlap")
+FARTHEST_POSE = 10_000.0
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 
 EXAMPLES = """examples:
@@ -254,13 +255,18 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
 
 def _known_poses(parser: argparse.ArgumentParser, poses: Sequence[Sequence[str]]) -> dict[str, list[float]]:
     """Return poses by the names of maps [m, m, rad]."""
-    known = {}
+    known: dict[str, list[float]] = {}
     for name, *numbers in poses:
+        told = f"got {' '.join((name, *numbers))}"
         try:
             x, y, degrees = (float(number) for number in numbers)
         except ValueError:
-            parser.error(f"--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, got {' '.join((name, *numbers))}")
-        known[name] = [x, y, math.radians(degrees)]
+            parser.error(f"--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, {told}")
+        if not (max(abs(x), abs(y)) <= FARTHEST_POSE and math.isfinite(degrees)):
+            parser.error(f"--pose must be within {FARTHEST_POSE:.0f} m of the first map, at any angle, {told}")
+        if name in known:
+            parser.error(f"--pose tells two poses of {name}, {told}: tell one")
+        known[name] = [x, y, math.radians(math.remainder(degrees, 360.0))]
     return known
 
 

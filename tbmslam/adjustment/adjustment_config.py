@@ -13,7 +13,9 @@ class AdjustmentConfig(FrozenConfig):
     rounds: int = Field(2, ge=1, description="how often all hits are, after that")
     stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")
     turn: float = Field(1.0, gt=0, description="turned angle that moves as one [rad]")
-    max_range: float = Field(30.0, gt=0, description="hits beyond this are not used [m]")
+    max_range: float = Field(
+        30.0, gt=0, description="hits beyond this, or beyond what loops are closed by, are not used [m]"
+    )
     hits: int = Field(200, ge=10, description="hits of a keyframe that are used, about")
     gap: float = Field(0.5, gt=0, description="between the neighbours of a hit at the most [m]")
     bulge: float = Field(0.03, gt=0, description="of a hit from the line between its neighbours at the most [m]")

@@ -1,6 +1,6 @@
 """Symmetric positive definite equations of a few hundred unknowns.
 
-Libraries add up in an order that depends on the machine and its threads; these give the same bytes everywhere.
+Libraries add up in an order that depends on the machine and its threads; these add up in one.
 """
 
 from tbmslam.kernels import FloatArray, kernel

@@ -66,6 +66,12 @@ def test_a_rough_pose_is_made_exact_and_says_so(maps):
     assert "of wall agree (" in one.reason
 
 
+def test_a_pose_that_is_exact_is_said_to_be_borne_out(maps):
+    exact = place_known(maps, told(half=TRUTH)).alignments["floor", "half"].T_target_source
+    reason = place_known(maps, told(half=exact)).alignments["floor", "half"].reason
+    assert reason.startswith("laid where told, but for 0.00 m and 0.0 degrees; ")
+
+
 def test_what_is_told_is_not_searched_and_the_rest_is(maps):
     done = merge(maps, told(half=about(TRUTH)))
     assert list(done.poses) == ["floor", "half"]

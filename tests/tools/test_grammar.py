@@ -44,3 +44,9 @@ def test_every_program_has_such_a_grammar():
     programs = [source for source in sources if "def main(" in source]
     assert len(programs) > 5
     assert not any("argparse.ArgumentParser(" in source for source in programs)
+
+
+def test_numbers_with_an_exponent_are_no_options():
+    parser = Grammar()
+    parser.add_argument("--pose", nargs=2, type=float)
+    assert parser.parse_args(["--pose", "-1e-05", "-2.5E+1"]).pose == [-1e-05, -25.0]

@@ -11,7 +11,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from merging.config import Coverage, Descriptor, Method, Rule
+from merging.config import Coverage, Descriptor, MergeConfig, Method, Rule
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
@@ -288,6 +288,34 @@ def test_help_answers_at_once():
         [sys.executable, "-c", loaded], cwd=REPOSITORY, capture_output=True, text=True, check=True
     )
     assert answer.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    ("words", "fact"),
+    [
+        (["there", "nan", "0", "0"], "--pose must be within 10000 m of the first map, at any angle, got there nan 0 0"),
+        (
+            ["there", "0", "-1e5", "0"],
+            "--pose must be within 10000 m of the first map, at any angle, got there 0 -1e5 0",
+        ),
+        (["there", "0", "0", "inf"], "--pose must be within 10000 m of the first map, at any angle, got there 0 0 inf"),
+        (
+            ["there", "0", "0", "0", "--pose", "there", "9", "0", "0"],
+            "--pose tells two poses of there, got there 9 0 0",
+        ),
+    ],
+)
+def test_poses_that_cannot_be_meant_are_wrong_usage(folders, tmp_path, capsys, words, fact):
+    given = [str(folders / name) for name in ("here", "there")]
+    with pytest.raises(SystemExit, match="2"):
+        merge.main([*given, "-o", str(tmp_path), "--pose", *words])
+    assert fact in capsys.readouterr().err
+
+
+def test_no_pose_is_farther_than_the_parameters_allow():
+    MergeConfig(known_poses={"there": (merge.FARTHEST_POSE, 0.0, 0.0)})
+    with pytest.raises(ValueError, match="less than or equal to 10000"):
+        MergeConfig(known_poses={"there": (1.001 * merge.FARTHEST_POSE, 0.0, 0.0)})
 
 
 @pytest.mark.parametrize(
