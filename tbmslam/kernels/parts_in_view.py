@@ -159,8 +159,11 @@ def _is_seen_through(
     # The beam next to the bearing, counted from the first one within one turn; most ends are told by that one alone.
     turn = (bearing - beams[0]) * (1.0 if beams[1] > 0.0 else -1.0)
     turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi))
+    # Asked before the division: a single beam may have no step, and numbers too large for a place in memory are any.
+    if distance <= beside or turn >= len(seen) * abs(beams[1]):
+        return False
     middle = round(turn / abs(beams[1]))
-    if distance <= beside or middle >= len(seen) or not seen[middle] >= distance + depth:
+    if middle >= len(seen) or not seen[middle] >= distance + depth:
         return False
     wide = math.asin(beside / distance) + unsure
     first = math.floor((turn - wide) / abs(beams[1]))

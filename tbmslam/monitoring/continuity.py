@@ -103,6 +103,8 @@ def _share(those: npt.NDArray[np.bool_]) -> float:
 
 def _beyond(seeing: LaserScan, seen: LaserScan, T_seeing_seen: SE2, reach: float, beside: int) -> FloatArray:
     """Return how far one scan's beams went on behind the hits (M,) of another, the nearest of some neighbours [m]."""
+    if seeing.angle_increment == 0.0:  # a single beam
+        return np.zeros(0)
     points = T_seeing_seen.apply(seen.hit_points(reach))
     distances = np.hypot(points[:, 0], points[:, 1])
     turns = (np.arctan2(points[:, 1], points[:, 0]) - seeing.angle_min) * np.sign(seeing.angle_increment)

@@ -207,3 +207,11 @@ def test_a_crowd_in_a_corridor_that_hides_all_but_its_walls_does_not_hold_the_ro
     alone = drive_in("corridor", 30.0, odometry="good", seed=seed)
     robot = inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", seed))
     assert ate(robot, mapped(robot.readings)) < 0.1
+
+
+def test_a_laser_of_a_single_beam_needs_no_step():
+    rng, slam = np.random.default_rng(0), Slam()
+    for k in range(30):
+        scan = LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, 0.5 + rng.normal(0.0, 0.003, 1))
+        slam.process(Reading(scan, SE2(0.3 * k, 0.0, 0.0)))
+    assert len(slam.finish().drives[0].trajectory) == 30

@@ -93,3 +93,14 @@ def test_runs_need_sure_beams_and_take_their_neighbours_along():
     state[2, 4:7], state[4, 4:7] = 0.0, 3.0
     state[2, 12:14], state[4, 12:14] = 0.0, 3.0
     assert np.flatnonzero(refuted_runs(state, 1.0, (1.0, 3.0, 3))).tolist() == [3, 4, 5, 6, 7, 8]
+
+
+def test_beams_with_hardly_any_step_or_none_see_through_nothing_behind_them():
+    for step, beams in ((0.0, 1), (1e-320, 5), (-1e-320, 5)):
+        looks = 4
+        lasers = np.array([(0.0, 0.2 * k, 0.3 * k) for k in range(looks)])
+        seen, refuted = np.full((looks, beams), 2.0), np.zeros((looks, beams), dtype=np.bool_)
+        state = np.zeros((5, beams))
+        state[0], state[3] = 2.0, float(looks)
+        count_refuted(state, refuted, (0.0, step), lasers, np.arange(float(looks)), seen, LIMITS)
+        assert not refuted.any()
