@@ -154,26 +154,16 @@ def _judged(
         for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
         if p >= min(_WORTH_NAMING, config.ambiguous_share * confidence)
     ]
-    if found.method == "correlation":  # whose matches are the walls themselves
-        step = target.geometry.resolution
-        walls = round(evidence.compared_wall_m / step), round(evidence.agreed_wall_m / step)
-        found = replace(found, matches=walls[0], inliers=walls[1], rmse_m=evidence.rmse_m)
+    if found.method == "correlation":
+        found = found.matched_by_walls(evidence, target.geometry.resolution)
     accepted = confidence >= config.min_confidence and evidence.overlap_m2 >= config.min_overlap_m2
     ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, config)
     return replace(
-        found,
+        found.at(motion, evidence, confidence),
         accepted=accepted,
         ambiguous=ambiguous,
-        confidence=confidence,
         reason=_reason(found, confidence, evidence, others if ambiguous else [], config),
-        T_target_source=motion,
-        overlap_m2=evidence.overlap_m2,
-        agreement=evidence.agreement,
-        conflict=evidence.conflict,
-        agreed_wall_m=evidence.agreed_wall_m,
-        weakest_wall_m=evidence.weakest_wall_m,
         alternatives=tuple(others),
-        evidence=evidence,
     )
 
 

@@ -1,7 +1,7 @@
 """How one map lies in another's frame, or why nobody knows."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from merging.verification import Evidence
 from tbmslam.se2 import SE2
@@ -86,6 +86,29 @@ class Alignment:
     ambiguous: bool = False
     alternatives: tuple[Alternative, ...] = ()
     evidence: Evidence | None = None
+
+    def at(self, T_target_source: SE2, evidence: Evidence, confidence: float) -> "Alignment":
+        """Return the answer with a place, what the maps say for and against it, and its probability."""
+        return replace(
+            self,
+            T_target_source=T_target_source,
+            overlap_m2=evidence.overlap_m2,
+            agreement=evidence.agreement,
+            conflict=evidence.conflict,
+            agreed_wall_m=evidence.agreed_wall_m,
+            weakest_wall_m=evidence.weakest_wall_m,
+            confidence=confidence,
+            evidence=evidence,
+        )
+
+    def matched_by_walls(self, evidence: Evidence, resolution: float) -> "Alignment":
+        """Return the answer of a method whose matches are the walls themselves, in cells of a size [m]."""
+        return replace(
+            self,
+            matches=round(evidence.compared_wall_m / resolution),
+            inliers=round(evidence.agreed_wall_m / resolution),
+            rmse_m=evidence.rmse_m,
+        )
 
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; the transform as [x m, y m, theta rad] or None."""

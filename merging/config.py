@@ -6,6 +6,7 @@ from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
 from merging.bending_config import JointConfig, NearConfig, StretchConfig
+from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
 
@@ -25,8 +26,8 @@ Rule = Literal[
 Coverage = Literal["union", "overlap"]
 
 
-Coordinate = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
-Angle = Annotated[float, Field(ge=-1000.0, le=1000.0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-MAX_TURN, le=MAX_TURN, allow_inf_nan=False)]
 KnownPose = tuple[Coordinate, Coordinate, Angle]
 
 

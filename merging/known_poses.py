@@ -115,23 +115,10 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
         empty = "target" if target is None else "source"
         return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
     place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
-    step, enough = target.structure.geometry.resolution, evidence.agreed_wall_m >= config.known.min_wall_m
-    return Alignment(
-        method="told",
-        accepted=True,
-        reason=f"{_how_laid(place, T_target_source, source.structure, enough)}; {evidence_in_words(evidence)}",
-        T_target_source=place,
-        matches=round(evidence.compared_wall_m / step),
-        inliers=round(evidence.agreed_wall_m / step),
-        rmse_m=evidence.rmse_m,
-        overlap_m2=evidence.overlap_m2,
-        agreement=evidence.agreement,
-        conflict=evidence.conflict,
-        agreed_wall_m=evidence.agreed_wall_m,
-        weakest_wall_m=evidence.weakest_wall_m,
-        confidence=confidence,
-        evidence=evidence,
-    )
+    enough = evidence.agreed_wall_m >= config.known.min_wall_m
+    how = _how_laid(place, T_target_source, source.structure, enough)
+    answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
+    return answer.matched_by_walls(evidence, target.structure.geometry.resolution).at(place, evidence, confidence)
 
 
 def _likeliest(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
