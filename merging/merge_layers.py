@@ -1,12 +1,13 @@
 """The layers of a merged map: whose walls, where maps overlap and contradict each other, who drove where."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from merging.fusion import Fusion
 from merging.merger import Merge
+from merging.past_trouble import incidents_of
 from merging.warping import warp
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import TbmGrid
@@ -38,11 +39,8 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
     owners = [name for name in merge.poses for _ in maps[name].drives]
     drives = [_named(drive, name, maps) for drive, name in zip(merged.drives, owners, strict=True)]
     ways = drive_layers(drives, [colours[name] for name in owners], _ROBOTS, merged.grid.geometry.resolution)
-    trouble = [
-        mark
-        for drive, name in zip(drives, owners, strict=True)
-        for mark in trouble_layer(drive, _incidents(maps[name]), _ROBOTS)
-    ]
+    incidents = [known for name in merge.poses for known in incidents_of(maps[name])]
+    trouble = _trouble(drives, incidents)
     layers: tuple[Raster | Marks, ...]
     layers = (*map_layers(fusion.grid), *robots, *ways, *trouble, *_evidence(fusion), *_links(merge, merged))
     return Sheet("Merged map", layers, "Where walls of several robots coincide, their colours mix to a dark one.")
@@ -51,8 +49,15 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
 def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
     """Return a map that was not merged, in its own frame."""
     drives = drive_layers(one.drives, [colour] * len(one.drives), _ROBOTS, one.grid.geometry.resolution)
-    trouble = [mark for drive in one.drives for mark in trouble_layer(drive, _incidents(one), _ROBOTS)]
+    trouble = _trouble(one.drives, incidents_of(one))
     return Sheet(name, (*map_layers(one.grid.cropped_to_known()), *drives, *trouble))
+
+
+def _trouble(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:
+    """Return where on each drive something went wrong."""
+    return [
+        mark for drive, known in zip(drives, incidents, strict=True) for mark in trouble_layer(drive, known, _ROBOTS)
+    ]
 
 
 def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
@@ -61,11 +66,6 @@ def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
     if merge.joint is not None:
         return warp(merge.joint.maps[name].grid, SE2.identity(), merge.fusion.grid.geometry)
     return warp(maps[name].grid, merge.poses[name], merge.fusion.grid.geometry)
-
-
-def _incidents(one: TbmMap) -> object:
-    """Return what went wrong while a map was made; of a merged map nobody knows to which drive it belongs."""
-    return one.provenance.get("incidents") if len(one.drives) == 1 else None
 
 
 def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:

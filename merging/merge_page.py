@@ -8,6 +8,7 @@ from merging.in_words import confidence_in_words, pose_in_words
 from merging.merge_layers import colours_of, merged_sheet, single_sheet
 from merging.merger import Merge
 from merging.pair_cards import pair_cards
+from merging.past_trouble import warnings_of
 from tbmslam.report.making import Making, versions
 from tbmslam.report.page import Page, Table
 from tbmslam.report.sheet import Sheet
@@ -126,17 +127,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
             for place in conflict_places(merge.fusion)
             if place.conflict_m2 >= _LARGE_CONFLICT_M2
         ]
-    return said + [f"{name}: {warning}" for name, one in maps.items() for warning in _odd(one.provenance)]
-
-
-def _odd(provenance: Mapping[str, object]) -> list[str]:
-    """Return what was odd while a map was made; of a merged map, while those in it were, each under its name."""
-    odd, parts = provenance.get("warnings"), provenance.get("merged_from")
-    said = [str(warning) for warning in odd] if isinstance(odd, list | tuple) else []
-    for name, part in parts.items() if isinstance(parts, Mapping) else ():
-        inner = part.get("provenance") if isinstance(part, Mapping) else None
-        said += [f"{name}: {warning}" for warning in _odd(inner)] if isinstance(inner, Mapping) else []
-    return said
+    return said + [f"{name}: {warning}" for name, one in maps.items() for warning in warnings_of(one.provenance)]
 
 
 def _maps_table(merge: Merge) -> Table:

@@ -94,7 +94,8 @@ def _merged(
     )
     provenance = {
         "merged_from": {
-            name: {"pose": list(pose), "provenance": dict(maps[name].provenance)} for name, pose in poses.items()
+            name: {"pose": list(pose), "drives": len(maps[name].drives), "provenance": dict(maps[name].provenance)}
+            for name, pose in poses.items()
         },
         "config": config.model_dump(mode="json"),
     }

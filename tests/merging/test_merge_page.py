@@ -124,6 +124,8 @@ def test_what_was_odd_is_told_of_a_merged_map_too(maps):
     again = {"both": first, "foreign": maps["foreign"]}
     page = merge_page(merge(again, CONFIG), again, CONFIG, {}, Making())
     assert "both: here: 3 scans are stamped earlier than the scan before" in page.warnings
+    (trouble,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "trouble")
+    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
     odd = replace(first, provenance={"merged_from": {"here": 3, "there": {"provenance": []}}, "warnings": 1})
     again = {"both": odd, "foreign": maps["foreign"]}
     assert not [
