@@ -150,7 +150,7 @@ def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings:
     ranges: list[FloatArray] = [np.asarray(s.raw.ranges, dtype=np.float64) for s in samples]
     found = find_no_return_code([scan[scan < high] for scan in ranges], codes)
     codes = codes if found is None else (*codes, found)
-    return RangeRules(options.range_min, options.range_max, codes, options.no_return)
+    return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
 
 
 def _readings(
@@ -236,6 +236,7 @@ def _description(
         "upside_down": bool(options.upside_down),
         "times": "logger" if settings.logger_time else "ipc",
         "range_min_m": rules.range_min,
+        "range_offset_m": rules.offset,
         "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),
         "no_return": rules.no_return,
         "no_return_codes_m": list(rules.no_return_codes),

@@ -30,12 +30,23 @@ class RangeRules:
         Values [m] that stand for "nothing came back", whatever the limits say.
     no_return
         "free" turns such a beam into +inf, "drop" into nan.
+    offset
+        Added to every range that was measured, and so to the limits, too [m].
     """
 
     range_min: float | None
     range_max: float | None
     no_return_codes: tuple[float, ...]
     no_return: Literal["free", "drop"]
+    offset: float = 0.0
+
+    def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
+        """Return clean ranges (N,) and their limits [m] with the offset; what would end behind it says nothing."""
+        if self.offset == 0.0:
+            return ranges, low, high
+        longer = ranges + self.offset
+        longer[longer <= 0.0] = np.nan
+        return longer, max(low + self.offset, 0.0), high + self.offset
 
     def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
         """Return the limits in force for a scan that states these; those at odds with each other do not count."""

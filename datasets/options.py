@@ -10,6 +10,7 @@ Profile = Literal["auto", "stata"]
 OdometrySource = Literal["auto", "tf", "topic", "none"]
 NoReturn = Literal["free", "drop"]
 _FARTHEST_SENSOR = 1000.0
+_LARGEST_OFFSET = 10.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class RecordingOptions:
         Angle between beams [deg] instead of the recorded one; the first beam keeps its direction.
     range_min, range_max
         Limits of the laser [m] instead of the recorded ones.
+    range_offset
+        Added to every range that was measured [m].
     no_return
         What a beam without a return says: "free", nothing was in range, or "drop", nothing at all.
     no_return_codes
@@ -62,6 +65,7 @@ class RecordingOptions:
     angle_step_deg: float | None = None
     range_min: float | None = None
     range_max: float | None = None
+    range_offset: float = 0.0
     no_return: NoReturn = "free"
     no_return_codes: tuple[float, ...] = ()
     clock_offset: float | None = None
@@ -85,6 +89,8 @@ class RecordingOptions:
             raise ValueError(f"range_min must not be negative, got {self.range_min}")
         if self.range_min is not None and self.range_max is not None and not self.range_min < self.range_max:
             raise ValueError(f"range_min must be below range_max, got {self.range_min} and {self.range_max}")
+        if not abs(self.range_offset) <= _LARGEST_OFFSET:
+            raise ValueError(f"range_offset must be within {_LARGEST_OFFSET:g} m, got {self.range_offset}")
         if self.sensor_pose is not None and not sum(map(abs, self.sensor_pose)) <= _FARTHEST_SENSOR:
             raise ValueError(
                 f"sensor_pose must be finite and within {_FARTHEST_SENSOR:.0f} m, got {tuple(self.sensor_pose)}"

@@ -175,6 +175,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "angle_step_deg": plan.options.angle_step_deg,
         "range_min_m": rules.range_min,
         "range_max_m": rules.range_max,
+        "range_offset_m": rules.offset,
         "no_return": rules.no_return,
         "no_return_codes_m": list(rules.no_return_codes),
         "clock_offset_s": plan.clock.offset,

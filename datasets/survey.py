@@ -1,7 +1,7 @@
 """What the beginning of a recording tells: frames, clocks and the codes of the laser."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -92,11 +92,9 @@ class Survey:
         """Return how ranges are to be read, with a no-return code found in the data."""
         options = self.options
         codes = (*KNOWN_CODES, *options.no_return_codes)
-        rules = RangeRules(options.range_min, options.range_max, codes, options.no_return)
+        rules = RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
         if self.first_scan is None:
             return rules
         _, high = rules.limits(self.first_scan.range_min, self.first_scan.range_max)
         found = find_no_return_code([scan[scan < high] for scan in self.ranges], codes)
-        return (
-            rules if found is None else RangeRules(rules.range_min, rules.range_max, (*codes, found), rules.no_return)
-        )
+        return rules if found is None else replace(rules, no_return_codes=(*codes, found))

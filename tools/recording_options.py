@@ -22,6 +22,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
     scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
     scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
+    scans.add_argument("--range-offset", type=float, metavar="M", help="added to every range that was measured (0)")
     scans.add_argument(
         "--no-return",
         choices=("free", "drop"),
@@ -107,6 +108,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
         "angle_step_deg": args.angle_step_deg,
         "range_min": args.range_min,
         "range_max": args.range_max,
+        "range_offset": args.range_offset,
         "no_return": args.no_return,
         "no_return_codes": tuple(args.no_return_code) if args.no_return_code else None,
         "clock_offset": args.clock_offset,

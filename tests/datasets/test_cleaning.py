@@ -87,6 +87,15 @@ def test_limits(stated, given_limits, expected):
     assert RangeRules(*given_limits, (), "free").limits(*stated) == expected
 
 
+def test_ranges_with_an_offset():
+    rules = RangeRules(None, None, (), "free", -0.1)
+    ranges, low, high = rules.shifted(np.array([0.05, 0.5, np.inf, np.nan, 30.0]), 0.02, 30.0)
+    np.testing.assert_allclose(ranges, [np.nan, 0.4, np.inf, np.nan, 29.9])
+    assert (low, high) == (0.0, 29.9)
+    stays = np.array([0.05, np.inf])
+    assert RangeRules(None, None, (), "free").shifted(stays, 0.02, 30.0) == (stays, 0.02, 30.0)
+
+
 def walls(number=60, beams=180, far=25.0):
     rng = np.random.default_rng(1)
     return [np.round(rng.uniform(1.0, far, beams), 2) for _ in range(number)]

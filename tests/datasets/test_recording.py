@@ -73,6 +73,7 @@ def test_counts_as_text_and_as_json():
         ({"range_min": 5.0, "range_max": 2.0}, r"range_min must be below range_max, got 5\.0 and 2\.0"),
         ({"sensor_pose": SE2(float("nan"), 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
         ({"sensor_pose": SE2(1e300, 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
+        ({"range_offset": float("nan")}, "range_offset must be within 10 m, got nan"),
         ({"clock_offset": float("inf")}, "clock_offset must be finite, got inf"),
     ],
 )

@@ -16,6 +16,13 @@ def take(*scans, angle_step=None):
     return [intake.take(scan) for scan in scans], counts
 
 
+def test_an_offset_moves_hits_and_limits():
+    intake = ScanIntake(RangeRules(None, None, (), "free", 0.1), None, 2.0, ReadingCounts())
+    scan = intake.take(RawScan(0.0, 0.0, 0.1, 0.2, 30.0, np.array([1.0, 30.0, 0.1])))
+    np.testing.assert_allclose(scan.ranges, [1.1, np.inf, np.nan])
+    assert (scan.range_min, scan.range_max) == (pytest.approx(0.3), pytest.approx(30.1))
+
+
 def test_a_duplicate_may_come_a_little_later():
     scans, counts = take(raw(1.0), raw(1.1), raw(1.0))
     assert [scan is not None for scan in scans] == [True, True, False]

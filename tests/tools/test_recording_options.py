@@ -24,7 +24,7 @@ def test_every_choice_has_an_option():
     words = (
         "--profile stata --scan-topic /s --odometry topic --odometry-topic /o --tf-topic /a --tf-topic /b "
         "--odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
-        "--range-min 0.1 --range-max 20 --no-return drop "
+        "--range-min 0.1 --range-max 20 --range-offset -0.05 --no-return drop "
         "--no-return-code 8 --no-return-code 9 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
     )
     assert parse(*words.split()) == RecordingOptions(
@@ -40,6 +40,7 @@ def test_every_choice_has_an_option():
         angle_step_deg=1.0,
         range_min=0.1,
         range_max=20.0,
+        range_offset=-0.05,
         no_return="drop",
         no_return_codes=(8.0, 9.0),
         clock_offset=82.2,
