@@ -3,10 +3,12 @@
 import math
 
 _ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
+_MORE_THAN_A_TURN_DEG = 360.5
+"""From the first beam to the last; the last one of some lasers is the first one again."""
 
 
 def angle_warning(beams: int, angle_increment: float) -> str | None:
-    """Return one line where a step looks like a fan stretched over one beam too few; None where it looks right.
+    """Return one line where a step looks wrong; None where it looks right.
 
     Converters of old logs wrote 180 beams "from -90 to 90 degrees", so that they state 180/179 degrees a step where
     the laser made exactly 1. Simulated lasers do step so, hence this is said and not corrected.
@@ -22,6 +24,11 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
         return None
     step = abs(math.degrees(angle_increment))
     fan = step * (beams - 1)
+    if fan > _MORE_THAN_A_TURN_DEG:
+        return (
+            f"{beams} beams {step:.4f} degrees apart are stated, more than a turn: if they go once round, pass "
+            f"--angle-step-deg {360.0 / beams:.6g}"
+        )
     for true_step in _ROUND_STEPS_DEG:
         if abs(fan - true_step * beams) < 0.02 * true_step:
             return (

@@ -19,3 +19,9 @@ def test_a_stretched_fan_is_said(beams, fan_deg, step):
 def test_true_fans_are_not(beams, step_deg):
     assert angle_warning(beams, math.radians(step_deg)) is None
     assert angle_warning(beams, -math.radians(step_deg)) is None
+
+
+def test_more_than_a_turn_is_said():
+    warning = angle_warning(360, math.radians(1.03))
+    assert warning is not None
+    assert warning.endswith("more than a turn: if they go once round, pass --angle-step-deg 1")
