@@ -10,16 +10,15 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, cg
 
 from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.adjustment.drive_bends import bends_of
 from tbmslam.adjustment.motion_equations import motions_of
+from tbmslam.adjustment.pose_solver import PoseSolver
 from tbmslam.adjustment.rigid_stretches import RigidStretches
 from tbmslam.adjustment.wall_lines import WallLines
 from tbmslam.kernels.motion_systems import motion_equations
-from tbmslam.kernels.pose_systems import PoseSystem, times
-from tbmslam.kernels.two_levels import Bends, factors_of, precondition
+from tbmslam.kernels.pose_systems import PoseSystem
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.scan_hits import ScanHits
 from tbmslam.se2 import FloatArray, wrap_angles
@@ -30,7 +29,6 @@ _GAUGE = 1e8
 """Information that holds the first pose where it is [1/m^2]."""
 _DAMPING = 1.0
 """Of every pose: no step goes farther than about a metre or a radian [1/m^2]."""
-_MOST_STEPS = 1000
 _QUICK = 3
 """Every so manieth hit is enough in quick rounds."""
 _SHIFT = 0.382
@@ -78,24 +76,8 @@ def adjust(
         lines = WallLines(hits, every, at, number * _SHIFT % 1.0 * config.cell, fewer)
         own, between, pull = motion_equations(motions, at)
         system = PoseSystem(lines.own + own + held, lines.system, between)
-        at = at - _solved(system, lines.gradient + pull, at, bends, config.precision)
+        at = at - PoseSolver(system, at, bends, config.precision).solved(lines.gradient + pull)
         at[:, 2] = wrap_angles(at[:, 2])
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), lines.count, moved_m)
     return stretches.moved(at)
-
-
-def _solved(system: PoseSystem, gradient: FloatArray, poses: FloatArray, bends: Bends, precision: float) -> FloatArray:
-    """Return the changes (N, 3) of poses (N, 3) whose curvature product is the gradient (N, 3)."""
-    factors = factors_of(system, poses, bends)
-
-    def curved(changes: FloatArray) -> FloatArray:
-        return times(system, changes.reshape(-1, 3)).ravel()
-
-    def near(forces: FloatArray) -> FloatArray:
-        return precondition(factors, bends, forces.reshape(-1, 3)).ravel()
-
-    shape = (gradient.size, gradient.size)
-    known, nearly = (LinearOperator(shape, matvec=part, dtype=np.float64) for part in (curved, near))
-    changes, _ = cg(known, gradient.ravel(), rtol=precision, maxiter=_MOST_STEPS, M=nearly)
-    return np.asarray(changes, dtype=np.float64).reshape(-1, 3)
