@@ -7,11 +7,13 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from tbmslam.adjustment.adjustment_config import AdjustmentConfig
+from tbmslam.adjustment.laser_fit_config import LaserFitConfig
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loops.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.continuity import ContinuityConfig
+from tbmslam.monitoring.laser_check import LaserCheckConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.parameters import ConfigError, changed
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
@@ -73,6 +75,8 @@ class SlamConfig(FrozenConfig):
     forgetting: ForgettingConfig = ForgettingConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
     adjustment: AdjustmentConfig = AdjustmentConfig()
+    laser_fit: LaserFitConfig = LaserFitConfig()
+    laser_check: LaserCheckConfig = LaserCheckConfig()
     continuity: ContinuityConfig = ContinuityConfig()
     blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
     odometry_check: OdometryCheckConfig = OdometryCheckConfig()
@@ -105,6 +109,7 @@ def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: M
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
         continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),
         map=cells,
@@ -124,6 +129,7 @@ PRESETS: Mapping[str, SlamConfig] = {
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
         map=MapConfig(max_cells=200_000_000),
         continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tbmslam.adjustment.laser_fit import fit_laser
 from tbmslam.adjustment.surface_adjustment import adjust
 from tbmslam.config import SlamConfig
 from tbmslam.drive_motions import DriveMotions
@@ -18,6 +19,7 @@ from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.loops.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.monitoring.drive_monitor import DriveMonitor
+from tbmslam.monitoring.laser_check import laser_doubts
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
 from tbmslam.scan_hits import ScanHits
@@ -262,6 +264,7 @@ class Slam:
             closed, closures = self._closed(self._closer, part, scans, self._watch)
             self._measured = motions(part.keyframes)
             closed = self._adjusted(closed, scans, self._measured, closures)
+            self._check_laser(keyframes, closed, self._measured)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         return poses if closed is None else part.corrected(poses, closed)
 
@@ -274,6 +277,16 @@ class Slam:
         with self._watch.during("adjusting"):
             width = self.config.loop_closing.robust_width
             return adjust(poses, [scans], chain(measured), closures, width, self.config.adjustment)
+
+    def _check_laser(self, keyframes: Keyframes, poses: FloatArray, measured: DriveMotions) -> None:
+        """Note where walls fit better, at poses (K, 3) of the laser, if it is another than it is described."""
+        if not self.config.laser_fit.enabled:
+            return
+        with self._watch.during("checking the laser"):
+            errors = fit_laser(keyframes, poses, chain(measured), self.config.laser_fit, self.config.adjustment)
+        if errors is not None:
+            for about, what in laser_doubts(errors, keyframes, self.config.laser_check).items():
+                self._monitor.note_all_along(about, what, self.started)
 
     def _hits_of(self, keyframes: Keyframes) -> ScanHits:
         return ScanHits.of(keyframes, self.config.loop_closing.submap.max_range)

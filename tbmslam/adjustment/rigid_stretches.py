@@ -45,7 +45,7 @@ class RigidStretches:
     def __init__(self, poses: FloatArray, counts: Sequence[int], config: AdjustmentConfig) -> None:
         self._poses = poses
         self._drive_ends = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-        begins = [first + _stretch_begins(poses[first:last], config) for first, last in self._drives()]
+        begins = [first + stretch_begins(poses[first:last], config) for first, last in self._drives()]
         self._starts = starts = np.concatenate(begins)
         ends = np.append(starts[1:], len(poses))
         self.ends = np.cumsum([0, *map(len, begins)]).tolist()
@@ -104,7 +104,7 @@ class RigidStretches:
         return list(itertools.pairwise(self._drive_ends.tolist()))
 
 
-def _stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:
+def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:
     """Return the keyframes of a drive at which stretches begin."""
     turns = np.cumsum(np.abs(wrap_angles(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
     marks = np.column_stack((way_lengths(poses) // config.stretch, turns // config.turn))

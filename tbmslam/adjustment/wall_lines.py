@@ -3,6 +3,7 @@
 import numpy as np
 
 from tbmslam.adjustment.adjustment_config import AdjustmentConfig
+from tbmslam.kernels.laser_slopes import SeenLines
 from tbmslam.kernels.line_adjustment import (
     fit_lines,
     line_equations,
@@ -36,6 +37,8 @@ class WallLines:
     ----------
     count
         How many pieces there are.
+    seen
+        The lines, and what they were made of.
     own, system, gradient
         As of `tbmslam.kernels.line_adjustment.line_equations`.
     """
@@ -58,6 +61,7 @@ class WallLines:
         lines, numbers = lines[is_line], np.where(is_line, np.cumsum(is_line) - 1, -1)
         self.count = len(lines)
         moments, seers, begins = sort_sightings(seen, numbers, self.count)
+        self.seen = SeenLines(raster, known, numbers, moments, seers, begins, lines)
         self.own, self.system, self.gradient = line_equations(
             moments, seers, begins, lines, poses, config.enough, config.deviation, config.robust_width
         )

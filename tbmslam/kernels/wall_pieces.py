@@ -176,6 +176,15 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
 
 
 @kernel
+def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) -> int:
+    """Return the piece that a hit in the map with a normal at an angle in [-2 pi, 2 pi] belongs to, -1 for none."""
+    place = _place_of(known.cells, _key_of(x - raster.shift, y - raster.shift, 1.0 / raster.cell))
+    if known.cells[place, 0] == _NOBODY:
+        return -1
+    return int(known.numbers[known.cells[place, 1] * raster.sectors + _sector_of(facing, raster.sectors)])
+
+
+@kernel
 def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> IntArray:
     """Return the piece of the only line in each cell (C,), -1 where there is none and -2 where there are several.
 

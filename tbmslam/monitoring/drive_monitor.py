@@ -46,7 +46,7 @@ class DriveMonitor:
         self._odometry = OdometryCheck(odometry)
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
-        self._said_scale = False
+        self._said_all_along = set[str]()
 
     def cleaned(self, reading: Reading) -> Reading:
         """Return the reading without beams that are known to be blocked; look at its odometry."""
@@ -113,6 +113,12 @@ class DriveMonitor:
         """Return an earlier scan without the beams that turned out to be blocked."""
         return scan if self._view is None else self._view.cleared(scan)
 
+    def note_all_along(self, about: str, what: str, start: float) -> None:
+        """Note what holds for the whole drive since a stamp [s], once for each thing that it is about."""
+        if self._last is not None and about not in self._said_all_along:
+            self.incidents.add_first(start, what, self._last[0].stamp - start)
+            self._said_all_along.add(about)
+
     def tell(self, name: str, start: float) -> None:
         """Log the incidents, with the time since a stamp [s]."""
         self._note_scale(start)
@@ -123,12 +129,11 @@ class DriveMonitor:
             logger.warning("%s: %s", name, incident.text(start))
 
     def _note_scale(self, start: float) -> None:
-        """Note once that scans and odometry differ in length all along."""
+        """Note that scans and odometry differ in length all along."""
         scale = self._odometry.scale()
-        if scale != 1.0 and self._last is not None and not self._said_scale:
+        if scale != 1.0:
             what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
-            self.incidents.add_first(start, what, self._last[0].stamp - start)
-            self._said_scale = True
+            self.note_all_along("scale", what, start)
 
     def _is_doubtful(self, match: ScanMatch) -> bool:
         return self._continuity.enabled and match.score < self._continuity.doubtful

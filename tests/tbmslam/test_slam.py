@@ -183,6 +183,29 @@ def test_nobody_is_thought_to_walk_once_no_odometry_could_tell(drive_in):
     assert slam._T_odom_keyframe is None
 
 
+def test_a_laser_described_wrong_is_told(drive_in):
+    robot = drive_in("office", 60.0, "good", seed=2)
+
+    def told(wrong, config=None):
+        slam = Slam(config)
+        for reading in robot.readings:
+            slam.process(replace(reading, scan=wrong(reading.scan)))
+        for _ in range(2):  # and once only
+            slam.finish()
+        return [incident.what for incident in slam.incidents]
+
+    def wide(scan):
+        return replace(scan, angle_increment=1.03 * scan.angle_increment)
+
+    (angles,) = told(wide)
+    assert angles.startswith("walls fit best where beams are ")
+    assert angles.endswith(" degrees apart, not 1.03 as stated: try --angle-step-deg 1")
+    (ranges,) = told(lambda scan: replace(scan, ranges=scan.ranges + 0.1))
+    assert ranges == "walls fit best where ranges are 0.10 m shorter than measured: try --range-offset -0.10"
+    assert told(lambda scan: scan) == []
+    assert told(wide, config_from_dict({"laser_fit": {"enabled": False}})) == []
+
+
 def test_walls_straighten_a_drive_that_closes_little(drive_in):
     robot = drive_in("open_plan", 90.0, seed=1, beams=361)
     readings = [replace(r, T_odom_robot=None) for r in robot.readings]

@@ -1,0 +1,99 @@
+"""Whether walls fit better where the laser is another than it is described.
+
+A scan whose angles are wrong by a share bends walls, and each wall differently as it is seen ahead or aside; ranges
+that are all too long move a wall less where it is seen at a slant. So single scans of a drive, poses and walls being
+free, tell both (self-calibration in bundle adjustment: Triggs et al., 2000, section 7). Parts of the drive tell it each
+by itself, and how far they differ is how well it is known.
+"""
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.adjustment.adjustment_config import AdjustmentConfig
+from tbmslam.adjustment.laser_fit_config import LaserFitConfig
+from tbmslam.adjustment.rigid_stretches import stretch_begins
+from tbmslam.adjustment.self_calibration import SelfCalibration
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_errors import LaserErrors
+from tbmslam.pose_graph import MotionEdge
+from tbmslam.se2 import FloatArray, way_lengths
+
+logger = logging.getLogger(__name__)
+
+_SETTLED = np.array([5e-4, 2e-3])
+"""No more rounds are worth it once they change the scale [1] and the offset [m] by less."""
+_CHANCE = 2.0
+"""Nor where both are within so many standard deviations of nothing."""
+
+
+def fit_laser(
+    keyframes: Keyframes,
+    poses: FloatArray,
+    steps: Sequence[MotionEdge],
+    config: LaserFitConfig,
+    pieces: AdjustmentConfig,
+) -> LaserErrors | None:
+    """Return what is wrong with a laser's description; None where the drive is too short to tell.
+
+    Parameters
+    ----------
+    keyframes
+        Its scans.
+    poses
+        Poses (K, 3) of the laser at them, after drive and walls were adjusted.
+    steps
+        Motions from each keyframe to the next as they were tracked.
+    config, pieces
+        How it is sought, and what a piece of wall is.
+    """
+    parts = [
+        SelfCalibration(keyframes, poses, steps, scans, config, pieces)
+        for scans in _parts(poses, config, pieces)
+        if len(scans) > 1
+    ]
+    if len(parts) < config.least_parts:
+        return None
+    found, before = np.zeros(4), np.full(2, np.inf)
+    notable = np.array([config.notable_scale, config.notable_offset])
+    for _ in range(config.rounds):
+        found = _joined([part.improved() for part in parts])
+        if (np.abs(found[:2]) < np.maximum(notable, _CHANCE * found[2:])).all() or (
+            np.abs(found[:2] - before) < _SETTLED
+        ).all():
+            break
+        before = found[:2]
+    scale, offset, scale_deviation, offset_deviation = found.tolist()
+    logger.info(
+        "angles between beams fit %+.2f%% (%.2f%%) larger, ranges %+.3f m (%.3f m) longer",
+        *(100.0 * scale, 100.0 * scale_deviation, offset, offset_deviation),
+    )
+    return LaserErrors(scale, scale_deviation, offset, offset_deviation)
+
+
+def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:
+    """Return the scans of each part: one for each stretch of it, as scans within a stretch tell the same."""
+    way = way_lengths(poses)
+    count = min(int(way[-1] / config.shortest), config.most_parts)
+    if count < config.least_parts:
+        return []
+    scans = stretch_begins(poses, pieces)
+    begins = np.linspace(0.0, way[-1], count + 1)[:-1]
+    ends = begins + min(way[-1] / count, config.longest)
+    return [scans[(way[scans] >= begin) & (way[scans] < end)] for begin, end in zip(begins, ends, strict=True)]
+
+
+def _joined(told: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Return the scale and the offset (4,) on which parts agree best, and the standard deviation of both.
+
+    The deviation is the larger one of what the parts state and of how far they differ.
+    """
+    values, informations = (np.array(some) for some in zip(*told, strict=True))
+    covariance = np.linalg.inv(informations.sum(axis=0))
+    mean = covariance @ np.einsum("pij,pj->i", informations, values)
+    pulls = np.einsum("pij,pj->pi", informations, values - mean)
+    differing = covariance @ (pulls.T @ pulls) @ covariance * len(values) / (len(values) - 1)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), np.diag(differing)))
+    return np.concatenate((mean[:2], deviations[:2]))

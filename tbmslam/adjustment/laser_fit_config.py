@@ -1,0 +1,29 @@
+"""Every number of the fit of a laser's description to the walls that it saw."""
+
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+
+
+class LaserFitConfig(FrozenConfig):
+    """How the angle between beams, and the zero of ranges, are sought that fit walls best."""
+
+    enabled: bool = Field(True, description="seek them at all, after adjusting drive and walls")
+    most_parts: int = Field(8, ge=2, description="parts of a drive that tell them each by itself, at the most")
+    least_parts: int = Field(4, ge=2, description="and at the least, or else nothing is told")
+    shortest: float = Field(5.0, gt=0, description="travelled length of a part at the least [m]")
+    longest: float = Field(30.0, gt=0, description="and at the most, the rest of the drive not being looked at [m]")
+    max_range: float = Field(12.0, gt=0, description="hits beyond this are not used [m]")
+    hits: int = Field(180, ge=10, description="hits of a scan that are used, about")
+    deviation: float = Field(0.03, gt=0, description="of a hit from its wall [m]")
+    trust: float = Field(
+        0.01,
+        gt=0,
+        le=1,
+        description="share of the tracked motions' information that counts: they err as the laser does",
+    )
+    notable_scale: float = Field(
+        0.002, gt=0, description="share by which angles must be wrong at first sight for more rounds"
+    )
+    notable_offset: float = Field(0.02, gt=0, description="offset of ranges that does, too [m]")
+    rounds: int = Field(12, ge=1, description="rounds at the most")

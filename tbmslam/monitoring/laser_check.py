@@ -1,0 +1,63 @@
+"""Whether a laser is described wrong, and what would mend it."""
+
+import numpy as np
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_errors import LaserErrors
+
+_USUAL_STEPS_DEG = (2.0, 1.0, 0.5, 0.36, 360.0 / 1024.0, 1.0 / 3.0, 0.25, 0.225, 0.2, 0.125, 0.1)
+_NEARLY = 0.002
+"""Share by which walls miss the step of lasers that are described right, at the most: a usual step so near is meant."""
+
+
+class LaserCheckConfig(FrozenConfig):
+    """When walls contradict what a laser is described by."""
+
+    scale: float = Field(
+        0.0035, gt=0, description="share by which angles between beams are wrong that is worth a warning"
+    )
+    offset: float = Field(
+        0.06, gt=0, description="offset of ranges that is [m]; niches seen from aside alone look like 0.04"
+    )
+    sure: float = Field(4.0, gt=0, description="standard deviations that either must be, too")
+
+
+def laser_doubts(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> dict[str, str]:
+    """Return a sentence for each number of a laser's description that walls contradict."""
+    said = {}
+    if abs(errors.scale) > max(config.scale, config.sure * errors.scale_deviation):
+        said["angles"] = _angles_said(errors, keyframes, config)
+    if abs(errors.offset) > max(config.offset, config.sure * errors.offset_deviation):
+        apart = f"{abs(errors.offset):.2f} m {'longer' if errors.offset > 0.0 else 'shorter'}"
+        said["ranges"] = (
+            f"walls fit best where ranges are {apart} than measured: try --range-offset {errors.offset:.2f}"
+        )
+    return {about: what for about, what in said.items() if what}
+
+
+def _angles_said(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> str:
+    """Return what to say of the angles between beams; nothing where they go once round as they are."""
+    steps, counts = np.degrees(np.abs(keyframes.beams[:, 1])), np.diff(keyframes.offsets)
+    if np.ptp(counts) or np.ptp(steps) > 1e-6 * steps[0]:  # no one angle can be told
+        apart = f"{abs(errors.scale):.1%} {'larger' if errors.scale > 0.0 else 'smaller'}"
+        return (
+            f"walls fit best where angles between beams are {apart} than stated: look how the laser's driver makes them"
+        )
+    stated, beams = float(steps[0]), int(counts[0])
+    fit = stated * (1.0 + errors.scale)
+    once_round = [360.0 / beams, 360.0 / (beams - 1)]
+    closes = abs(stated * beams - 360.0) <= 1.5 * stated
+    usual = once_round if closes else [*_USUAL_STEPS_DEG, stated * (beams - 1) / beams, *once_round]
+    meant = min(usual, key=lambda step: abs(step - fit))
+    if abs(meant - fit) > max(_NEARLY, config.sure * errors.scale_deviation) * fit:
+        if closes:  # whose beams come round to the first, so that no other angle can be true
+            return ""
+        meant = fit
+    mended = f"{meant:.{4 if meant == fit else 6}g}"
+    turned = f", or -{mended} where it is stated negative" if keyframes.beams[0, 1] < 0.0 else ""
+    return (
+        f"walls fit best where beams are {fit:.4g} degrees apart, not {stated:.5g} as stated: "
+        f"try --angle-step-deg {mended}{turned}"
+    )

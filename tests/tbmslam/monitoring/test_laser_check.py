@@ -1,0 +1,79 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tbmslam.keyframes import Keyframes
+from tbmslam.laser_errors import LaserErrors
+from tbmslam.laser_scan import LaserScan
+from tbmslam.monitoring.laser_check import LaserCheckConfig, laser_doubts
+from tbmslam.se2 import SE2
+
+CONFIG = LaserCheckConfig()
+
+
+def keyframes(beams, step_deg, count=3):
+    scan = LaserScan(0.0, -1.0, math.radians(step_deg), 0.1, 30.0, np.ones(beams))
+    return Keyframes.from_scans([scan] * count, [SE2.identity()] * count, [SE2.identity()] * count)
+
+
+def said(beams, step_deg, scale, deviation=0.0005, offset=0.0):
+    return laser_doubts(LaserErrors(scale, deviation, offset, 0.003), keyframes(beams, step_deg), CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("beams", "stated", "scale", "fit", "mended"),
+    [
+        (180, 180.0 / 179.0, -0.0061, "0.9995", "1"),
+        (361, 0.515, -0.029, "0.5001", "0.5"),
+        (270, 1.03, -0.0291, "1", "1"),
+        (682, 0.36, -0.0237, "0.3515", "0.351562"),
+        (680, 0.36, 0.012, "0.3643", "0.3643"),
+        (90, 4.1, -0.0236, "4.003", "4"),
+        (36, 360.0 / 35.0, -0.028, "9.998", "10"),
+    ],
+)
+def test_angles_between_beams_and_what_mends_them(beams, stated, scale, fit, mended):
+    assert said(beams, stated, scale) == {
+        "angles": f"walls fit best where beams are {fit} degrees apart, not {stated:.5g} as stated: "
+        f"try --angle-step-deg {mended}"
+    }
+
+
+def test_beams_that_turn_clockwise():
+    assert said(180, -1.03, -0.029)["angles"].endswith("try --angle-step-deg 1, or -1 where it is stated negative")
+
+
+@pytest.mark.parametrize(
+    ("beams", "stated", "scale", "deviation"),
+    [
+        (180, 1.0, 0.003, 0.0001),
+        (180, 1.0, 0.02, 0.006),
+        (360, 1.0, 0.02, 0.0005),
+        (361, 1.0, -0.01, 0.0005),
+    ],
+)
+def test_angles_that_hardly_differ_are_uncertain_or_go_once_round_are_right(beams, stated, scale, deviation):
+    assert said(beams, stated, scale, deviation) == {}
+
+
+def test_angles_that_change_from_scan_to_scan():
+    mixed = keyframes(180, 1.0)
+    mixed = replace(mixed, beams=mixed.beams * [[1.0, 1.0, 1.0, 1.0], [1.0, 1.01, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]])
+    assert laser_doubts(LaserErrors(-0.012, 0.0005, 0.0, 0.003), mixed, CONFIG) == {
+        "angles": "walls fit best where angles between beams are 1.2% smaller than stated: "
+        "look how the laser's driver makes them"
+    }
+
+
+@pytest.mark.parametrize(("offset", "words"), [(0.102, "0.10 m longer"), (-0.08, "0.08 m shorter")])
+def test_ranges_and_what_mends_them(offset, words):
+    assert said(180, 1.0, 0.0, offset=offset) == {
+        "ranges": f"walls fit best where ranges are {words} than measured: try --range-offset {offset:.2f}"
+    }
+
+
+def test_small_or_uncertain_offsets_are_none():
+    assert said(180, 1.0, 0.0, offset=0.05) == {}
+    assert laser_doubts(LaserErrors(0.0, 0.001, 0.1, 0.03), keyframes(180, 1.0), CONFIG) == {}
