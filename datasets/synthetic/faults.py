@@ -26,6 +26,7 @@ _CLOCK_FAULT = 82.2  # as in some recordings of the MIT Stata Center [s]
 _CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
 _CARRIED_FOR = 2.0  # [s]
 _TOO_LONG = 1.1  # factor
+_TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of angles between beams, and what ranges are too long by [m]
 _COVER = 0.25  # where blocked beams end [m]
 
 
@@ -177,6 +178,22 @@ def _range_scale(scene: _Scene) -> SimulatedRobot:
     return _rescanned(scene.robot, scene.scans(), (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32))
 
 
+def _range_offset(scene: _Scene) -> SimulatedRobot:
+    """Let all ranges be too long by as much."""
+    return _rescanned(scene.robot, scene.scans(), (ranges_of(scene.robot) + _TOO_FAR).astype(np.float32))
+
+
+def _angle_step(scene: _Scene) -> SimulatedRobot:
+    """State too large an angle between beams."""
+    readings = [
+        replace(reading, scan=replace(reading.scan, angle_increment=_TOO_WIDE * reading.scan.angle_increment))
+        if is_wrong
+        else reading
+        for reading, is_wrong in zip(scene.robot.readings, scene.scans(), strict=True)
+    ]
+    return replace(scene.robot, readings=tuple(readings))
+
+
 def _scans_repeated(scene: _Scene) -> SimulatedRobot:
     """Let the laser send one scan again and again."""
     ranges, those = ranges_of(scene.robot), scene.scans()
@@ -231,6 +248,8 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "beams_blocked": _beams_blocked,
     "parts_in_view": _parts_in_view,
     "range_scale": _range_scale,
+    "range_offset": _range_offset,
+    "angle_step": _angle_step,
     "scans_repeated": _scans_repeated,
     "glass": _glass,
     "people": _people,

@@ -65,6 +65,8 @@ CASES = (
         "two posts of the robot in view, straight along a corridor", "parts_in_view@0+600", "blocks", world="corridor"
     ),
     _case("all ranges 10 % too long", "range_scale@0+600", "wrong scale", remedy=True),
+    _case("all ranges 0.1 m too long", "range_offset@0+600", "--range-offset -0.1", quick=True),
+    _case("angles between beams stated 3 % too large", "angle_step@0+600", "--angle-step-deg", remedy=True),
     _case("one scan sent again and again for 3 s", "scans_repeated@25+3", "lost"),
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),

@@ -93,6 +93,17 @@ def test_scan_faults(robot, world):
     assert (before != after).any()
 
 
+def test_a_laser_described_wrong(robot, world):
+    for name in ("range_offset", "angle_step"):
+        changed = with_fault(robot, world, name).readings
+        for k, (one, other) in enumerate(zip(robot.readings, changed, strict=True)):
+            is_wrong, hit = 25 <= k < 55, one.scan.is_hit()
+            longer = 0.1 if is_wrong and name == "range_offset" else 0.0
+            np.testing.assert_allclose(other.scan.ranges[hit], one.scan.ranges[hit] + longer, atol=1e-5)
+            wider = 1.03 if is_wrong and name == "angle_step" else 1.0
+            assert other.scan.angle_increment == pytest.approx(wider * one.scan.angle_increment, rel=1e-9)
+
+
 def test_a_carried_robot_loses_the_way_between(robot, world):
     carried = with_fault(robot, world, "carried")
     jump = int(np.argmax(np.diff(carried.truth.stamps)))
