@@ -14,6 +14,7 @@ from tbmslam.mapping import InsertionConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.continuity import ContinuityConfig
 from tbmslam.monitoring.laser_check import LaserCheckConfig
+from tbmslam.monitoring.mount_check import MountCheckConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.parameters import ConfigError, changed
 from tbmslam.scan_matching.hill_climbing import HillClimbingConfig
@@ -80,6 +81,7 @@ class SlamConfig(FrozenConfig):
     continuity: ContinuityConfig = ContinuityConfig()
     blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
     odometry_check: OdometryCheckConfig = OdometryCheckConfig()
+    mount_check: MountCheckConfig = MountCheckConfig()
     map: MapConfig = MapConfig()
 
 

@@ -20,6 +20,7 @@ from tbmslam.loops.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.laser_check import laser_doubts
+from tbmslam.monitoring.mount_check import mount_doubt
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
 from tbmslam.scan_hits import ScanHits
@@ -46,6 +47,7 @@ _HELD_BACK_SAID = (
     "still come out too short"
 )
 _HELD_BACK = 0.1  # worth telling [m]
+_NO_ODOMETRY = math.nan, math.nan, math.nan
 
 
 class Slam:
@@ -80,7 +82,7 @@ class Slam:
         self._tracker = self._make_tracker()
         self._closer = self._make_closer()
         # Plain numbers, three for each pose: a day has millions.
-        self._stamps, self._poses = array("d"), array("d")
+        self._stamps, self._poses, self._odometry = array("d"), array("d"), array("d")
         self._T_map_keyframe: SE2 | None = None
         self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
         self._variances = [0.0, 0.0, 0.0]
@@ -135,6 +137,7 @@ class Slam:
             self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
         self._poses.extend(T_map_robot)
+        self._odometry.extend(reading.T_odom_robot or _NO_ODOMETRY)
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
@@ -150,7 +153,11 @@ class Slam:
         if len(self._closures):  # without, there was no drift that anybody knows of
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
-        keyframes = replace(keyframes, poses=poses[[k.index for k in part.keyframes]].reshape(-1, 3))
+        chosen = [k.index for k in part.keyframes]
+        keyframes = replace(keyframes, poses=poses[chosen].reshape(-1, 3))
+        odometry = np.array(self._odometry).reshape(-1, 3)[readings][chosen].reshape(-1, 3)
+        if what := mount_doubt(keyframes, odometry, self.config.mount_check):
+            self._monitor.note_all_along("mount", what, self.started)
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)

@@ -27,6 +27,7 @@ _CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
 _CARRIED_FOR = 2.0  # [s]
 _TOO_LONG = 1.1  # factor
 _TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of angles between beams, and what ranges are too long by [m]
+_ELSEWHERE = SE2(0.0, 0.3, math.radians(10.0))  # of the laser, as seen from where it is
 _COVER = 0.25  # where blocked beams end [m]
 
 
@@ -194,6 +195,13 @@ def _angle_step(scene: _Scene) -> SimulatedRobot:
     return replace(scene.robot, readings=tuple(readings))
 
 
+def _mount(scene: _Scene) -> SimulatedRobot:
+    """State that the laser sits elsewhere on the robot, all the time."""
+    stated = scene.robot.laser.T_robot_sensor @ _ELSEWHERE
+    readings = tuple(replace(reading, T_robot_sensor=stated) for reading in scene.robot.readings)
+    return replace(scene.robot, laser=replace(scene.robot.laser, T_robot_sensor=stated), readings=readings)
+
+
 def _scans_repeated(scene: _Scene) -> SimulatedRobot:
     """Let the laser send one scan again and again."""
     ranges, those = ranges_of(scene.robot), scene.scans()
@@ -250,6 +258,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "range_scale": _range_scale,
     "range_offset": _range_offset,
     "angle_step": _angle_step,
+    "mount": _mount,
     "scans_repeated": _scans_repeated,
     "glass": _glass,
     "people": _people,

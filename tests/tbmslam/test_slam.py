@@ -206,6 +206,24 @@ def test_a_laser_described_wrong_is_told(drive_in):
     assert told(wide, config_from_dict({"laser_fit": {"enabled": False}})) == []
 
 
+def test_a_laser_stated_elsewhere_is_told(drive_in):
+    robot = drive_in("office", 60.0, "good", seed=2)
+
+    def told(config=None, **wrong):
+        slam = Slam(config)
+        for reading in robot.readings:
+            slam.process(replace(reading, **wrong))
+        slam.finish()
+        return [incident.what for incident in slam.incidents if "laser" in incident.what]
+
+    elsewhere = SE2(0.1, 0.25, math.radians(-12.0))
+    (place,) = told(T_robot_sensor=elsewhere)
+    assert place.startswith("odometry and scans fit best where the laser sits on the robot at 0.2")
+    assert ", 0 degrees, not at 0.10, 0.25 m, -12 degrees as stated: try --sensor-pose 0.2" in place
+    assert told(T_robot_sensor=elsewhere, T_odom_robot=None) == []
+    assert told(config_from_dict({"mount_check": {"enabled": False}}), T_robot_sensor=elsewhere) == []
+
+
 def test_walls_straighten_a_drive_that_closes_little(drive_in):
     robot = drive_in("open_plan", 90.0, seed=1, beams=361)
     readings = [replace(r, T_odom_robot=None) for r in robot.readings]

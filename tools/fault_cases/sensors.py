@@ -67,6 +67,7 @@ CASES = (
     _case("all ranges 10 % too long", "range_scale@0+600", "wrong scale", remedy=True),
     _case("all ranges 0.1 m too long", "range_offset@0+600", "--range-offset -0.1", quick=True),
     _case("angles between beams stated 3 % too large", "angle_step@0+600", "--angle-step-deg", remedy=True),
+    _case("laser stated 0.3 m aside and turned by 10°", "mount@0+600", "--sensor-pose 0.28 0.00 0", remedy=True),
     _case("one scan sent again and again for 3 s", "scans_repeated@25+3", "lost"),
     _case("walls of glass", "glass@0+600"),
     _case("people cross the way all the time", "people@0+600"),

@@ -104,6 +104,13 @@ def test_a_laser_described_wrong(robot, world):
             assert other.scan.angle_increment == pytest.approx(wider * one.scan.angle_increment, rel=1e-9)
 
 
+def test_a_laser_stated_elsewhere(robot, world):
+    moved = with_fault(robot, world, "mount")
+    T_true_stated = robot.laser.T_robot_sensor.to(moved.laser.T_robot_sensor)
+    assert tuple(T_true_stated) == pytest.approx((0.0, 0.3, math.radians(10.0)))
+    assert {reading.T_robot_sensor for reading in moved.readings} == {moved.laser.T_robot_sensor}
+
+
 def test_a_carried_robot_loses_the_way_between(robot, world):
     carried = with_fault(robot, world, "carried")
     jump = int(np.argmax(np.diff(carried.truth.stamps)))

@@ -1,0 +1,124 @@
+"""Where the laser sits on the robot, by how odometry and scans say that both moved.
+
+A laser that goes along with a robot turns about it, and a laser that is turned on it drives askew: between two moments
+
+    T_robot_sensor B = A T_robot_sensor
+
+where A is the motion that the odometry tells and B the one that the scans tell. Its translations are linear in the
+laser's place and in the cosine and sine of its turn, all of them longer by as much as wheels are larger than they are
+thought to be (A. Censi et al., "Simultaneous calibration of odometry and sensor parameters for mobile robots", T-RO
+2013). A clock that lags carries the laser ahead as fast as the robot drives: one more unknown.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.se2 import FloatArray, compose, inverse
+
+_LENGTH, _TURN = 0.5, 0.3
+"""Way [m] or turn [rad] of a motion: over less, scans err by as much, and over more the odometry does."""
+_LONGEST_S = 20.0
+_LEAST_ERROR = 0.005
+"""Of a motion: scans know it no better [m]."""
+_LEAST_SCALE = 1e-6
+_ROUNDS = 10
+_SHORTEST_S, _FASTEST, _FASTEST_TURN = 1e-3, 5.0, 2.0
+"""Stamps may be anything, and no robot indoors drives or turns faster [s], [m/s], [rad/s]."""
+_FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
+"""What holds unknowns that no motion tells: the place, the turn twice, and the lag."""
+
+
+class SensorPlace(NamedTuple):
+    """A laser's place on the robot, and how well it is known."""
+
+    pose: tuple[float, float, float]
+    """T_robot_sensor: x, y [m], theta [rad]."""
+    deviations: tuple[float, float, float]
+    """Standard deviations of the same."""
+    scale: float
+    """How many times as far as the scans the odometry went."""
+
+
+def sensor_place(
+    stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, parts: int, least: int
+) -> SensorPlace | None:
+    """Return where the laser sits; None where there are too few motions.
+
+    Parameters
+    ----------
+    stamps
+        Times (K,) [s] of the poses.
+    odometry
+        Poses (K, 3) of the robot as the odometry has them; nan where there was none.
+    sensors
+        Poses (K, 3) of the laser in the map.
+    parts
+        Parts of the drive, which tell it each by itself: how far they differ is how well it is known.
+    least
+        Motions that each must have.
+    """
+    slopes, sides = _equations(stamps, odometry, sensors)
+    if len(sides) < parts * least:
+        return None
+    whole, information = _solved(slopes, sides)
+    told = [_solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
+    pulls = np.array([own @ (values - whole) for values, own in told])
+    covariance = np.linalg.inv(np.sum([own for _, own in told], axis=0))
+    differing = covariance @ (pulls.T @ pulls) @ covariance * parts / (parts - 1)
+    deviations = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), np.diag(differing)))
+    scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
+    x, y, *_ = (whole / scale).tolist()
+    deviation_x, deviation_y, *turn, _ = (deviations / scale).tolist()
+    return SensorPlace((x, y, math.atan2(whole[3], whole[2])), (deviation_x, deviation_y, max(turn)), scale)
+
+
+def _equations(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the equations' slopes (M, 2, 5) by x, y, cosine, sine and lag, and their right sides (M, 2) [m]."""
+    first, last = _ends(sensors)
+    wheels = compose(inverse(odometry[first]), odometry[last])
+    seen = compose(inverse(sensors[first]), sensors[last])
+    speeds, rates = _speeds(stamps, odometry, sensors)
+    cosine, sine = np.cos(seen[:, 2]), np.sin(seen[:, 2])
+    ahead = speeds[first] - cosine * speeds[last] - rates[first] * wheels[:, 1]
+    aside = rates[first] * wheels[:, 0] - sine * speeds[last]
+    along = np.column_stack((1.0 - cosine, sine, seen[:, 0], -seen[:, 1], ahead))
+    across = np.column_stack((-sine, 1.0 - cosine, seen[:, 1], seen[:, 0], aside))
+    slopes, sides = np.stack((along, across), axis=1), wheels[:, :2]
+    lasted = stamps[last] - stamps[first]
+    told = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(sides).all(axis=1) & (lasted < _LONGEST_S)
+    return slopes[told], sides[told]
+
+
+def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
+    """Return between which poses (2, M) there is a motion."""
+    ends, first = [], 0
+    for k in range(1, len(sensors)):
+        step = sensors[k] - sensors[first]
+        if math.hypot(step[0], step[1]) >= _LENGTH or abs(math.remainder(step[2], 2.0 * math.pi)) >= _TURN:
+            ends.append((first, k))
+            first = k
+    return np.array(ends, dtype=np.int64).reshape(-1, 2).T
+
+
+def _speeds(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how fast the robot drove ahead (K,) [m/s] and turned (K,) [rad/s] at each pose."""
+    steps, times = np.gradient(odometry[:, :2], axis=0), np.gradient(stamps)
+    ahead = np.cos(odometry[:, 2]) * steps[:, 0] + np.sin(odometry[:, 2]) * steps[:, 1]
+    turns = np.gradient(np.unwrap(sensors[:, 2]))
+    per_second = np.where(times > _SHORTEST_S, 1.0 / np.maximum(times, _SHORTEST_S), 0.0)
+    return np.clip(ahead * per_second, -_FASTEST, _FASTEST), np.clip(turns * per_second, -_FASTEST_TURN, _FASTEST_TURN)
+
+
+def _solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the unknowns (5,) and their information (5, 5); motions in which wheels slipped lose their say."""
+    weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), _FREE
+    for _ in range(_ROUNDS):
+        curvature = np.einsum("m,mij,mik->jk", weights, slopes, slopes) + _FREE
+        unknowns = np.linalg.solve(curvature, np.einsum("m,mij,mi->j", weights, slopes, sides))
+        errors = np.linalg.norm(sides - slopes @ unknowns, axis=1)
+        error = max(1.48 * float(np.median(errors)), _LEAST_ERROR)
+        weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
+    return unknowns, curvature / error**2
