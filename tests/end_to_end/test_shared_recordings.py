@@ -88,3 +88,16 @@ def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_i
     pairs = {(one["target"], one["source"]): one for one in report["pairs"]}
     assert pairs["robot_0", "robot_1"]["confidence"] >= 0.85
     assert pairs["wean.dat", "robot_0"]["agreed_wall_m"] > 25.0
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_no_laser_is_said_to_be_described_wrong(shared_data, mapped, name):
+    warnings = json.loads((mapped(shared_data, name) / "run.json").read_text())["warnings"]
+    assert not [one for one in warnings if " fit best where " in one]
+
+
+@pytest.mark.parametrize("name", ["aces", "intel"])
+def test_angles_that_the_converter_stretched_are_told(shared_data, tmp_path, name):
+    folder = build(tmp_path, shared_data / FOLDERS[name][0]) / "robot_0"
+    (told,) = [one for one in json.loads((folder / "run.json").read_text())["warnings"] if " fit best where " in one]
+    assert "degrees apart, not 1.0056 as stated: try --angle-step-deg 1, for " in told

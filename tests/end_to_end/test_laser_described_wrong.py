@@ -1,0 +1,41 @@
+"""Recordings that describe their laser wrong, and what the warnings about them are worth."""
+
+import json
+
+import pytest
+
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.files.tum import read_tum
+from tests.end_to_end.programs import build, simulate
+
+SMALL = ("--world", "office", "--seed", 3, "--duration", 75, "--beams", 361, "--rate", 8)
+
+
+def told(maps):
+    """Return the option that each warning about the laser names, with its values."""
+    warnings = json.loads((maps / "robot_0" / "run.json").read_text())["warnings"]
+    remedies = [one.split(": try ")[1].split(",")[0] for one in warnings if " fit best where " in one]
+    assert all(one in (maps / "report.html").read_text() for one in remedies)
+    return remedies
+
+
+def error(drive, maps):
+    trajectories = (read_tum(path) for path in (drive / "robot_0.truth.tum", maps / "robot_0" / "trajectory.tum"))
+    return align_trajectories(*trajectories).ate_m
+
+
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [
+        ("angle_step", "--angle-step-deg 0.5"),
+        ("range_offset", "--range-offset -0.10"),
+        ("mount", "--sensor-pose 0.28 0.00 0"),
+    ],
+)
+def test_the_option_that_a_warning_names_mends_it(tmp_path, fault, remedy):
+    drive = simulate(tmp_path / "drive", *SMALL, "--fault", f"{fault}@0+600")
+    wrong = build(tmp_path / "wrong", drive / "robot_0.bag")
+    assert told(wrong) == [remedy]
+    right = build(tmp_path / "right", drive / "robot_0.bag", *remedy.split())
+    assert told(right) == []
+    assert error(drive, right) < min(0.01, 0.3 * error(drive, wrong))
