@@ -138,6 +138,7 @@ class Slam:
         self._stamps.append(scan.stamp)
         self._poses.extend(T_map_robot)
         self._odometry.extend(reading.T_odom_robot or _NO_ODOMETRY)
+        self._cut(self._monitor.came_out_elsewhere(scan, match.T_map_sensor, T_map_robot, learnt=is_keyframe))
         return T_map_robot
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
@@ -145,6 +146,7 @@ class Slam:
 
         Where the robot got lost, it is the map of the longest part of the drive that hangs together.
         """
+        self._cut(self._monitor.ended_elsewhere())
         readings, part = self._longest_part()
         poses = np.array(self._poses).reshape(-1, 3)[readings]
         tracked = poses
@@ -222,6 +224,18 @@ class Slam:
             self._parts.append(DriveMemory(len(self._stamps), self.config.forgetting))
             found = ScanMatch(guess, 0.0, moved=False)
         return found
+
+    def _cut(self, stamp: float | None) -> None:
+        """Begin a new part of the drive at a stamp that lies a while back, if there is one."""
+        if stamp is None:
+            return
+        part, begin = self._parts[-1], len(self._stamps)
+        while begin - 1 > part.start and self._stamps[begin - 1] >= stamp:
+            begin -= 1
+        self._parts.append(part.split(begin))
+        self._tracker = self._make_tracker()
+        for keyframe in self._parts[-1].keyframes:
+            self._tracker.learn(keyframe.scan, keyframe.match)
 
     def _keep(self, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch) -> None:
         """Keep a scan as a keyframe; once there are very many, forget those that show nothing new."""

@@ -40,7 +40,7 @@ FAULTS = (
     *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck", "clock_offset"),
     *("clock_step", "stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "parts_in_view"),
     *("range_scale", "range_offset", "angle_step", "mount", "scans_repeated", "glass", "people", "crowd"),
-    *("furniture", "carried"),
+    *("furniture", "carried", "lift"),
 )
 
 

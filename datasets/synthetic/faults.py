@@ -12,6 +12,7 @@ from datasets.synthetic.simulation import SimulatedRobot, poses_at
 from datasets.synthetic.surroundings import (
     behind_glass,
     behind_posts,
+    in_a_cabin,
     ranges_of,
     with_moved_boxes,
     with_people,
@@ -242,6 +243,18 @@ def _carried(scene: _Scene) -> SimulatedRobot:
     return replace(_restamped(robot, stamps), recorded=None)
 
 
+def _lift(scene: _Scene) -> SimulatedRobot:
+    """Shut the robot up in a cabin, and let it come out, wheels still, where it would have been later."""
+    robot = scene.robot
+    shut, middle = scene.scans(), 0.5 * (scene.begin + scene.end)
+    poses = robot.truth.poses.copy()
+    if shut.any():
+        first, last = np.flatnonzero(shut)[[0, -1]]
+        poses[shut] = np.where((robot.truth.stamps[shut] < middle)[:, None], poses[first], poses[last])
+    lifted = _rescanned(_odometry_stuck(scene), shut, in_a_cabin(robot, scene.rng))
+    return replace(lifted, truth=Trajectory(robot.truth.stamps, poses))
+
+
 FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "odometry_gap": _odometry_gap,
     "odometry_jump": _odometry_jump,
@@ -265,6 +278,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "crowd": _crowd,
     "furniture": _furniture,
     "carried": _carried,
+    "lift": _lift,
 }
 """Everything that can go wrong, by name."""
 

@@ -17,6 +17,7 @@ _CROWD, _CROWD_FROM, _CROWD_TO, _ROUND = 5, 1.0, 2.0, 0.2  # people, distances [
 _BOXES, _BOX = 12, 0.5  # number, side [m]
 _POSTS = ((-1.05, 0.3, 0.03), (1.3, 0.45, 0.04))  # direction from the laser [rad], distance [m], radius [m]
 _SHAKING = 0.01  # how far parts of a driving robot are from where they belong [m]
+_CABIN = 1.9  # side of a lift's cabin [m]
 _KEPT_FREE = 0.7  # from the robot to the middle of a box or a person [m]
 
 
@@ -92,6 +93,12 @@ def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator)
     boxes = [_polygon(place, _BOX / np.sqrt(2.0), 4, rng.uniform(0.0, np.pi)) for place in places]
     before, after = np.vstack(boxes[:_BOXES]), np.vstack(boxes[_BOXES:])
     return _before(robot, [before if stamp < at else after for stamp in robot.truth.stamps], rng)
+
+
+def in_a_cabin(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
+    """Return the ranges (S, B) of all scans with the walls of a closed cabin around the robot wherever it is."""
+    things = [_polygon(pose[:2], _CABIN / math.sqrt(2.0), 4, pose[2] + math.pi / 4.0) for pose in robot.truth.poses]
+    return _before(robot, things, rng)
 
 
 def _before(robot: SimulatedRobot, things: list[FloatArray], rng: np.random.Generator) -> FloatArray:

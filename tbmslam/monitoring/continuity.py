@@ -9,6 +9,7 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import LaserScan
+from tbmslam.monitoring.shut_in import ShutInConfig
 from tbmslam.se2 import SE2, FloatArray
 
 _FEWEST_HITS = 20
@@ -56,6 +57,7 @@ class ContinuityConfig(FrozenConfig):
     )
     turn: float = Field(0.01, gt=0, description="or turned so much from there [rad]")
     slack: float = Field(0.3, ge=0, description="more of both per metre or radian that its odometry did move")
+    shut_in: ShutInConfig = ShutInConfig()
 
 
 class Comparison(NamedTuple):

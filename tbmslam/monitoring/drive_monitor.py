@@ -9,6 +9,7 @@ from tbmslam.monitoring.continuity import ContinuityConfig, changed_share, compa
 from tbmslam.monitoring.incidents import Incidents
 from tbmslam.monitoring.laser_view import LaserView
 from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
+from tbmslam.monitoring.shut_in import ComingOut, ShutIn
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
 
@@ -23,6 +24,11 @@ _REMEDY = (
 )
 CHANGED = f"all looks different after a pause, {_REMEDY}"
 MOVED = f"the robot does not stand where it stood before a pause, {_REMEDY}"
+ELSEWHERE = "shut in as in a lift, and what it saw when it came out is another place, as on another floor"
+DOUBTFUL = (
+    "shut in as in a lift, and what it saw when it came out differs from what was before: if it was a lift, make one "
+    "robot of the way before and one of the way after by --interval"
+)
 
 
 class DriveMonitor:
@@ -44,6 +50,7 @@ class DriveMonitor:
         self._continuity = continuity
         self._view = LaserView(beams, self.incidents) if beams.enabled else None
         self._odometry = OdometryCheck(odometry)
+        self._shut_in = ShutIn(continuity.shut_in) if continuity.enabled and continuity.shut_in.enabled else None
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
         self._said_all_along = set[str]()
@@ -90,6 +97,8 @@ class DriveMonitor:
             self.incidents.add(scan.stamp, told)
             if self._view is not None:
                 self._view.forget()
+        if found is None and self._shut_in is not None:
+            self._shut_in.forget()
         self._last = (scan, guess if found is None else found.T_map_sensor)
         return found
 
@@ -104,6 +113,38 @@ class DriveMonitor:
             T_odom_robot, T_robot_sensor = reading.T_odom_robot, reading.T_robot_sensor
             by_odometry = None if T_odom_robot is None else T_odom_robot @ T_robot_sensor
             self._view.note_place(T_map_robot @ T_robot_sensor, by_odometry)
+
+    def came_out_elsewhere(self, scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2, *, learnt: bool) -> float | None:
+        """Return at which stamp a drive is to be cut, as the robot was shut in then and came out elsewhere; or None.
+
+        Parameters
+        ----------
+        scan, T_map_sensor, T_map_robot
+            The last scan, and where laser and robot were found.
+        learnt
+            Whether it is a keyframe.
+        """
+        if self._shut_in is None:
+            return None
+        found = self._shut_in.look(scan, T_map_sensor, T_map_robot)
+        if learnt:
+            found = self._shut_in.note_keyframe(scan, T_map_sensor, T_map_robot) or found
+        return self._told_of(found)
+
+    def ended_elsewhere(self) -> float | None:
+        """Return the same at the end of the drive."""
+        return None if self._shut_in is None else self._told_of(self._shut_in.end())
+
+    def _told_of(self, found: ComingOut | None) -> float | None:
+        """Tell of a time shut in; return at which stamp the drive is to be cut."""
+        if found is None or self._shut_in is None:
+            return None
+        since, until = found.stay.since, found.stay.until
+        self.incidents.add(since, ELSEWHERE if found.elsewhere else DOUBTFUL, until - since)
+        if not found.elsewhere:
+            return None
+        self._shut_in.forget(until)
+        return 0.5 * (since + until)
 
     def knows_blocked_beams(self) -> bool:
         """Tell whether any beam was blocked at any time."""

@@ -62,6 +62,19 @@ class DriveMemory:
         self.keyframes.append(keyframe.moved(self._T_kept_tracked) if self._forgotten else keyframe)
         self._number += 1
 
+    def split(self, reading: int) -> "DriveMemory":
+        """Give what comes from a reading of the drive on to a memory of its own; nothing of it may be forgotten yet."""
+        later = DriveMemory(reading, self._config)
+        first = reading - self.start
+        T_tracked_kept = self._T_kept_tracked.inverse()
+        for keyframe in self.keyframes:
+            if keyframe.index >= first:
+                moved = keyframe.moved(T_tracked_kept) if self._forgotten else keyframe
+                later.add(replace(moved, index=keyframe.index - first))
+        self.keyframes = [keyframe for keyframe in self.keyframes if keyframe.index < first]
+        self._number -= len(later)
+        return later
+
     def is_full(self) -> bool:
         """Tell whether it is time to forget."""
         return len(self.keyframes) >= self._limit

@@ -12,10 +12,11 @@ from datasets.synthetic.simulation import poses_at
 from datasets.synthetic.world import World
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED, DriveMonitor
+from tbmslam.monitoring.drive_monitor import CHANGED, DOUBTFUL, ELSEWHERE, LOST, MOVED, DriveMonitor
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
+from tests.lift_ride import OTHER_ROOMS, ROOMS, floor, ride
 
 
 @pytest.fixture
@@ -271,3 +272,65 @@ def test_a_hand_before_the_laser_is_a_continuation(robot):
     slam, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
     assert not any(i.what == LOST for i in slam.incidents)
+
+
+def within(readings, begin, end):
+    """What --interval leaves of a drive."""
+    start = readings[0].scan.stamp
+    return [r for r in readings if begin <= r.scan.stamp - start <= end]
+
+
+def test_a_lift_ends_a_part_of_the_drive_and_each_part_is_a_robot_of_its_own(caplog):
+    readings, (closed, opened) = ride(floor(ROOMS), floor(OTHER_ROOMS, 2.8))
+    slam, drive = mapped(readings)
+    (lift, left_out) = slam.incidents
+    assert lift.what == ELSEWHERE
+    assert closed - 1.0 < lift.stamp < closed + 1.0
+    assert opened - 1.0 < lift.stamp + lift.seconds < opened + 1.0
+    assert any("shut in as in a lift, and what it saw when it came out is another place" in m for m in caplog.messages)
+    assert "left out of the map, make a robot of it by --interval" in left_out.what
+    begin, end = (float(number) for number in left_out.what.split()[-2:])
+    rest = within(readings, begin, end)
+    assert len(rest) + len(drive.trajectory) == pytest.approx(len(readings), abs=1)
+    other, _ = mapped(rest)
+    assert said(other) == []
+    kept, again = mapped([r for r in readings if r.scan.stamp in set(drive.trajectory.stamps.tolist())])
+    assert said(kept) == []
+    true = {r.scan.stamp: r.T_odom_robot for r in readings}
+    for way in (drive, again):
+        first = true[way.trajectory.stamps[0]].to(true[way.trajectory.stamps[-1]])
+        assert way.trajectory.pose(0).to(way.trajectory.pose(len(way.trajectory) - 1)) == pytest.approx(first, abs=0.05)
+
+
+def test_a_lift_to_a_floor_that_looks_alike_is_told_and_cuts_nothing():
+    closed_rooms = floor(((-6.0, -5.0, 0.1),))
+    open_rooms = floor(((-6.0, -5.0, 0.1), (-2.0, 2.0, 2.5)))
+    slam, drive = mapped(ride(closed_rooms, open_rooms)[0])
+    assert [i.what for i in slam.incidents] == [DOUBTFUL]
+    assert "by --interval" in DOUBTFUL
+    assert len(drive.trajectory) == len(slam._stamps)
+
+
+def test_a_closet_is_no_lift():
+    slam, drive = mapped(ride(floor(ROOMS), floor(ROOMS))[0])
+    assert said(slam) == []
+    assert len(drive.trajectory) == len(slam._stamps)
+
+
+def test_a_lift_at_the_end_of_a_drive_is_told_when_it_is_finished():
+    readings, (_, opened) = ride(floor(ROOMS), floor(OTHER_ROOMS, 2.8))
+    slam, drive = mapped([r for r in readings if r.scan.stamp < opened + 3.0])
+    assert next(i.what for i in slam.incidents) == ELSEWHERE
+    assert drive.trajectory.stamps[-1] < opened
+
+
+def test_nobody_looks_for_lifts_who_is_told_not_to():
+    readings, _ = ride(floor(ROOMS), floor(OTHER_ROOMS, 2.8))
+    config = Slam().config
+    shut_in = config.continuity.shut_in.model_copy(update={"enabled": False})
+    continuity = config.continuity.model_copy(update={"shut_in": shut_in})
+    slam = Slam(config.model_copy(update={"continuity": continuity}))
+    for reading in readings:
+        slam.process(reading)
+    assert len(slam.finish().drives[0].trajectory) == len(readings)
+    assert said(slam) == []

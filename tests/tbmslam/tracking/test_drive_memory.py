@@ -104,3 +104,23 @@ def test_rounds_without_end_need_no_more_memory():
         errors[limit] = np.hypot(*(drive.trajectory.poses - truth)[:, :2].T).max(), len(drive.keyframes)
     assert errors[400][1] < 0.6 * errors[100_000][1]
     assert errors[400][0] < errors[100_000][0] + 0.01
+
+
+@pytest.mark.parametrize("forgetful", [False, True])
+def test_a_part_that_is_split_off_is_as_it_was_tracked(rounds, memory, forgetful):
+    _, tracked, _ = rounds
+    if not forgetful:
+        memory = DriveMemory(0, ForgettingConfig())
+    number = 5 * ROUND if forgetful else 0
+    for k in range(number, number + 10):
+        match = ScanMatch(SE2.from_array(tracked[k % len(tracked)]), 0.9, moved=True)
+        memory.add(TrackedKeyframe.of(3 * k, SCAN, T_ROBOT_SENSOR, match, np.full(3, 1e-4)))
+    kept, first = len(memory.keyframes), 3 * (number + 4)
+    later = memory.split(first)
+    assert later.start == first
+    assert [k.index for k in later.keyframes] == [0, 3, 6, 9, 12, 15]
+    assert len(later) == 6
+    assert len(memory.keyframes) == kept - 6
+    assert all(k.index < first for k in memory.keyframes)
+    for k, keyframe in enumerate(later.keyframes):
+        assert keyframe.match.T_map_sensor == pytest.approx(tracked[(number + 4 + k) % len(tracked)], abs=1e-9)

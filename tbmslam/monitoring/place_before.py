@@ -1,0 +1,144 @@
+"""What was seen of a place before, held against what is seen there now: whether both are one place."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+from scipy import ndimage
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tracking.seen_space import small_things
+
+_CELL = 0.1  # [m]
+_SAME, _APART = 1, 3  # cells: what is so near is the same, what is farther is not
+_MOST_DIRECTIONS = 360
+
+
+class PlaceBeforeConfig(FrozenConfig):
+    """How two views of a place are held against each other."""
+
+    reach: float = Field(10.0, gt=0, description="hits farther from the laser are not compared [m]")
+    around: float = Field(15.0, gt=0, description="nor any farther from the place [m]")
+    within: float = Field(2.0, ge=0, description="nor any within this, the place's own walls [m]")
+    depth: float = Field(0.3, gt=0, description="how far a scan must go on behind a place to see through it [m]")
+
+
+class View(NamedTuple):
+    """A scan, as far as it is compared.
+
+    Parameters
+    ----------
+    T_map_sensor
+        Where it was taken.
+    points
+        Its hits (M, 2) on walls, without things as small as people, in the map [m].
+    seen
+        How far all is empty in each of some directions (D,) around the laser [m].
+    """
+
+    T_map_sensor: SE2
+    points: FloatArray
+    seen: FloatArray
+
+    @classmethod
+    def of(cls, scan: LaserScan, T_map_sensor: SE2, reach: float) -> "View":
+        """Look at a scan."""
+        hits = scan.hit_points()
+        directions = min(_MOST_DIRECTIONS, max(int(2.0 * np.pi / max(abs(scan.angle_increment), 1e-6)), 1))
+        kept = hits[~small_things(hits) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)] if len(hits) else hits
+        return cls(T_map_sensor, T_map_sensor.apply(kept), seen_distances(hits, directions))
+
+
+class Contrast(NamedTuple):
+    """How much wall two views of a place have in common, and how much not.
+
+    Parameters
+    ----------
+    agreeing
+        Length of walls that were there before and are there [m].
+    standing
+        Length of walls that stand where was seen through before [m].
+    gone
+        Length of walls that were there before and are seen through [m].
+    """
+
+    agreeing: float
+    standing: float
+    gone: float
+
+    def contradicting(self) -> float:
+        """Return the length that contradicts both ways: who walks about, or a door that opens, does so in one [m]."""
+        return min(self.standing, self.gone)
+
+
+class PlaceBefore:
+    """Remembers what was seen around a place, and compares what is seen from now on.
+
+    Parameters
+    ----------
+    views
+        What was seen.
+    T_map_place
+        Where the robot stood.
+    config
+        How they are compared.
+    """
+
+    def __init__(self, views: Iterable[View], T_map_place: SE2, config: PlaceBeforeConfig) -> None:
+        self._config = config
+        self._place = np.array((T_map_place.x, T_map_place.y))
+        side = 2 * round(config.around / _CELL)
+        self._before, self._now, self._standing, self._gone = (np.zeros((side, side), dtype=np.bool_) for _ in range(4))
+        kept = deque(views)
+        self._lasers = np.array([view.T_map_sensor for view in kept]).reshape(-1, 3)
+        self._seen = [view.seen for view in kept]
+        for view in kept:
+            self._before[self._cells(self._compared(view.points))] = True
+        self._walls = (np.argwhere(self._before) + 0.5) * _CELL - config.around + self._place
+        self._near_before = _grown(self._before, _APART)
+
+    def see(self, view: View) -> None:
+        """Compare what is seen now."""
+        points = self._compared(view.points)
+        cells = self._cells(points)
+        self._now[cells] = True
+        new = points[~self._near_before[cells]]
+        stands = np.zeros(len(new), dtype=np.bool_)
+        for laser, seen in zip(self._lasers, self._seen, strict=True):
+            stands |= self._is_seen_through(new, laser, seen)
+        self._standing[self._cells(new[stands])] = True
+        near = np.hypot(*(self._walls - view.T_map_sensor[:2]).T) <= self._config.reach
+        walls = self._walls[near]
+        gone = self._is_seen_through(walls, np.array(view.T_map_sensor), view.seen)
+        self._gone[self._cells(walls[gone])] = True
+
+    def contrast(self) -> Contrast:
+        """Return how both compare by now."""
+        agreeing = self._now & _grown(self._before, _SAME)
+        gone = self._gone & ~_grown(self._now, _APART)
+        return Contrast(*(_CELL * int(np.count_nonzero(those)) for those in (agreeing, self._standing, gone)))
+
+    def _is_seen_through(self, points: FloatArray, laser: FloatArray, seen: FloatArray) -> npt.NDArray[np.bool_]:
+        return stands_in_seen_space(points, SE2.identity(), laser[None], seen[None], self._config.depth)
+
+    def _compared(self, points: FloatArray) -> FloatArray:
+        away = points - self._place
+        distances = np.hypot(away[:, 0], away[:, 1])
+        kept: FloatArray = points[(distances > self._config.within) & (np.abs(away).max(axis=1) < self._config.around)]
+        return kept
+
+    def _cells(self, points: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        cells = np.floor((points - self._place + self._config.around) / _CELL).astype(np.int64)
+        return cells[:, 0], cells[:, 1]
+
+
+def _grown(those: npt.NDArray[np.bool_], cells: int) -> npt.NDArray[np.bool_]:
+    size = 2 * cells + 1
+    grown: npt.NDArray[np.bool_] = ndimage.maximum_filter(those, size=size)
+    return grown

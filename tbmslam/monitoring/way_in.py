@@ -1,0 +1,44 @@
+"""The way on which a robot came: whether a wall stands on it by now, as where a door was shut behind it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tbmslam.laser_scan import LaserScan
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tracking.seen_space import small_things
+
+_ON_WAY = 0.15  # what stands nearer to the robot's way than this stands where it drove [m]
+_CLEAR = 0.6  # of where it is, as it may turn there [m]
+_FEWEST = 3  # hits
+
+
+def is_shut(way: Sequence[SE2], scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2, reach: float) -> bool:
+    """Tell whether a scan hits what is larger than people on the way of the robot.
+
+    Parameters
+    ----------
+    way
+        Where the robot was before, the last last.
+    scan, T_map_sensor, T_map_robot
+        What is seen now, and from where.
+    reach
+        Hits beyond this are not looked at [m].
+    """
+    places = np.array([(pose.x, pose.y) for pose in way]).reshape(-1, 2)
+    begins, steps = places[:-1], np.diff(places, axis=0)
+    behind = np.hypot(begins[:, 0] - T_map_robot.x, begins[:, 1] - T_map_robot.y) > _CLEAR
+    hits = scan.hit_points()
+    if not behind.any() or not len(hits):
+        return False
+    walls = T_map_sensor.apply(hits[~small_things(hits) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)])
+    apart = _distances(walls, begins[behind], steps[behind])
+    return int(np.count_nonzero((apart < _ON_WAY).any(axis=1))) >= _FEWEST
+
+
+def _distances(points: FloatArray, begins: FloatArray, steps: FloatArray) -> FloatArray:
+    """Return how far points (M, 2) are from segments, begins and steps (K, 2), as (M, K) [m]."""
+    rest = points[:, None] - begins
+    along = np.sum(rest * steps, axis=2) / np.maximum(np.sum(steps**2, axis=1), 1e-9)
+    distances: FloatArray = np.linalg.norm(rest - along.clip(0.0, 1.0)[:, :, None] * steps, axis=2)
+    return distances
