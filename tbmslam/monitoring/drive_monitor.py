@@ -137,13 +137,14 @@ class DriveMonitor:
 
     def _told_of(self, found: ComingOut | None) -> float | None:
         """Tell of a time shut in; return at which stamp the drive is to be cut."""
-        if found is None or self._shut_in is None:
+        if found is None:
             return None
         since, until = found.stay.since, found.stay.until
         self.incidents.add(since, ELSEWHERE if found.elsewhere else DOUBTFUL, until - since)
         if not found.elsewhere:
             return None
-        self._shut_in.forget(until)
+        if self._view is not None:
+            self._view.forget()
         return 0.5 * (since + until)
 
     def knows_blocked_beams(self) -> bool:

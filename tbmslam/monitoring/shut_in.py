@@ -14,6 +14,8 @@ from tbmslam.monitoring.way_in import is_shut
 from tbmslam.se2 import SE2
 
 _EVERY = 0.5  # [s]
+_MOST_SEEN = 400  # a robot that turns and turns goes no way
+_STANDING = 2.0  # a robot that drives has left by then where it was [s]
 
 
 class ShutInConfig(FrozenConfig):
@@ -79,6 +81,15 @@ class ComingOut(NamedTuple):
     elsewhere: bool
 
 
+class _Seen(NamedTuple):
+    """A keyframe, and the way that the robot had gone by then [m]."""
+
+    scan: LaserScan
+    T_map_sensor: SE2
+    T_map_robot: SE2
+    way: float
+
+
 class ShutIn:
     """Watches for a robot that is shut in, and for where it comes out.
 
@@ -92,23 +103,24 @@ class ShutIn:
         self._config = config
         self._looked = -math.inf
         self._stay: Stay | None = None  # as long as it lasts
-        self.forget()
+        self._past: tuple[Stay, PlaceBefore, float] | None = None  # the last that counts, and the way at its end
+        self._seen: deque[_Seen] = deque(maxlen=_MOST_SEEN)
+        self._way = 0.0
 
     def forget(self, before: float = math.inf) -> None:
         """Forget what was seen before a stamp [s]."""
-        kept = [seen for seen in getattr(self, "_seen", ()) if seen[0].stamp >= before]
-        self._seen: deque[tuple[LaserScan, SE2, SE2, float]] = deque(kept)  # keyframes: scan, laser, robot, way
-        self._way = self._seen[-1][3] if self._seen else 0.0
-        self._past: tuple[Stay, PlaceBefore, float] | None = None  # the last that counts, and the way at its end
+        self._past = None
+        self._seen = deque((seen for seen in self._seen if seen.scan.stamp >= before), _MOST_SEEN)
 
     def look(self, scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2) -> ComingOut | None:
-        """Look at a scan, at one or two a second; return what is known by it of a stay that has come to be the last."""
+        """Look at a scan, two a second at the most; where a stay ends, return what is known by then of the one before."""
         if 0.0 <= scan.stamp - self._looked < _EVERY:
             return None
         self._looked = scan.stamp
         stay, is_near = self._stay, self._is_near(scan)
         if stay is not None and is_near and _apart(stay.T_map_robot, T_map_robot) <= self._config.still:
-            closed = stay.closed or self._is_shut(scan, T_map_sensor, T_map_robot)
+            stands = scan.stamp - stay.since >= _STANDING
+            closed = stay.closed or (stands and self._is_shut(scan, T_map_sensor, T_map_robot))
             self._stay = stay._replace(until=scan.stamp, closed=closed)
             return None
         self._stay = Stay(scan.stamp, scan.stamp, T_map_robot, closed=False) if is_near else None
@@ -118,9 +130,9 @@ class ShutIn:
         """Learn from a keyframe; return what is known by it of the last stay, if that is enough."""
         config = self._config
         if self._seen:
-            self._way += _apart(self._seen[-1][2], T_map_robot)
-        self._seen.append((scan, T_map_sensor, T_map_robot, self._way))
-        while self._way - self._seen[0][3] > config.back + config.ahead:
+            self._way += _apart(self._seen[-1].T_map_robot, T_map_robot)
+        self._seen.append(_Seen(scan, T_map_sensor, T_map_robot, self._way))
+        while self._way - self._seen[0].way > config.back + config.ahead:
             self._seen.popleft()
         if self._past is None:
             return None
@@ -130,34 +142,40 @@ class ShutIn:
             return None
         found = self._judged()
         if (found is not None and found.elsewhere) or self._way - left >= config.ahead:
-            self._past = None
-            return found
+            return self._concluded(found)
         return None
 
     def end(self) -> ComingOut | None:
         """Return what is known of the last stay at the end of the drive."""
-        found = self._judged()
-        self._past = None
-        return found
+        return self._concluded(self._judged())
 
     def _is_near(self, scan: LaserScan) -> bool:
-        ranges = scan.ranges
-        far = np.count_nonzero(ranges > self._config.near)
-        return bool(far <= self._config.share * np.count_nonzero(ranges > 0.0) and np.isfinite(ranges).any())
+        far, share = np.count_nonzero(scan.ranges > self._config.near), self._config.share
+        if far > share * len(scan.ranges):  # mostly
+            return False
+        return bool(far <= share * np.count_nonzero(scan.ranges > 0.0) and np.isfinite(scan.ranges).any())
 
     def _ended(self, stay: Stay) -> ComingOut | None:
         """Begin to compare what was before a stay with what comes after it."""
         config = self._config
         if stay.until - stay.since < (config.seconds_closed if stay.closed else config.seconds):
             return None
-        if self._past is not None and not stay.outweighs(self._past[0]):
-            return None
-        before = [seen for seen in self._seen if seen[0].stamp < stay.since and self._way - seen[3] <= config.back]
-        if not before:
-            return None
         found = self._judged()
-        views = [View.of(scan, T_map_sensor, config.place.reach) for scan, T_map_sensor, _, _ in before]
-        self._past = stay, PlaceBefore(views, stay.T_map_robot, config.place), self._way
+        is_decided = self._past is None or (found is not None and found.elsewhere)
+        if not is_decided and self._past is not None and not stay.outweighs(self._past[0]):
+            return None
+        self._concluded(found)
+        before = [k for k in self._seen if k.scan.stamp < stay.since and self._way - k.way <= config.back]
+        if before:
+            views = [View.of(k.scan, k.T_map_sensor, config.place.reach) for k in before]
+            self._past = stay, PlaceBefore(views, stay.T_map_robot, config.place), self._way
+        return found
+
+    def _concluded(self, found: ComingOut | None) -> ComingOut | None:
+        """Return what is known of the last stay and be done with it; elsewhere, what was before is no part of it."""
+        self._past = None
+        if found is not None and found.elsewhere:
+            self.forget(found.stay.until)
         return found
 
     def _judged(self) -> ComingOut | None:
@@ -176,7 +194,7 @@ class ShutIn:
     def _is_shut(self, scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2) -> bool:
         """Tell whether a wall stands where the robot drove a little while ago."""
         near = self._config.near
-        way = [T_map_then for _, _, T_map_then, at in self._seen if self._way - at <= 2.0 * near]
+        way = [seen.T_map_robot for seen in self._seen if self._way - seen.way <= 2.0 * near]
         return is_shut(way, scan, T_map_sensor, T_map_robot, near)
 
 

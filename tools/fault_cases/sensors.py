@@ -84,4 +84,5 @@ CASES = (
         world="corridor",
         remedy=True,
     ),
+    _case("robot shut in as in a lift, comes out elsewhere", "lift@25+12", "another place", quick=True),
 )

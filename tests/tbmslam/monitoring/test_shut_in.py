@@ -115,3 +115,25 @@ def test_of_two_stays_the_one_seen_shut_counts():
     _, found = watched([*readings[:11], *waiting, *later])
     (cut,) = [coming for _, coming in found if coming.elsewhere]
     assert cut.stay.since == pytest.approx(closed + 16.0, abs=1.0)
+
+
+def test_a_lift_that_stops_on_the_way_is_told_twice():
+    """The doors open for two seconds onto a floor that the robot sees from the cabin only."""
+    (first, (_, opened)), (second, (closed, _)) = ride(FLOOR, OTHER), ride(OTHER, floor(ROOMS, 5.0))
+    peek = [r for r in first if r.scan.stamp < opened + 2.0]
+    later = peek[-1].scan.stamp + 0.2 - closed
+    rest = [replace(r, scan=replace(r.scan, stamp=r.scan.stamp + later)) for r in second if r.scan.stamp >= closed]
+    _, found = watched([*peek, *rest])
+    assert [coming.elsewhere for _, coming in found] == [True, True]
+    assert found[0][1].stay.until < opened < found[1][1].stay.since
+
+
+def test_a_ride_soon_after_a_longer_stay_is_told_once():
+    """The robot waits in the cabin while its door opens again onto the same floor."""
+    (first, (_, opened)), (second, (closed, _)) = ride(FLOOR, FLOOR, 30.0), ride(FLOOR, OTHER, 8.0)
+    waits = [r for r in first if r.scan.stamp < opened + 2.0]
+    later = waits[-1].scan.stamp + 0.2 - closed
+    rest = [replace(r, scan=replace(r.scan, stamp=r.scan.stamp + later)) for r in second if r.scan.stamp >= closed]
+    _, found = watched([*waits, *rest])
+    assert found[0][1].elsewhere
+    assert len(found) == 1
