@@ -1,6 +1,5 @@
 """What was seen of a place before, held against what is seen there now: whether both are one place."""
 
-from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -17,6 +16,8 @@ from tbmslam.tracking.seen_space import small_things
 
 _CELL = 0.1  # [m]
 _SAME, _APART = 1, 3  # cells: what is so near is the same, what is farther is not
+_BLOCK, _FEWEST_VIEWS = 3, 3  # cells of a side; views in which something must be there
+_AROUND = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))  # [m]
 _MOST_DIRECTIONS = 360
 
 
@@ -93,21 +94,26 @@ class PlaceBefore:
     def __init__(self, views: Iterable[View], T_map_place: SE2, config: PlaceBeforeConfig) -> None:
         self._config = config
         self._place = np.array((T_map_place.x, T_map_place.y))
-        side = 2 * round(config.around / _CELL)
+        blocks = 2 * round(config.around / (_BLOCK * _CELL))
+        side = _BLOCK * blocks
+        self._half = 0.5 * _CELL * side
         self._before, self._now, self._standing, self._gone = (np.zeros((side, side), dtype=np.bool_) for _ in range(4))
-        kept = deque(views)
+        self._times = np.zeros((blocks, blocks), dtype=np.int64)  # in how many views of now something was there
+        kept = list(views)
         self._lasers = np.array([view.T_map_sensor for view in kept]).reshape(-1, 3)
         self._seen = [view.seen for view in kept]
+        times = np.zeros_like(self._times)
         for view in kept:
-            self._before[self._cells(self._compared(view.points))] = True
-        self._walls = (np.argwhere(self._before) + 0.5) * _CELL - config.around + self._place
+            self._before[self._noted(view, times)] = True
+        self._before &= _often(times)
+        self._walls = (np.argwhere(self._before) + 0.5) * _CELL - self._half + self._place
         self._near_before = _grown(self._before, _APART)
 
     def see(self, view: View) -> None:
         """Compare what is seen now."""
-        points = self._compared(view.points)
-        cells = self._cells(points)
+        cells = self._noted(view, self._times)
         self._now[cells] = True
+        points = self._compared(view.points)
         new = points[~self._near_before[cells]]
         stands = np.zeros(len(new), dtype=np.bool_)
         for laser, seen in zip(self._lasers, self._seen, strict=True):
@@ -121,21 +127,41 @@ class PlaceBefore:
     def contrast(self) -> Contrast:
         """Return how both compare by now."""
         agreeing = self._now & _grown(self._before, _SAME)
+        standing = self._standing & _often(self._times)
         gone = self._gone & ~_grown(self._now, _APART)
-        return Contrast(*(_CELL * int(np.count_nonzero(those)) for those in (agreeing, self._standing, gone)))
+        return Contrast(*(_CELL * int(np.count_nonzero(those)) for those in (agreeing, standing, gone)))
 
     def _is_seen_through(self, points: FloatArray, laser: FloatArray, seen: FloatArray) -> npt.NDArray[np.bool_]:
-        return stands_in_seen_space(points, SE2.identity(), laser[None], seen[None], self._config.depth)
+        """Return through which places (M, 2) a laser saw, and through what is around them: beams graze walls."""
+        through = np.ones(len(points), dtype=np.bool_)
+        for shift in _AROUND:
+            place, depth = SE2(*shift, 0.0), self._config.depth
+            through &= stands_in_seen_space(points, place, laser[None], seen[None], depth)
+        return through
+
+    def _noted(self, view: View, times: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return the cells that a view hits, and count the view for each block of them."""
+        cells = self._cells(self._compared(view.points))
+        hit = np.zeros(times.shape, dtype=np.bool_)
+        hit[cells[0] // _BLOCK, cells[1] // _BLOCK] = True
+        times += hit
+        return cells
 
     def _compared(self, points: FloatArray) -> FloatArray:
         away = points - self._place
         distances = np.hypot(away[:, 0], away[:, 1])
-        kept: FloatArray = points[(distances > self._config.within) & (np.abs(away).max(axis=1) < self._config.around)]
+        kept: FloatArray = points[(distances > self._config.within) & (np.abs(away).max(axis=1) < self._half)]
         return kept
 
     def _cells(self, points: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        cells = np.floor((points - self._place + self._config.around) / _CELL).astype(np.int64)
+        cells = np.floor((points - self._place + self._half) / _CELL).astype(np.int64)
         return cells[:, 0], cells[:, 1]
+
+
+def _often(times: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return in which cells something was there in several views, as walls are, and who walks is not."""
+    often: npt.NDArray[np.bool_] = np.kron(times >= _FEWEST_VIEWS, np.ones((_BLOCK, _BLOCK), dtype=np.bool_))
+    return often
 
 
 def _grown(those: npt.NDArray[np.bool_], cells: int) -> npt.NDArray[np.bool_]:

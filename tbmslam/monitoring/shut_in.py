@@ -32,14 +32,14 @@ class ShutInConfig(FrozenConfig):
     back: float = Field(20.0, gt=0, description="way before that is compared with the way after [m]")
     soon: float = Field(3.0, ge=0, description="way after it from which on both may be told apart [m]")
     ahead: float = Field(15.0, gt=0, description="way after it that is compared [m]")
-    elsewhere: float = Field(3.0, gt=0, description="length of walls that contradict, both ways, for another place [m]")
-    elsewhere_share: float = Field(0.15, gt=0, description="and that per length of walls that agree")
-    doubtful: float = Field(1.5, gt=0, description="length of them that is told, but cuts nothing [m]")
-    doubtful_share: float = Field(0.03, gt=0, description="and that per length of walls that agree")
+    elsewhere: float = Field(2.0, gt=0, description="length of walls that contradict, both ways, for another place [m]")
+    elsewhere_share: float = Field(0.05, gt=0, description="and that per length of walls that agree")
+    doubtful: float = Field(0.8, gt=0, description="length of them that is told, but cuts nothing [m]")
+    doubtful_share: float = Field(0.02, gt=0, description="and that per length of walls that agree")
     closed: float = Field(
-        0.33, gt=0, le=1, description="share of all four that is enough where the way it came in was seen shut"
+        0.5, gt=0, le=1, description="share of all four that is enough where the way it came in was seen shut"
     )
-    gone: float = Field(2.0, gt=0, description="length of walls that are gone which is told there, too [m]")
+    one_way: float = Field(2.0, gt=0, description="length that contradicts in one way only and is told there, too [m]")
     place: PlaceBeforeConfig = PlaceBeforeConfig()
 
 
@@ -113,7 +113,7 @@ class ShutIn:
         self._seen = deque((seen for seen in self._seen if seen.scan.stamp >= before), _MOST_SEEN)
 
     def look(self, scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2) -> ComingOut | None:
-        """Look at a scan, two a second at the most; where a stay ends, return what is known by then of the one before."""
+        """Look at a scan, at two a second; where a stay ends, return what is known by then of the one before."""
         if 0.0 <= scan.stamp - self._looked < _EVERY:
             return None
         self._looked = scan.stamp
@@ -187,7 +187,7 @@ class ShutIn:
         if _reaches(contrast, enough * config.elsewhere, enough * config.elsewhere_share):
             return ComingOut(stay, elsewhere=True)
         doubtful = _reaches(contrast, enough * config.doubtful, enough * config.doubtful_share)
-        if doubtful or (stay.closed and contrast.gone >= config.gone):
+        if doubtful or (stay.closed and max(contrast.standing, contrast.gone) >= config.one_way):
             return ComingOut(stay, elsewhere=False)
         return None
 

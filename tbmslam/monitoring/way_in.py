@@ -34,7 +34,7 @@ def is_shut(way: Sequence[SE2], scan: LaserScan, T_map_sensor: SE2, T_map_robot:
     apart = _distances(T_map_sensor.apply(hits), begins[behind], steps[behind])
     on_way = (apart < _ON_WAY).any(axis=1) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)
     # Looking for small things takes longer than all else.
-    return on_way.sum() >= _FEWEST and int(np.count_nonzero(on_way & ~small_things(hits))) >= _FEWEST
+    return int(on_way.sum()) >= _FEWEST and int(np.count_nonzero(on_way & ~small_things(hits))) >= _FEWEST
 
 
 def _distances(points: FloatArray, begins: FloatArray, steps: FloatArray) -> FloatArray:
