@@ -34,8 +34,8 @@ class ShutInConfig(FrozenConfig):
     ahead: float = Field(15.0, gt=0, description="way after it that is compared [m]")
     elsewhere: float = Field(2.0, gt=0, description="length of walls that contradict, both ways, for another place [m]")
     elsewhere_share: float = Field(0.05, gt=0, description="and that per length of walls that agree")
-    doubtful: float = Field(0.8, gt=0, description="length of them that is told, but cuts nothing [m]")
-    doubtful_share: float = Field(0.02, gt=0, description="and that per length of walls that agree")
+    doubtful: float = Field(0.6, gt=0, description="length of them that is told, but cuts nothing [m]")
+    doubtful_share: float = Field(0.015, gt=0, description="and that per length of walls that agree")
     closed: float = Field(
         0.5, gt=0, le=1, description="share of all four that is enough where the way it came in was seen shut"
     )
