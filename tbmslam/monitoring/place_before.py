@@ -134,9 +134,9 @@ class PlaceBefore:
     def _is_seen_through(self, points: FloatArray, laser: FloatArray, seen: FloatArray) -> npt.NDArray[np.bool_]:
         """Return through which places (M, 2) a laser saw, and through what is around them: beams graze walls."""
         through = np.ones(len(points), dtype=np.bool_)
-        for shift in _AROUND:
-            place, depth = SE2(*shift, 0.0), self._config.depth
-            through &= stands_in_seen_space(points, place, laser[None], seen[None], depth)
+        for x, y in _AROUND:
+            left, place = points[through], SE2(x, y, 0.0)
+            through[through] = stands_in_seen_space(left, place, laser[None], seen[None], self._config.depth)
         return through
 
     def _noted(self, view: View, times: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
