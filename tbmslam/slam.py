@@ -284,27 +284,28 @@ class Slam:
             scans = self._hits_of(keyframes)
             closed, closures = self._closed(self._closer, part, scans, self._watch)
             self._measured = motions(part.keyframes)
-            closed = self._adjusted(closed, scans, self._measured, closures)
-            self._check_laser(keyframes, closed, self._measured)
+            steps = chain(self._measured)
+            closed = self._adjusted(closed, scans, steps, closures)
+            self._check_laser(keyframes, closed, steps)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
         return poses if closed is None else part.corrected(poses, closed)
 
     def _adjusted(
-        self, poses: FloatArray, scans: ScanHits, measured: DriveMotions, closures: list[MotionEdge]
+        self, poses: FloatArray, scans: ScanHits, steps: list[MotionEdge], closures: list[MotionEdge]
     ) -> FloatArray:
         """Return the poses (K, 3) of the laser at keyframes after all that they saw of each wall was laid together."""
         if not self.config.adjustment.enabled:
             return poses
         with self._watch.during("adjusting"):
             width = self.config.loop_closing.robust_width
-            return adjust(poses, [scans], chain(measured), closures, width, self.config.adjustment)
+            return adjust(poses, [scans], steps, closures, width, self.config.adjustment)
 
-    def _check_laser(self, keyframes: Keyframes, poses: FloatArray, measured: DriveMotions) -> None:
+    def _check_laser(self, keyframes: Keyframes, poses: FloatArray, steps: list[MotionEdge]) -> None:
         """Note where walls fit better, at poses (K, 3) of the laser, if it is another than it is described."""
         if not self.config.laser_fit.enabled:
             return
         with self._watch.during("checking the laser"):
-            errors = fit_laser(keyframes, poses, chain(measured), self.config.laser_fit, self.config.adjustment)
+            errors = fit_laser(keyframes, poses, steps, self.config.laser_fit, self.config.adjustment)
         if errors is not None:
             for about, what in laser_doubts(errors, keyframes, self.config.laser_check).items():
                 self._monitor.note_all_along(about, what, self.started)
