@@ -24,9 +24,13 @@ from tbmslam.se2 import FloatArray, way_lengths
 logger = logging.getLogger(__name__)
 
 _SETTLED = np.array([5e-4, 2e-3])
-"""No more rounds are worth it once they change the scale [1] and the offset [m] by less."""
+"""No more rounds are worth it once they change the scale [1] and the offset [m] by less,"""
+_OF_DEVIATION = 0.3
+"""or by less than this share of how well either is known."""
 _CHANCE = 2.0
 """Nor where both are within so many standard deviations of nothing."""
+_FARTHEST = np.array([0.1, 0.5])
+"""No laser is as wrong, in scale and offset [m], and beyond, walls fit ever better as hits are drawn into a heap."""
 
 
 def fit_laser(
@@ -36,7 +40,7 @@ def fit_laser(
     config: LaserFitConfig,
     pieces: AdjustmentConfig,
 ) -> LaserErrors | None:
-    """Return what is wrong with a laser's description; None where the drive is too short to tell.
+    """Return what is wrong with a laser's description; None where too little of the drive or of the view tells it.
 
     Parameters
     ----------
@@ -49,6 +53,9 @@ def fit_laser(
     config, pieces
         How it is sought, and what a piece of wall is.
     """
+    fans = np.diff(keyframes.offsets) * np.abs(keyframes.beams[:, 1])
+    if not len(fans) or float(np.median(fans)) < config.least_fan:
+        return None
     parts = [
         SelfCalibration(keyframes, poses, steps, scans, config, pieces)
         for scans in _parts(poses, config, pieces)
@@ -56,21 +63,30 @@ def fit_laser(
     ]
     if len(parts) < config.least_parts:
         return None
-    found, before = np.zeros(4), np.full(2, np.inf)
-    notable = np.array([config.notable_scale, config.notable_offset])
-    for _ in range(config.rounds):
-        found = _joined([part.improved() for part in parts])
-        if (np.abs(found[:2]) < np.maximum(notable, _CHANCE * found[2:])).all() or (
-            np.abs(found[:2] - before) < _SETTLED
-        ).all():
-            break
-        before = found[:2]
+    found = _settled(parts, config)
+    if found is None:
+        return None
     scale, offset, scale_deviation, offset_deviation = found.tolist()
     logger.info(
         "angles between beams fit %+.2f%% (%.2f%%) larger, ranges %+.3f m (%.3f m) longer",
         *(100.0 * scale, 100.0 * scale_deviation, offset, offset_deviation),
     )
     return LaserErrors(scale, scale_deviation, offset, offset_deviation)
+
+
+def _settled(parts: Sequence[SelfCalibration], config: LaserFitConfig) -> FloatArray | None:
+    """Return what parts tell together, see `_joined`, once it hardly changes; None where it goes astray."""
+    before, notable = np.full(2, np.inf), np.array([config.notable_scale, config.notable_offset])
+    for _ in range(config.rounds):
+        found = _joined([part.improved() for part in parts])
+        numbers, deviations = found[:2], found[2:]
+        if (np.abs(numbers) > _FARTHEST).any():
+            return None
+        is_nothing = (np.abs(numbers) < np.maximum(notable, _CHANCE * deviations)).all()
+        if is_nothing or (np.abs(numbers - before) < np.maximum(_SETTLED, _OF_DEVIATION * deviations)).all():
+            return found
+        before = numbers
+    return None
 
 
 def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:

@@ -9,10 +9,13 @@ class LaserFitConfig(FrozenConfig):
     """How the angle between beams, and the zero of ranges, are sought that fit walls best."""
 
     enabled: bool = Field(True, description="seek them at all, after adjusting drive and walls")
-    most_parts: int = Field(8, ge=2, description="parts of a drive that tell them each by itself, at the most")
+    most_parts: int = Field(6, ge=2, description="parts of a drive that tell them each by itself, at the most")
     least_parts: int = Field(4, ge=2, description="and at the least, or else nothing is told")
     shortest: float = Field(5.0, gt=0, description="travelled length of a part at the least [m]")
-    longest: float = Field(30.0, gt=0, description="and at the most, the rest of the drive not being looked at [m]")
+    longest: float = Field(40.0, gt=0, description="and at the most, the rest of the drive not being looked at [m]")
+    least_fan: float = Field(
+        1.75, gt=0, description="from the first beam to the last [rad]: narrower ones fit best with all hits in a heap"
+    )
     max_range: float = Field(12.0, gt=0, description="hits beyond this are not used [m]")
     hits: int = Field(180, ge=10, description="hits of a scan that are used, about")
     deviation: float = Field(0.03, gt=0, description="of a hit from its wall [m]")

@@ -18,9 +18,7 @@ class LaserCheckConfig(FrozenConfig):
     scale: float = Field(
         0.0035, gt=0, description="share by which angles between beams are wrong that is worth a warning"
     )
-    offset: float = Field(
-        0.06, gt=0, description="offset of ranges that is [m]; niches seen from aside alone look like 0.04"
-    )
+    offset: float = Field(0.06, gt=0, description="offset of ranges that is [m]; a real laser without looked like 0.05")
     sure: float = Field(4.0, gt=0, description="standard deviations that either must be, too")
 
 
