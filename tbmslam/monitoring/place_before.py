@@ -1,6 +1,6 @@
 """What was seen of a place before, held against what is seen there now: whether both are one place."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -99,14 +99,12 @@ class PlaceBefore:
         self._half = 0.5 * _CELL * side
         self._before, self._now, self._standing, self._gone = (np.zeros((side, side), dtype=np.bool_) for _ in range(4))
         self._times = np.zeros((blocks, blocks), dtype=np.int64)  # in how many views of now something was there
-        kept = list(views)
-        self._lasers = np.array([view.T_map_sensor for view in kept]).reshape(-1, 3)
-        self._seen = [view.seen for view in kept]
+        self._views_before, self._views_now = list(views), list[View]()
         times = np.zeros_like(self._times)
-        for view in kept:
+        for view in self._views_before:
             self._before[self._noted(view, times)] = True
-        self._before &= _often(times)
-        self._walls = (np.argwhere(self._before) + 0.5) * _CELL - self._half + self._place
+        self._before = self._standing_still(self._before & _often(times), self._views_before)
+        self._walls = self._places(self._before)
         self._near_before = _grown(self._before, _APART)
 
     def see(self, view: View) -> None:
@@ -115,29 +113,41 @@ class PlaceBefore:
         self._now[cells] = True
         points = self._compared(view.points)
         new = points[~self._near_before[cells]]
-        stands = np.zeros(len(new), dtype=np.bool_)
-        for laser, seen in zip(self._lasers, self._seen, strict=True):
-            stands |= self._is_seen_through(new, laser, seen)
-        self._standing[self._cells(new[stands])] = True
+        self._standing[self._cells(new[self._are_seen_through(new, self._views_before)])] = True
+        self._views_now.append(view)
         near = np.hypot(*(self._walls - view.T_map_sensor[:2]).T) <= self._config.reach
         walls = self._walls[near]
-        gone = self._is_seen_through(walls, np.array(view.T_map_sensor), view.seen)
-        self._gone[self._cells(walls[gone])] = True
+        self._gone[self._cells(walls[self._are_seen_through(walls, [view])])] = True
 
     def contrast(self) -> Contrast:
         """Return how both compare by now."""
         agreeing = self._now & _grown(self._before, _SAME)
-        standing = self._standing & _often(self._times)
+        standing = self._standing_still(self._standing & _often(self._times), self._views_now)
         gone = self._gone & ~_grown(self._now, _APART)
         return Contrast(*(_CELL * int(np.count_nonzero(those)) for those in (agreeing, standing, gone)))
 
-    def _is_seen_through(self, points: FloatArray, laser: FloatArray, seen: FloatArray) -> npt.NDArray[np.bool_]:
-        """Return through which places (M, 2) a laser saw, and through what is around them: beams graze walls."""
-        through = np.ones(len(points), dtype=np.bool_)
-        for x, y in _AROUND:
-            left, place = points[through], SE2(x, y, 0.0)
-            through[through] = stands_in_seen_space(left, place, laser[None], seen[None], self._config.depth)
+    def _standing_still(self, cells: npt.NDArray[np.bool_], views: Sequence[View]) -> npt.NDArray[np.bool_]:
+        """Return those cells through which none of the views that tell of them saw: who walks to and fro lets see."""
+        kept, places = cells.copy(), self._places(cells)
+        kept[self._cells(places[self._are_seen_through(places, views)])] = False
+        return kept
+
+    def _are_seen_through(self, points: FloatArray, views: Sequence[View]) -> npt.NDArray[np.bool_]:
+        """Return through which places (M, 2) any view saw, and through what is around them: beams graze walls."""
+        through = np.zeros(len(points), dtype=np.bool_)
+        for view in views:
+            left = np.flatnonzero(~through)
+            lasers, seen = np.array([view.T_map_sensor]), view.seen[None]
+            for x, y in _AROUND:
+                place = SE2(x, y, 0.0)
+                left = left[stands_in_seen_space(points[left], place, lasers, seen, self._config.depth)]
+            through[left] = True
         return through
+
+    def _places(self, cells: npt.NDArray[np.bool_]) -> FloatArray:
+        """Return the centres (M, 2) of cells."""
+        places: FloatArray = (np.argwhere(cells) + 0.5) * _CELL - self._half + self._place
+        return places
 
     def _noted(self, view: View, times: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Return the cells that a view hits, and count the view for each block of them."""
