@@ -73,6 +73,20 @@ def test_things_as_small_as_people_may_come_and_go():
     assert found.standing == found.gone == 0.0
 
 
+def test_what_comes_and_goes_within_one_time_is_no_wall():
+    """A crowd is as wide as a wall, and may be at one place in several views."""
+    walls = room(8.0, 10.0)
+    crowded = np.vstack((walls, thing(2.0, 3.0, 1.4)))
+    both = [*views(crowded), *views(walls)]
+    for before, after in ((both, views(walls)), (views(walls), both)):
+        place = PlaceBefore(before, SE2.identity(), CONFIG)
+        for view in after:
+            place.see(view)
+        assert place.contrast()[1:] == (0.0, 0.0)
+    assert contrast(walls, crowded).standing > 1.0
+    assert contrast(crowded, walls).gone > 1.0
+
+
 def test_what_is_near_the_place_is_its_own():
     """A cabin takes its walls along, and its door opens and shuts."""
     found = contrast(room(8.0, 10.0), np.vstack((room(8.0, 10.0), room(2.4, 2.4))))
