@@ -158,7 +158,8 @@ class Slam:
         chosen = [k.index for k in part.keyframes]
         keyframes = replace(keyframes, poses=poses[chosen].reshape(-1, 3))
         odometry = np.array(self._odometry).reshape(-1, 3)[readings][chosen].reshape(-1, 3)
-        if what := mount_doubt(keyframes, odometry, self.config.mount_check):
+        what = mount_doubt(keyframes, odometry, self.config.mount_check)
+        if what and "angles" not in self._monitor.said_all_along:  # which turn all of the view, too
             self._monitor.note_all_along("mount", what, self.started)
         self._monitor.tell(self.name, self.started)
         with self._watch.during("rendering"):

@@ -43,6 +43,8 @@ class DriveMonitor:
     ----------
     incidents
         What went wrong, and when.
+    said_all_along
+        What things were noted about that hold for the whole drive.
     """
 
     def __init__(self, continuity: ContinuityConfig, beams: BlockedBeamsConfig, odometry: OdometryCheckConfig) -> None:
@@ -53,7 +55,7 @@ class DriveMonitor:
         self._shut_in = ShutIn(continuity.shut_in) if continuity.enabled and continuity.shut_in.enabled else None
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
-        self._said_all_along = set[str]()
+        self.said_all_along = set[str]()
 
     def cleaned(self, reading: Reading) -> Reading:
         """Return the reading without beams that are known to be blocked; look at its odometry."""
@@ -157,9 +159,9 @@ class DriveMonitor:
 
     def note_all_along(self, about: str, what: str, start: float) -> None:
         """Note what holds for the whole drive since a stamp [s], once for each thing that it is about."""
-        if self._last is not None and about not in self._said_all_along:
+        if self._last is not None and about not in self.said_all_along:
             self.incidents.add_first(start, what, self._last[0].stamp - start)
-            self._said_all_along.add(about)
+            self.said_all_along.add(about)
 
     def tell(self, name: str, start: float) -> None:
         """Log the incidents, with the time since a stamp [s]."""

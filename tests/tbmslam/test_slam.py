@@ -222,6 +222,10 @@ def test_a_laser_stated_elsewhere_is_told(drive_in):
     assert ", 0 degrees, not at 0.10, 0.25 m, -12 degrees as stated: try --sensor-pose 0.2" in place
     assert told(T_robot_sensor=elsewhere, T_odom_robot=None) == []
     assert told(config_from_dict({"mount_check": {"enabled": False}}), T_robot_sensor=elsewhere) == []
+    # Too wide angles turn all of the view, and are told alone, as mending them may mend the place, too.
+    scans = [replace(r.scan, angle_increment=1.03 * r.scan.angle_increment) for r in robot.readings]
+    robot = replace(robot, readings=[replace(r, scan=scan) for r, scan in zip(robot.readings, scans, strict=True)])
+    assert told(T_robot_sensor=elsewhere) == []
 
 
 def test_walls_straighten_a_drive_that_closes_little(drive_in):
