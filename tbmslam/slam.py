@@ -230,8 +230,9 @@ class Slam:
         """Begin a new part of the drive at a stamp that lies a while back, if there is one."""
         if stamp is None:
             return
-        part, begin = self._parts[-1], len(self._stamps)
-        while begin - 1 > part.start and self._stamps[begin - 1] >= stamp:
+        part, begin = self._parts[-1], len(self._stamps) - 1
+        # Stamps may have stepped back since: where they last passed it.
+        while begin - 1 > part.start and not self._stamps[begin - 1] < stamp <= self._stamps[begin]:
             begin -= 1
         self._parts.append(part.split(begin))
         self._tracker = self._make_tracker()

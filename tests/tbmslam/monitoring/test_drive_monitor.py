@@ -324,6 +324,16 @@ def test_a_lift_at_the_end_of_a_drive_is_told_when_it_is_finished():
     assert drive.trajectory.stamps[-1] < opened
 
 
+@pytest.mark.parametrize("rest", [2, 60])
+def test_a_lift_is_cut_where_it_was_though_the_clock_is_set_back_after_it(rest):
+    readings, (closed, opened) = ride(floor(ROOMS), floor(OTHER_ROOMS, 2.8))
+    begin = next(k for k, r in enumerate(readings) if r.scan.stamp >= opened + 2.0)
+    earlier = [replace(r, scan=replace(r.scan, stamp=r.scan.stamp - 500.0)) for r in readings[begin : begin + rest]]
+    slam, drive = mapped([*readings[:begin], *earlier])
+    assert next(i.what for i in slam.incidents) == ELSEWHERE
+    assert closed < drive.trajectory.stamps[-1] < opened
+
+
 def test_nobody_looks_for_lifts_who_is_told_not_to():
     readings, _ = ride(floor(ROOMS), floor(OTHER_ROOMS, 2.8))
     config = Slam().config
