@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, IntArray, Pose, kernel
 
 
 @kernel
@@ -66,6 +66,41 @@ def stands_in_seen_space(
         for i in range(count):
             stands[i] |= seen[k, np.uint32(sector[i])] > reach[i]
     return stands
+
+
+@kernel
+def are_seen_through(
+    points: FloatArray, around: FloatArray, lasers: FloatArray, seen: FloatArray, begins: IntArray, depth: float
+) -> npt.NDArray[np.bool_]:
+    """Return which points (M,) lie, with all that is around them, where one and the same scan went on behind them.
+
+    Parameters
+    ----------
+    points
+        Places (M, 2) [m].
+    around
+        What must be seen through, too, as seen from each of them (A, 2) [m].
+    lasers
+        Poses (K, 3) of lasers.
+    seen, begins
+        What `seen_distances` says of their scans, one after the other (S,), and where each begins (K + 1,).
+    depth
+        How far the scan went on [m].
+    """
+    through = np.zeros(len(points), dtype=np.bool_)
+    for k in range(len(lasers)):
+        cosine, sine = math.cos(lasers[k, 2]), math.sin(lasers[k, 2])
+        directions = begins[k + 1] - begins[k]
+        for i in range(len(points)):
+            j = len(around) if through[i] else 0
+            while j < len(around):
+                away_x, away_y = points[i, 0] + around[j, 0] - lasers[k, 0], points[i, 1] + around[j, 1] - lasers[k, 1]
+                x, y = cosine * away_x + sine * away_y, cosine * away_y - sine * away_x
+                if seen[begins[k] + _sector(x, y, directions)] <= math.sqrt(x * x + y * y) + depth:
+                    break
+                j += 1
+            through[i] = j == len(around)
+    return through
 
 
 @kernel

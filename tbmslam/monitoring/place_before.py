@@ -1,5 +1,6 @@
 """What was seen of a place before, held against what is seen there now: whether both are one place."""
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ from pydantic import Field
 from scipy import ndimage
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space
+from tbmslam.kernels.seen_space import are_seen_through, seen_distances
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tracking.seen_space import small_things
@@ -17,7 +18,8 @@ from tbmslam.tracking.seen_space import small_things
 _CELL = 0.1  # [m]
 _SAME, _APART = 1, 3  # cells: what is so near is the same, what is farther is not
 _BLOCK, _FEWEST_VIEWS = 3, 3  # cells of a side; views in which something must be there
-_AROUND = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))  # [m]
+_AROUND = np.array([(0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15)])  # [m]
+_MOST_VIEWS = 400  # a robot that turns and turns goes no way
 _MOST_DIRECTIONS = 360
 
 
@@ -99,13 +101,13 @@ class PlaceBefore:
         self._half = 0.5 * _CELL * side
         self._before, self._now, self._standing, self._gone = (np.zeros((side, side), dtype=np.bool_) for _ in range(4))
         self._times = np.zeros((blocks, blocks), dtype=np.int64)  # in how many views of now something was there
-        self._views_before, self._views_now = list(views), list[View]()
+        self._views_before, self._views_now = list(views), deque[View](maxlen=_MOST_VIEWS)
         times = np.zeros_like(self._times)
         for view in self._views_before:
             self._before[self._noted(view, times)] = True
         self._before = self._standing_still(self._before & _often(times), self._views_before)
         self._walls = self._places(self._before)
-        self._near_before = _grown(self._before, _APART)
+        self._same_before, self._near_before = (_grown(self._before, cells) for cells in (_SAME, _APART))
 
     def see(self, view: View) -> None:
         """Compare what is seen now."""
@@ -121,7 +123,7 @@ class PlaceBefore:
 
     def contrast(self) -> Contrast:
         """Return how both compare by now."""
-        agreeing = self._now & _grown(self._before, _SAME)
+        agreeing = self._now & self._same_before
         standing = self._standing_still(self._standing & _often(self._times), self._views_now)
         gone = self._gone & ~_grown(self._now, _APART)
         return Contrast(*(_CELL * int(np.count_nonzero(those)) for those in (agreeing, standing, gone)))
@@ -134,15 +136,12 @@ class PlaceBefore:
 
     def _are_seen_through(self, points: FloatArray, views: Sequence[View]) -> npt.NDArray[np.bool_]:
         """Return through which places (M, 2) any view saw, and through what is around them: beams graze walls."""
-        through = np.zeros(len(points), dtype=np.bool_)
-        for view in views:
-            left = np.flatnonzero(~through)
-            lasers, seen = np.array([view.T_map_sensor]), view.seen[None]
-            for x, y in _AROUND:
-                place = SE2(x, y, 0.0)
-                left = left[stands_in_seen_space(points[left], place, lasers, seen, self._config.depth)]
-            through[left] = True
-        return through
+        if not len(points):  # mostly
+            return np.zeros(0, dtype=np.bool_)
+        lasers = np.array([view.T_map_sensor for view in views]).reshape(-1, 3)
+        begins = np.cumsum([0, *(len(view.seen) for view in views)])
+        seen = np.concatenate([np.zeros(0), *(view.seen for view in views)])
+        return are_seen_through(points, _AROUND, lasers, seen, begins, self._config.depth)
 
     def _places(self, cells: npt.NDArray[np.bool_]) -> FloatArray:
         """Return the centres (M, 2) of cells."""

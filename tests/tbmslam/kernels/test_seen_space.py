@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels.seen_space import seen_distances, stands_in_seen_space, still_hits
+from tbmslam.kernels.seen_space import are_seen_through, seen_distances, stands_in_seen_space, still_hits
 from tbmslam.se2 import SE2
 
 
@@ -52,3 +52,24 @@ def test_points_stand_in_seen_space_where_the_twin_says_so():
 def test_no_laser_has_seen_nothing():
     points = np.ones((4, 2))
     assert not stands_in_seen_space(points, SE2.identity(), np.zeros((0, 3)), np.zeros((0, 36)), 0.1).any()
+
+
+def test_one_scan_sees_through_a_place_and_all_around_it_where_the_twin_says_so():
+    rng = np.random.default_rng(6)
+    points, lasers = rng.normal(0.0, 2.0, (200, 2)), rng.normal(0.0, 1.0, (4, 3))
+    around = np.array([(0.0, 0.0), (0.2, 0.0), (0.0, -0.3)])
+    seen = [np.abs(rng.normal(2.0, 1.0, directions)) for directions in (36, 1, 60, 36)]
+
+    def sees_through(laser, own, place):
+        x, y = SE2.from_array(laser).inverse().apply(place[None])[0]
+        return own[plain_sector(x, y, len(own))] > math.hypot(x, y) + 0.1
+
+    expected = [
+        any(all(sees_through(*scan, point + away) for away in around) for scan in zip(lasers, seen, strict=True))
+        for point in points
+    ]
+    begins = np.cumsum([0, *map(len, seen)])
+    assert are_seen_through(points, around, lasers, np.concatenate(seen), begins, 0.1).tolist() == expected
+    assert 20 < sum(expected) < 180
+    nobody = are_seen_through(points, around, lasers[:0], np.zeros(0), begins[:1], 0.1)
+    assert not nobody.any()

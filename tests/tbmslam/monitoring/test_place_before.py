@@ -106,3 +106,20 @@ def test_scans_without_a_hit_say_nothing():
     place = PlaceBefore(far, SE2.identity(), CONFIG)
     place.see(far[0])
     assert place.contrast() == (0.0, 0.0, 0.0)
+
+
+def test_lasers_may_change_their_beams():
+    walls, open_walls = room(8.0, 10.0), room(8.0, 12.0)
+    coarse = [view._replace(seen=np.repeat(view.seen.min(), 90)) for view in views(walls)]
+    place = PlaceBefore([*views(walls), *coarse], SE2.identity(), CONFIG)
+    for view in views(open_walls):
+        place.see(view)
+    assert place.contrast() == contrast(walls, open_walls)
+
+
+def test_a_robot_that_turns_for_hours_does_not_fill_the_memory():
+    (view, *_) = views(room(8.0, 10.0))
+    place = PlaceBefore([view], SE2.identity(), CONFIG)
+    for _ in range(500):
+        place.see(view)
+    assert len(place._views_now) < 500
