@@ -63,7 +63,11 @@ class DriveMemory:
         self._number += 1
 
     def split(self, reading: int) -> "DriveMemory":
-        """Give what comes from a reading of the drive on to a memory of its own; nothing of it may be forgotten yet."""
+        """Give what comes from a reading of the drive on to a memory of its own.
+
+        It is as it was tracked where nothing of it is forgotten yet, as is usual. What was forgotten on one side, and is
+        known only as seen from the other, is known no more.
+        """
         later = DriveMemory(reading, self._config)
         first = reading - self.start
         T_tracked_kept = self._T_kept_tracked.inverse()
@@ -73,6 +77,10 @@ class DriveMemory:
                 later.add(replace(moved, index=keyframe.index - first))
         self.keyframes = [keyframe for keyframe in self.keyframes if keyframe.index < first]
         self._number -= len(later)
+        known = np.array(self._forgotten).reshape(-1, 5)
+        is_later = known[:, :2] >= first
+        later._forgotten = array("d", (known - (first, first, 0.0, 0.0, 0.0))[is_later.all(axis=1)].ravel())
+        self._forgotten = array("d", known[~is_later.any(axis=1)].ravel())
         return later
 
     def is_full(self) -> bool:

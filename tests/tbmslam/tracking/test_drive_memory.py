@@ -124,3 +124,21 @@ def test_a_part_that_is_split_off_is_as_it_was_tracked(rounds, memory, forgetful
     assert all(k.index < first for k in memory.keyframes)
     for k, keyframe in enumerate(later.keyframes):
         assert keyframe.match.T_map_sensor == pytest.approx(tracked[(number + 4 + k) % len(tracked)], abs=1e-9)
+
+
+@pytest.mark.parametrize("number", [60, 200, 300])
+def test_it_may_be_split_where_it_has_forgotten(rounds, memory, number):
+    """A laser far from the robot's middle goes farther than the robot, where it turns much."""
+    true, tracked, _ = rounds
+    readings = np.repeat(compose(tracked, np.array(T_ROBOT_SENSOR.inverse())), 3, axis=0)
+    expected = compose(true, np.array(T_ROBOT_SENSOR.inverse()))
+    later = memory.split(3 * number)
+    for part, begin, end in ((memory, 0, number), (later, number, len(true))):
+        numbers = [begin + k.index // 3 for k in part.keyframes]
+        corrected = part.corrected(readings[3 * begin : 3 * end], true[numbers])[::3]
+        errors = np.hypot(*(corrected - expected[begin:end])[:, :2].T)
+        assert len(errors) == end - begin
+        assert errors[[n - begin for n in numbers]].max() < 1e-9
+        assert part is later or errors.max() < 0.01
+    if number == 60:  # before all that was forgotten
+        assert errors.max() < 0.05
