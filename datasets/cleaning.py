@@ -46,7 +46,7 @@ class RangeRules:
             return ranges, low, high
         longer = ranges + self.offset
         longer[longer <= 0.0] = np.nan
-        return longer, max(low + self.offset, 0.0), high + self.offset
+        return longer, max(low + self.offset, 0.0), max(high + self.offset, 0.0)
 
     def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
         """Return the limits in force for a scan that states these; those at odds with each other do not count."""

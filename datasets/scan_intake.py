@@ -82,10 +82,10 @@ class ScanIntake:
             return None
         low, high = self._rules.limits(raw.range_min, raw.range_max)
         ranges = clean_ranges(raw.ranges, low, high, self._rules, self._counts)
+        ranges, low, high = self._rules.shifted(ranges, low, high)
         if np.count_nonzero(np.isnan(ranges)) == len(ranges):  # true of no beams at all, too
             self._counts.drop("empty")
             return None
-        ranges, low, high = self._rules.shifted(ranges, low, high)
         return LaserScan(raw.stamp, raw.angle_min, step, low, high, ranges, self._time_increment(raw))
 
     def _time_increment(self, raw: RawScan) -> float:

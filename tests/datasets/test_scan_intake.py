@@ -23,6 +23,14 @@ def test_an_offset_moves_hits_and_limits():
     assert (scan.range_min, scan.range_max) == (pytest.approx(0.3), pytest.approx(30.1))
 
 
+def test_an_offset_may_leave_nothing_of_a_scan():
+    counts = ReadingCounts()
+    intake = ScanIntake(RangeRules(None, None, (), "free", -9.0), None, 2.0, counts)
+    assert intake.take(RawScan(0.0, 0.0, 0.1, 0.2, 8.0, np.array([1.0, 7.0]))) is None
+    assert counts.dropped == {"empty": 1}
+    assert intake.take(RawScan(1.0, 0.0, 0.1, 0.2, 8.0, np.array([1.0, 8.0]))).range_max == 0.0
+
+
 def test_a_duplicate_may_come_a_little_later():
     scans, counts = take(raw(1.0), raw(1.1), raw(1.0))
     assert [scan is not None for scan in scans] == [True, True, False]
