@@ -65,8 +65,8 @@ class DriveMemory:
     def split(self, reading: int) -> "DriveMemory":
         """Give what comes from a reading of the drive on to a memory of its own.
 
-        It is as it was tracked where nothing of it is forgotten yet, as is usual. What was forgotten on one side, and is
-        known only as seen from the other, is known no more.
+        It is as it was tracked where nothing of it is forgotten yet, as is usual. What was forgotten on one side, and
+        is known only as seen from the other, is known no more.
         """
         later = DriveMemory(reading, self._config)
         first = reading - self.start
