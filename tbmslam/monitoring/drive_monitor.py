@@ -25,10 +25,9 @@ _REMEDY = (
 CHANGED = f"all looks different after a pause, {_REMEDY}"
 MOVED = f"the robot does not stand where it stood before a pause, {_REMEDY}"
 ELSEWHERE = "shut in as in a lift, and what it saw when it came out is another place, as on another floor"
-DOUBTFUL = (
-    "shut in as in a lift, and what it saw when it came out differs from what was before: if it was a lift, make one "
-    "robot of the way before and one of the way after by --interval"
-)
+_IF_A_LIFT = "if it was a lift, make one robot of the way before and one of the way after by --interval"
+DOUBTFUL = f"shut in as in a lift, and what it saw when it came out differs from what was before: {_IF_A_LIFT}"
+ALIKE = f"shut in as in a lift, and what it saw when it came out fits what was before: {_IF_A_LIFT}"
 
 
 class DriveMonitor:
@@ -142,7 +141,8 @@ class DriveMonitor:
         if found is None:
             return None
         since, until = found.stay.since, found.stay.until
-        self.incidents.add(since, ELSEWHERE if found.elsewhere else DOUBTFUL, until - since)
+        told = ELSEWHERE if found.elsewhere else DOUBTFUL if found.differs else ALIKE
+        self.incidents.add(since, told, until - since)
         if not found.elsewhere:
             return None
         if self._view is not None:

@@ -75,10 +75,14 @@ class ComingOut(NamedTuple):
         When it was shut in.
     elsewhere
         Whether it came out elsewhere; else it may have.
+    differs
+        Whether anything there differs from what was before. Where nothing does, only its having been shut in is known:
+        floors may be alike.
     """
 
     stay: Stay
     elsewhere: bool
+    differs: bool = True
 
 
 class _Seen(NamedTuple):
@@ -182,13 +186,15 @@ class ShutIn:
         """Return what is known of the last stay."""
         if self._past is None:
             return None
-        config, (stay, place, _) = self._config, self._past
+        config, (stay, place, left) = self._config, self._past
         contrast, enough = place.contrast(), config.closed if stay.closed else 1.0
         if _reaches(contrast, enough * config.elsewhere, enough * config.elsewhere_share):
             return ComingOut(stay, elsewhere=True)
         doubtful = _reaches(contrast, enough * config.doubtful, enough * config.doubtful_share)
         if doubtful or (stay.closed and max(contrast.standing, contrast.gone) >= config.one_way):
             return ComingOut(stay, elsewhere=False)
+        if stay.closed and self._way - left >= config.soon:
+            return ComingOut(stay, elsewhere=False, differs=False)
         return None
 
     def _is_shut(self, scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2) -> bool:

@@ -36,8 +36,13 @@ def test_another_floor_is_told_within_metres(beams, seconds):
 
 
 @pytest.mark.parametrize("seconds", [6.0, 20.0, 60.0])
-def test_a_closet_whose_door_opens_again_is_no_lift(seconds):
-    assert watched(ride(FLOOR, FLOOR, seconds)[0])[1] == []
+def test_where_all_is_as_before_only_the_shut_door_is_told(seconds):
+    """It may be a closet, or a lift to a floor alike."""
+    readings, (_, opened) = ride(FLOOR, FLOOR, seconds)
+    _, ((_, found),) = watched(readings)
+    assert (found.elsewhere, found.differs) == (False, False)
+    assert found.stay.closed
+    assert watched([r for r in readings if r.scan.stamp < opened + 1.0])[1] == []  # it has seen too little by then
 
 
 def test_a_floor_with_the_same_corridor_is_told_by_its_rooms():
@@ -49,7 +54,7 @@ def test_walls_that_are_only_gone_are_told_and_cut_nothing():
     closed_rooms = floor(((-6.0, -5.0, 0.1),))
     open_rooms = floor(((-6.0, -5.0, 0.1), (-2.0, 2.0, 2.5)))
     _, found = watched(ride(closed_rooms, open_rooms)[0])
-    assert [coming.elsewhere for _, coming in found] == [False]
+    assert [(coming.elsewhere, coming.differs) for _, coming in found] == [(False, True)]
 
 
 def test_standing_for_less_than_a_ride_takes_is_nothing():
