@@ -31,8 +31,11 @@ def is_shut(way: Sequence[SE2], scan: LaserScan, T_map_sensor: SE2, T_map_robot:
     hits = scan.hit_points()
     if not behind.any() or not len(hits):
         return False
-    apart = _distances(T_map_sensor.apply(hits), begins[behind], steps[behind])
-    on_way = (apart < _ON_WAY).any(axis=1) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)
+    begins, steps = begins[behind], steps[behind]
+    placed, ends = T_map_sensor.apply(hits), np.vstack((begins, begins + steps))
+    low, high = ends.min(axis=0) - _ON_WAY, ends.max(axis=0) + _ON_WAY
+    on_way = ((placed > low) & (placed < high)).all(axis=1) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)
+    on_way[on_way] = (_distances(placed[on_way], begins, steps) < _ON_WAY).any(axis=1)
     # Looking for small things takes longer than all else.
     return int(on_way.sum()) >= _FEWEST and int(np.count_nonzero(on_way & ~small_things(hits))) >= _FEWEST
 
