@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.laser_scan import LaserScan
 from tbmslam.se2 import SE2, FloatArray
@@ -11,6 +12,7 @@ from tbmslam.tracking.seen_space import small_things
 _ON_WAY = 0.15  # what stands nearer to the robot's way than this stands where it drove [m]
 _CLEAR = 0.6  # of where it is, as it may turn there [m]
 _FEWEST = 3  # hits
+_TOGETHER = 0.3  # neighbours farther from each other are on two things [m]
 
 
 def is_shut(way: Sequence[SE2], scan: LaserScan, T_map_sensor: SE2, T_map_robot: SE2, reach: float) -> bool:
@@ -36,8 +38,29 @@ def is_shut(way: Sequence[SE2], scan: LaserScan, T_map_sensor: SE2, T_map_robot:
     low, high = ends.min(axis=0) - _ON_WAY, ends.max(axis=0) + _ON_WAY
     on_way = ((placed > low) & (placed < high)).all(axis=1) & (np.hypot(hits[:, 0], hits[:, 1]) <= reach)
     on_way[on_way] = (_distances(placed[on_way], begins, steps) < _ON_WAY).any(axis=1)
-    # Looking for small things takes longer than all else.
-    return int(on_way.sum()) >= _FEWEST and int(np.count_nonzero(on_way & ~small_things(hits))) >= _FEWEST
+    if int(on_way.sum()) < _FEWEST:
+        return False
+    standing = on_way & ~small_things(hits)  # which takes longer than all else
+    # A wall along which the robot drove is as near to its way, but does not cross it.
+    return int(standing.sum()) >= _FEWEST and _are_crossed(begins, steps, placed, standing)
+
+
+def _are_crossed(begins: FloatArray, steps: FloatArray, placed: FloatArray, those: npt.NDArray[np.bool_]) -> bool:
+    """Tell whether what stands between neighbours (M, 2), either of them one of those, crosses a segment (K, 2)."""
+    walls = np.roll(placed, -1, axis=0) - placed  # the last and the first of a full turn, too
+    (between,) = np.nonzero((those | np.roll(those, -1)) & (np.hypot(walls[:, 0], walls[:, 1]) < _TOGETHER))
+    rest, walls = placed[between, None] - begins, walls[between, None]
+    first, last = _area(walls, rest), _area(walls, rest - steps)
+    # Two on either side, as a single wrong beam goes over and comes back.
+    sides = [_area(steps, placed[(between + k) % len(placed), None] - begins) >= 0.0 for k in (-1, 0, 1, 2)]
+    crossed = (sides[0] == sides[1]) & (sides[1] != sides[2]) & (sides[2] == sides[3])
+    return bool((crossed & (first * last <= 0.0)).any())
+
+
+def _area(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the area between vectors (..., 2), negative where the second one lies to the right."""
+    area: FloatArray = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    return area
 
 
 def _distances(points: FloatArray, begins: FloatArray, steps: FloatArray) -> FloatArray:
