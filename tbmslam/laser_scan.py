@@ -155,8 +155,8 @@ class Reading:
         Raises
         ------
         ValueError
-            A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, or all of its
-            beams have one direction.
+            A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, all of its
+            beams have one direction, or a range is negative.
         """
         for pose in (self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept):
             if pose is None:
@@ -174,6 +174,11 @@ class Reading:
         if scan.angle_increment == 0.0 and len(scan.ranges) > 1:
             raise ValueError(
                 f"angle_increment must not be 0 where there is more than one beam, got 0 and {len(scan.ranges)} beams"
+            )
+        if (scan.ranges < 0.0).any():  # -inf, too, which some drivers write for what is too close
+            raise ValueError(
+                f"ranges must not be negative, got {np.nanmin(scan.ranges)}: "
+                "nan stands for nothing known, inf for no return"
             )
 
     def with_scan(self, scan: LaserScan) -> "Reading":

@@ -85,6 +85,13 @@ def test_stamps_and_angles_that_are_no_numbers_are_refused(numbers):
         Slam().process(Reading(bad, None))
 
 
+@pytest.mark.parametrize("wrong", [-1.5, -math.inf])
+def test_negative_ranges_are_refused(wrong):
+    bad = LaserScan(0.0, 0.0, 0.1, 0.1, 30.0, np.array([1.0, math.nan, math.inf, wrong]))
+    with pytest.raises(ValueError, match=f"ranges must not be negative, got {wrong}: nan stands for nothing known"):
+        Slam().process(Reading(bad, None))
+
+
 def test_beams_that_all_point_one_way_are_refused_but_for_a_single_one():
     for step in (0.0, -0.0):
         bad = LaserScan(0.0, 0.0, step, 0.1, 30.0, np.ones(7))
