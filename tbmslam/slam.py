@@ -61,6 +61,9 @@ class Slam:
         The robot's name in the map.
     watch
         Who is told how long finishing takes and how far it is.
+    started
+        Stamp from which times are told, as that of the recording that the drive is a part of; None for the first
+        reading's [s].
 
     Attributes
     ----------
@@ -73,10 +76,17 @@ class Slam:
 
     correction_m = 0.0
 
-    def __init__(self, config: SlamConfig | None = None, name: str = "robot", watch: Watch | None = None) -> None:
+    def __init__(
+        self,
+        config: SlamConfig | None = None,
+        name: str = "robot",
+        watch: Watch | None = None,
+        started: float | None = None,
+    ) -> None:
         self.config = config or SlamConfig()
         self.name = name
         self._watch = watch or Watch()
+        self._started = started
         self._motion = MotionModel(self.config.motion)
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
@@ -98,7 +108,9 @@ class Slam:
 
     @property
     def started(self) -> float:
-        """Stamp of the first reading [s]; 0 before it."""
+        """Stamp from which times are told [s]; 0 before the first reading where nobody said."""
+        if self._started is not None:
+            return self._started
         return self._stamps[0] if self._stamps else 0.0
 
     def process(self, reading: Reading) -> SE2:

@@ -57,6 +57,17 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert "80 of 80 scans used" in out
 
 
+def test_times_are_told_as_interval_counts_them(tmp_path, caplog):
+    """Of a part of a recording, too: what is told of it must name it."""
+    small = ["--beams", "181", "--rate", "5", "--duration", "16"]
+    world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
+    assert make_world.main([*world, "-o", str(tmp_path / "bags")]) == 0
+    assert run(tmp_path / "bags" / "robot_0.bag", "--interval", 5, 15, "-o", tmp_path / "out") == 0
+    told = [one for one in run_record(tmp_path / "out" / "robot_0")["incidents"] if "jumps" in one["what"]]
+    assert [one["at_s"] for one in told] == [pytest.approx(10.0, abs=0.5)]
+    assert any(f"robot_0: at {told[0]['at_s']:.1f} s: the odometry jumps" in line for line in caplog.messages)
+
+
 def keys_in(value):
     """All names in a record, however deep."""
     if isinstance(value, dict):

@@ -89,7 +89,10 @@ def _cut(
         shares = [{"split": "gaps", "number": number} for number in range(len(segments))]
     return [
         dataclasses.replace(
-            _task(args, config, first.paths, first.files, index + k, share), segment=segment, counts=recording.counts
+            _task(args, config, first.paths, first.files, index + k, share),
+            segment=segment,
+            counts=recording.counts,
+            began=stamps[0],
         )
         for k, (share, segment) in enumerate(zip(shares, segments, strict=True))
     ]

@@ -60,6 +60,8 @@ class MappingTask:
         Where its map goes.
     segment, counts
         That part, and what was counted in a pass over the whole recording; None where all of it is the robot's.
+    began
+        Stamp of the recording's first reading, from which times are told as `--interval` counts them [s]; None as well.
     """
 
     name: str
@@ -71,6 +73,7 @@ class MappingTask:
     folder: Path
     segment: Segment | None = None
     counts: ReadingCounts | None = None
+    began: float | None = None
 
     def fingerprint(self) -> str:
         """Return a digest of everything that the map depends on: input, parameters, code and versions."""
@@ -135,7 +138,7 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
-    slam = Slam(task.config.slam, task.name, watch)
+    slam = Slam(task.config.slam, task.name, watch, task.began)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans = 0

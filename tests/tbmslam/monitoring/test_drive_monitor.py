@@ -61,6 +61,16 @@ def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(ro
     assert drive.keyframes.stamps[0] == readings[61].scan.stamp
 
 
+def test_times_are_told_from_where_the_recording_began(robot):
+    readings = carried(robot, 60, 120)
+    slam = Slam(started=readings[0].scan.stamp - 100.0)
+    for reading in readings:
+        slam.process(reading)
+    slam.finish()
+    assert any("make a robot of it by --interval 100.0 112.0" in incident.what for incident in slam.incidents)
+    assert all(text.startswith("at 1") for text in said(slam))
+
+
 def test_the_laser_unplugged_for_a_while_costs_only_that_while(robot):
     readings = [*robot.readings[:60], *robot.readings[130:]]
     slam, drive = mapped(readings)
