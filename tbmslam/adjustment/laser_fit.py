@@ -15,7 +15,7 @@ import numpy.typing as npt
 from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.adjustment.laser_fit_config import LaserFitConfig
 from tbmslam.adjustment.rigid_stretches import stretch_begins
-from tbmslam.adjustment.self_calibration import SelfCalibration
+from tbmslam.adjustment.self_calibration import SelfCalibration, turn_rates
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_errors import LaserErrors
 from tbmslam.pose_graph import MotionEdge
@@ -56,13 +56,11 @@ def fit_laser(
     fans = np.diff(keyframes.offsets) * np.abs(keyframes.beams[:, 1])
     if not len(fans) or float(np.median(fans)) < config.least_fan:
         return None
-    parts = [
-        SelfCalibration(keyframes, poses, steps, scans, config, pieces)
-        for scans in _parts(poses, config, pieces)
-        if len(scans) > 1
-    ]
-    if len(parts) < config.least_parts:
+    chosen = [scans for scans in _parts(poses, config, pieces) if len(scans) > 1]
+    if len(chosen) < config.least_parts:
         return None
+    rates = turn_rates(keyframes, poses)
+    parts = [SelfCalibration(keyframes, poses, steps, rates, scans, config, pieces) for scans in chosen]
     found = _settled(parts, config)
     if found is None:
         return None

@@ -38,6 +38,8 @@ class SelfCalibration:
     ----------
     keyframes, poses, steps
         The whole drive, as of `tbmslam.adjustment.laser_fit.fit_laser`.
+    rates
+        How fast the laser turned at each keyframe of it (K,), see `turn_rates` [rad/s].
     scans
         The keyframes (N,), two at least, that are looked at.
     config, pieces
@@ -49,6 +51,7 @@ class SelfCalibration:
         keyframes: Keyframes,
         poses: FloatArray,
         steps: Sequence[MotionEdge],
+        rates: FloatArray,
         scans: npt.NDArray[np.int64],
         config: LaserFitConfig,
         pieces: AdjustmentConfig,
@@ -71,7 +74,7 @@ class SelfCalibration:
             np.zeros((len(scans), 3)),
         )
         self._poses = poses[scans]
-        self._rates = _turn_rates(keyframes, poses)[scans]
+        self._rates = rates[scans]
         self._bends = bends_of([0, len(scans)])
         self._held = np.tile(_DAMPING * np.eye(3), (len(scans), 1, 1))
         self._held[0] += _GAUGE * np.eye(3)
@@ -108,7 +111,7 @@ class SelfCalibration:
         return self._numbers, information + np.diag(_PRIOR)
 
 
-def _turn_rates(keyframes: Keyframes, poses: FloatArray) -> FloatArray:
+def turn_rates(keyframes: Keyframes, poses: FloatArray) -> FloatArray:
     """Return how fast the laser turned at each keyframe (K,) [rad/s], positive the way its beams turn."""
     turns, times = np.gradient(np.unwrap(poses[:, 2])), np.gradient(keyframes.stamps)
     rates = np.clip(turns / np.maximum(times, _SHORTEST_S), -_FASTEST_TURN, _FASTEST_TURN)
