@@ -35,7 +35,7 @@ from tbmslam.tracking.motion import MotionModel, Prediction
 from tbmslam.tracking.particle_tracker import ParticleTracker, ParticleTrackerConfig
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tracking.tile_maps import TileMaps
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, odometry, packed
 from tbmslam.tracking.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
@@ -47,7 +47,6 @@ _HELD_BACK_SAID = (
     "still come out too short"
 )
 _HELD_BACK = 0.1  # worth telling [m]
-_NO_ODOMETRY = math.nan, math.nan, math.nan
 
 
 class Slam:
@@ -92,7 +91,7 @@ class Slam:
         self._tracker = self._make_tracker()
         self._closer = self._make_closer()
         # Plain numbers, three for each pose: a day has millions.
-        self._stamps, self._poses, self._odometry = array("d"), array("d"), array("d")
+        self._stamps, self._poses = array("d"), array("d")
         self._T_map_keyframe: SE2 | None = None
         self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
         self._variances = [0.0, 0.0, 0.0]
@@ -143,13 +142,12 @@ class Slam:
             self._tracker.learn(scan, match)
             if not self._tracker.sees_walkers:  # who may hold the robot back, and the odometry is right
                 self._motion.learn(prediction, guess, match.T_map_sensor, match.information)
-            self._keep(scan, T_robot_sensor, match)
+            self._keep(scan, match, reading)
             self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot
             self._variances = [0.0, 0.0, 0.0]
             self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
         self._poses.extend(T_map_robot)
-        self._odometry.extend(reading.T_odom_robot or _NO_ODOMETRY)
         self._cut(self._monitor.came_out_elsewhere(scan, match.T_map_sensor, T_map_robot, learnt=is_keyframe))
         return T_map_robot
 
@@ -169,8 +167,7 @@ class Slam:
         trajectory = Trajectory(np.array(self._stamps[readings]), poses)
         chosen = [k.index for k in part.keyframes]
         keyframes = replace(keyframes, poses=poses[chosen].reshape(-1, 3))
-        odometry = np.array(self._odometry).reshape(-1, 3)[readings][chosen].reshape(-1, 3)
-        what = mount_doubt(keyframes, odometry, self.config.mount_check)
+        what = mount_doubt(keyframes, odometry(part.keyframes), self.config.mount_check)
         if what and "angles" not in self._monitor.said_all_along:  # which turn all of the view, too
             self._monitor.note_all_along("mount", what, self.started)
         self._monitor.tell(self.name, self.started)
@@ -251,14 +248,14 @@ class Slam:
         for keyframe in self._parts[-1].keyframes:
             self._tracker.learn(keyframe.scan, keyframe.match)
 
-    def _keep(self, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch) -> None:
+    def _keep(self, scan: LaserScan, match: ScanMatch, reading: Reading) -> None:
         """Keep a scan as a keyframe; once there are very many, forget those that show nothing new."""
         part = self._parts[-1]
         if self._closer is not None and part.is_full():
             keyframes = self._packed(part, np.array(self._poses).reshape(-1, 3)[part.start :])
             part.forget(*self._closed(self._closer, part, self._hits_of(keyframes), Watch()))
-        index = len(self._stamps) - part.start
-        part.add(TrackedKeyframe.of(index, scan, T_robot_sensor, match, np.array(self._variances)))
+        index, variances = len(self._stamps) - part.start, np.array(self._variances)
+        part.add(TrackedKeyframe.of(index, scan, reading.T_robot_sensor, match, variances, reading.T_odom_robot))
 
     def _longest_part(self) -> tuple[slice, DriveMemory]:
         """Return the readings of the part with the most keyframes, and its memory."""
@@ -279,10 +276,7 @@ class Slam:
     def _cleared(self, keyframe: TrackedKeyframe) -> TrackedKeyframe:
         scan = keyframe.scan
         cleared = self._monitor.cleared(scan)
-        if cleared is scan:
-            return keyframe
-        T_robot_sensor, match, variances = keyframe.T_robot_sensor, keyframe.match, keyframe.variances
-        return TrackedKeyframe.of(keyframe.index, cleared, T_robot_sensor, match, variances)
+        return keyframe if cleared is scan else keyframe.with_scan(cleared)
 
     def _leave_out(self, begin: int, end: int) -> None:
         """Note that a part of the drive is not in the map."""

@@ -1,5 +1,6 @@
 """A keyframe as the tracker left it, and what is known of the motion from one to the next."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,8 @@ class TrackedKeyframe:
         Where the tracker placed it.
     variances
         Variances (3,) of x, y [m^2] and theta [rad^2] that the odometry gathered since the last keyframe.
+    T_odom_robot
+        Pose of the robot as the odometry has it; None where there was none.
     """
 
     index: int
@@ -40,19 +43,30 @@ class TrackedKeyframe:
     T_robot_sensor: SE2
     match: ScanMatch
     variances: FloatArray
+    T_odom_robot: SE2 | None = None
 
     @classmethod
     def of(
-        cls, index: int, scan: LaserScan, T_robot_sensor: SE2, match: ScanMatch, variances: FloatArray
+        cls,
+        index: int,
+        scan: LaserScan,
+        T_robot_sensor: SE2,
+        match: ScanMatch,
+        variances: FloatArray,
+        T_odom_robot: SE2 | None = None,
     ) -> "TrackedKeyframe":
         """Keep a scan."""
         ranges = scan.ranges.astype(np.float32)
-        return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, variances)
+        return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, variances, T_odom_robot)
 
     @property
     def scan(self) -> LaserScan:
         """The scan."""
         return self.outline.with_ranges(self.ranges.astype(np.float64))
+
+    def with_scan(self, scan: LaserScan) -> "TrackedKeyframe":
+        """Return it with other ranges."""
+        return replace(self, outline=scan.with_ranges(_NO_RANGES), ranges=scan.ranges.astype(np.float32))
 
     def moved(self, T_new_map: SE2) -> "TrackedKeyframe":
         """Return it as seen from another frame."""
@@ -64,6 +78,7 @@ class TrackedKeyframe:
 
 
 _NO_RANGES = np.zeros(0)
+_NO_ODOMETRY = math.nan, math.nan, math.nan
 
 
 def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes:
@@ -80,6 +95,11 @@ def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes
         ranges=np.concatenate([_NO_RANGES.astype(np.float32), *(k.ranges for k in keyframes)]),
         beam_steps=np.array([o.beam_step for o in outlines], dtype=np.float64).reshape(-1, 3),
     )
+
+
+def odometry(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
+    """Return the poses (K, 3) of the robot as the odometry has them; nan where there was none."""
+    return np.array([k.T_odom_robot or _NO_ODOMETRY for k in keyframes], dtype=np.float64).reshape(-1, 3)
 
 
 def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:

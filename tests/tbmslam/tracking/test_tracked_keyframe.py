@@ -6,7 +6,7 @@ from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, odometry, packed
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 
@@ -58,3 +58,19 @@ def test_keyframes_are_packed_as_scans_are(generator):
     for field in fields(Keyframes):
         np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
     assert len(packed([], np.zeros((0, 3)))) == 0
+
+
+def test_the_odometry_goes_along_with_its_keyframe():
+    match, places = ScanMatch(SE2.identity(), 0.9, moved=True), [SE2(1.0, 2.0, 0.5), None, SE2.identity()]
+    kept = [TrackedKeyframe.of(k, SCAN, SE2.identity(), match, np.ones(3), place) for k, place in enumerate(places)]
+    kept[0] = kept[0].moved(SE2(5.0, 0.0, 1.0)).with_scan(SCAN.with_ranges(np.full(3, 2.0)))
+    np.testing.assert_array_equal(odometry(kept), [(1.0, 2.0, 0.5), (np.nan,) * 3, (0.0, 0.0, 0.0)])
+    assert odometry([]).shape == (0, 3)
+
+
+def test_other_ranges_change_nothing_else():
+    before = TrackedKeyframe.of(4, SCAN, SE2(0.3, 0.0, 0.0), ScanMatch(SE2.identity(), 0.9, moved=True), np.ones(3))
+    after = before.with_scan(SCAN.with_ranges(np.array([1.0, np.nan, 2.0])))
+    np.testing.assert_array_equal(after.scan.ranges, [1.0, np.nan, 2.0])
+    assert after.ranges.dtype == np.float32
+    assert (after.index, after.T_robot_sensor, after.match) == (4, before.T_robot_sensor, before.match)
