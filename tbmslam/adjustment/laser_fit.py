@@ -15,11 +15,13 @@ import numpy.typing as npt
 from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.adjustment.laser_fit_config import LaserFitConfig
 from tbmslam.adjustment.rigid_stretches import stretch_begins
-from tbmslam.adjustment.self_calibration import SelfCalibration, turn_rates
+from tbmslam.adjustment.self_calibration import SelfCalibration
+from tbmslam.differing_parts import deviations_of_parts
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_errors import LaserErrors
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.se2 import FloatArray, way_lengths
+from tbmslam.speeds import turn_rates
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +61,7 @@ def fit_laser(
     chosen = [scans for scans in _parts(poses, config, pieces) if len(scans) > 1]
     if len(chosen) < config.least_parts:
         return None
-    rates = turn_rates(keyframes, poses)
+    rates = turn_rates(keyframes.stamps, poses[:, 2]) * np.sign(keyframes.beams[:, 1])
     parts = [SelfCalibration(keyframes, poses, steps, rates, scans, config, pieces) for scans in chosen]
     found = _settled(parts, config)
     if found is None:
@@ -100,14 +102,7 @@ def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) 
 
 
 def _joined(told: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """Return the scale and the offset (4,) on which parts agree best, and the standard deviation of both.
-
-    The deviation is the larger one of what the parts state and of how far they differ.
-    """
+    """Return the scale and the offset (4,) on which parts agree best, and the standard deviation of both."""
     values, informations = (np.array(some) for some in zip(*told, strict=True))
-    covariance = np.linalg.inv(informations.sum(axis=0))
-    mean = covariance @ np.einsum("pij,pj->i", informations, values)
-    pulls = np.einsum("pij,pj->pi", informations, values - mean)
-    differing = covariance @ (pulls.T @ pulls) @ covariance * len(values) / (len(values) - 1)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), np.diag(differing)))
-    return np.concatenate((mean[:2], deviations[:2]))
+    mean = np.linalg.solve(informations.sum(axis=0), np.einsum("pij,pj->i", informations, values))
+    return np.concatenate((mean[:2], deviations_of_parts(values, informations, mean)[:2]))

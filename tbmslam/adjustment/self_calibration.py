@@ -27,8 +27,6 @@ _PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
 """Information of the numbers without any wall: no laser is wrong by more."""
 _SHIFT = 0.382
 """Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
-_FASTEST_TURN, _SHORTEST_S = 2.0, 1e-3
-"""Robots turn no faster [rad/s]; stamps may be anything."""
 
 
 class SelfCalibration:
@@ -39,7 +37,7 @@ class SelfCalibration:
     keyframes, poses, steps
         The whole drive, as of `tbmslam.adjustment.laser_fit.fit_laser`.
     rates
-        How fast the laser turned at each keyframe of it (K,), see `turn_rates` [rad/s].
+        How fast the laser turned at each keyframe of it (K,), positive the way its beams turn [rad/s].
     scans
         The keyframes (N,), two at least, that are looked at.
     config, pieces
@@ -109,11 +107,3 @@ class SelfCalibration:
         self._numbers = numbers + change
         self._round += 1
         return self._numbers, information + np.diag(_PRIOR)
-
-
-def turn_rates(keyframes: Keyframes, poses: FloatArray) -> FloatArray:
-    """Return how fast the laser turned at each keyframe (K,) [rad/s], positive the way its beams turn."""
-    turns, times = np.gradient(np.unwrap(poses[:, 2])), np.gradient(keyframes.stamps)
-    rates = np.clip(turns / np.maximum(times, _SHORTEST_S), -_FASTEST_TURN, _FASTEST_TURN)
-    turning: FloatArray = rates * np.sign(keyframes.beams[:, 1])
-    return turning

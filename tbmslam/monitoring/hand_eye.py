@@ -16,7 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from tbmslam.differing_parts import deviations_of_parts
 from tbmslam.se2 import FloatArray, compose, inverse
+from tbmslam.speeds import drive_speeds, turn_rates
 
 _LENGTH, _TURN = 0.5, 0.3
 """Way [m] or turn [rad] of a motion: over less, scans err by as much, and over more the odometry does."""
@@ -25,8 +27,6 @@ _LEAST_ERROR = 0.005
 """Of a motion: scans know it no better [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
-_SHORTEST_S, _FASTEST, _FASTEST_TURN = 1e-3, 5.0, 2.0
-"""Stamps may be anything, and no robot indoors drives or turns faster [s], [m/s], [rad/s]."""
 _FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 """What holds unknowns that no motion tells: the place, the turn twice, and the lag."""
 
@@ -63,12 +63,10 @@ def sensor_place(
     slopes, sides = _equations(stamps, odometry, sensors)
     if len(sides) < parts * least:
         return None
-    whole, information = _solved(slopes, sides)
+    whole, _ = _solved(slopes, sides)
     told = [_solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
-    pulls = np.array([own @ (values - whole) for values, own in told])
-    covariance = np.linalg.inv(np.sum([own for _, own in told], axis=0))
-    differing = covariance @ (pulls.T @ pulls) @ covariance * parts / (parts - 1)
-    deviations = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), np.diag(differing)))
+    values, informations = (np.array(some) for some in zip(*told, strict=True))
+    deviations = deviations_of_parts(values, informations, whole)
     scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
     x, y, *_ = (whole / scale).tolist()
     deviation_x, deviation_y, *turn, _ = (deviations / scale).tolist()
@@ -80,7 +78,7 @@ def _equations(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) ->
     first, last = _ends(sensors)
     wheels = compose(inverse(odometry[first]), odometry[last])
     seen = compose(inverse(sensors[first]), sensors[last])
-    speeds, rates = _speeds(stamps, odometry, sensors)
+    speeds, rates = drive_speeds(stamps, odometry), turn_rates(stamps, sensors[:, 2])
     cosine, sine = np.cos(seen[:, 2]), np.sin(seen[:, 2])
     ahead = speeds[first] - cosine * speeds[last] - rates[first] * wheels[:, 1]
     aside = rates[first] * wheels[:, 0] - sine * speeds[last]
@@ -101,15 +99,6 @@ def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
             ends.append((first, k))
             first = k
     return np.array(ends, dtype=np.int64).reshape(-1, 2).T
-
-
-def _speeds(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how fast the robot drove ahead (K,) [m/s] and turned (K,) [rad/s] at each pose."""
-    steps, times = np.gradient(odometry[:, :2], axis=0), np.gradient(stamps)
-    ahead = np.cos(odometry[:, 2]) * steps[:, 0] + np.sin(odometry[:, 2]) * steps[:, 1]
-    turns = np.gradient(np.unwrap(sensors[:, 2]))
-    per_second = np.where(times > _SHORTEST_S, 1.0 / np.maximum(times, _SHORTEST_S), 0.0)
-    return np.clip(ahead * per_second, -_FASTEST, _FASTEST), np.clip(turns * per_second, -_FASTEST_TURN, _FASTEST_TURN)
 
 
 def _solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
