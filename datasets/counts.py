@@ -1,8 +1,24 @@
 """What became of the scans and beams of a recording."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from tbmslam.monitoring.incidents import Incidents
+from tbmslam.monitoring.incidents import Incident, Incidents
+
+
+class Span(NamedTuple):
+    """A part of a recording, from its first scan to its last."""
+
+    first: float
+    """Stamp [s]."""
+    last: float
+    """Stamp [s]."""
+
+    def meets(self, stamp: float, seconds: float) -> bool:
+        """Tell whether what began at a stamp and lasted so long, 0 for a moment, was in it at all."""
+        if seconds == 0.0:
+            return self.first <= stamp <= self.last
+        return stamp < self.last and stamp + seconds > self.first
 
 
 @dataclass
@@ -38,6 +54,8 @@ class ReadingCounts:
         What went wrong, and when.
     doubtful_sweeps
         Scans that state more time between beams than they can have taken; their beams count as of one moment.
+    pauses
+        Every gap: the stamp of the scan before it, and how long it lasted [s].
     """
 
     scans_read: int = 0
@@ -57,6 +75,7 @@ class ReadingCounts:
     lost_seconds: float = 0.0
     incidents: Incidents = field(default_factory=Incidents)
     doubtful_sweeps: int = 0
+    pauses: list[tuple[float, float]] = field(default_factory=list)
 
     def drop(self, reason: str) -> None:
         """Count a scan that is left out."""
@@ -70,9 +89,18 @@ class ReadingCounts:
     def add_gap(self, stamp: float, seconds: float) -> None:
         """Count a pause between two scans, the first of which has a stamp [s]."""
         self.incidents.add(stamp, "no scans", seconds)
+        self.pauses.append((stamp, seconds))
         self.gaps += 1
         self.gap_seconds += seconds
         self.longest_gap_s = max(self.longest_gap_s, seconds)
+
+    def incidents_in(self, span: Span | None) -> list[Incident]:
+        """Return what went wrong in a part of the recording; None: in all of it."""
+        return [one for one in self.incidents if span is None or span.meets(one.stamp, one.seconds)]
+
+    def pauses_in(self, span: Span | None) -> list[float]:
+        """Return how long the gaps in a part of the recording lasted [s]; None: in all of it."""
+        return [seconds for stamp, seconds in self.pauses if span is None or span.meets(stamp, seconds)]
 
     def replace_by(self, other: "ReadingCounts") -> None:
         """Take over all counts of another pass."""
@@ -80,11 +108,11 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts, ready for JSON, in a fixed order; not the incidents, which have times."""
+        """Return all counts, ready for JSON, in a fixed order; not what has times."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()
-            if name != "incidents"
+            if name not in ("incidents", "pauses")
         }
 
     def summary(self) -> str:
@@ -111,7 +139,8 @@ class ReadingCounts:
         ]
         if self.gaps:
             oddities.append(
-                f"{self.gaps} gaps of {self.gap_seconds:.1f} s in all, the longest {self.longest_gap_s:.1f} s"
+                f"{self.gaps} gap{'s' if self.gaps > 1 else ''} of {self.gap_seconds:.1f} s in all, "
+                f"the longest {self.longest_gap_s:.1f} s"
             )
         if self.lost_scans:
             oddities.append(f"about {self.lost_scans} scans, {self.lost_seconds:.1f} s, lost in a damaged file")

@@ -1,6 +1,6 @@
 """What a reader of a map should know about the recording it was made of."""
 
-from datasets.counts import ReadingCounts
+from datasets.counts import ReadingCounts, Span
 from datasets.recording import Recording
 
 _DROPPED = {
@@ -15,9 +15,33 @@ _MANY = 0.01
 """Share of all scans beyond which it is worth saying that so many have something odd."""
 
 
-def recording_warnings(recording: Recording) -> list[str]:
-    """Return a sentence for everything odd that the last pass over a recording met; nothing where all was well."""
+def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:
+    """Return a sentence for everything odd that the last pass over a recording met; nothing where all was well.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    span
+        The part of it that a map is made of; None: all of it. Gaps are told of the part alone, other counts, as nobody
+        knows when they were, of the whole recording.
+    """
     counts = recording.counts
+    counted = _counted(counts) + _beam_warnings(counts)
+    if span is not None:
+        counted = [f"in the whole recording, {what}" for what in counted]
+    said = counted + _pause_warnings(counts.pauses_in(span))
+    if recording.description.get("sensor_pose_known") is False:
+        said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
+    frames = recording.description.get("frame_warnings")
+    said += [str(one) for one in frames] if isinstance(frames, list) else []
+    first_scan = recording.description.get("first_scan")
+    is_told = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
+    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_told else None
+    return said + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
+
+
+def _counted(counts: ReadingCounts) -> list[str]:
     said = [
         f"{number} of {counts.scans_read} scans were dropped: {_DROPPED.get(reason, reason)}"
         for reason, number in sorted(counts.dropped.items())
@@ -36,22 +60,17 @@ def recording_warnings(recording: Recording) -> list[str]:
     ]
     if counts.beam_count_changes:
         said.append(f"the number of beams changed {counts.beam_count_changes} times")
-    if counts.gaps:
-        said.append(
-            f"{counts.gaps} gap{'s' if counts.gaps > 1 else ''} without a scan, {counts.gap_seconds:.1f} s in all, the "
-            f"longest {counts.longest_gap_s:.1f} s: what moved meanwhile nobody saw"
-        )
     if counts.lost_scans:
         said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
-    if recording.description.get("sensor_pose_known") is False:
-        said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
-    frames = recording.description.get("frame_warnings")
-    said += [str(one) for one in frames] if isinstance(frames, list) else []
-    said += _beam_warnings(counts)
-    first_scan = recording.description.get("first_scan")
-    is_told = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
-    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_told else None
-    return said + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
+    return said
+
+
+def _pause_warnings(pauses: list[float]) -> list[str]:
+    if not pauses:
+        return []
+    number = "1 gap" if len(pauses) == 1 else f"{len(pauses)} gaps"
+    seconds = f"{sum(pauses):.1f} s in all, the longest {max(pauses):.1f} s"
+    return [f"{number} without a scan, {seconds}: what moved meanwhile nobody saw"]
 
 
 def _beam_warnings(counts: ReadingCounts) -> list[str]:

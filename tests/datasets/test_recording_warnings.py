@@ -1,4 +1,4 @@
-from datasets.counts import ReadingCounts
+from datasets.counts import ReadingCounts, Span
 from datasets.recording import Recording
 from datasets.recording_warnings import recording_warnings
 
@@ -32,9 +32,7 @@ def test_every_fault_is_a_sentence():
             lost_scans=40,
             lost_seconds=8.0,
             beam_count_changes=6,
-            gaps=2,
-            gap_seconds=9.0,
-            longest_gap_s=7.0,
+            pauses=[(1.0, 2.0), (5.0, 7.0)],
         )
     )
     assert said == [
@@ -47,19 +45,53 @@ def test_every_fault_is_a_sentence():
         "9 scans had no odometry, so that they alone told the motion",
         "7 scans state more time between beams than they can have taken",
         "the number of beams changed 6 times",
-        "2 gaps without a scan, 9.0 s in all, the longest 7.0 s: what moved meanwhile nobody saw",
         "about 40 scans, 8.0 s, are lost in a damaged file",
-        "nothing tells where the laser sits on the robot: its place was taken for granted",
         "20% of the beams are no number",
+        "2 gaps without a scan, 9.0 s in all, the longest 7.0 s: what moved meanwhile nobody saw",
+        "nothing tells where the laser sits on the robot: its place was taken for granted",
         "the laser's clock is 82 s behind",
         "angles do not fit",
     ]
 
 
 def test_a_gap_is_one():
-    said = recording_warnings(recording(gaps=1, gap_seconds=3.0, longest_gap_s=3.0))
+    said = recording_warnings(recording(pauses=[(1.0, 3.0)]))
     assert said == ["1 gap without a scan, 3.0 s in all, the longest 3.0 s: what moved meanwhile nobody saw"]
 
 
 def test_nobody_who_told_the_angles_is_asked_for_them():
     assert recording_warnings(recording({"first_scan": {"angle_warning": "do not fit"}, "angle_step_deg": 1.0})) == []
+
+
+def test_a_part_is_told_of_its_own_gaps_and_of_the_counts_of_all():
+    made = recording(dropped={"empty": 8}, beams={"hit": 80, "nan": 20})
+    made.counts.add_gap(10.0, 3.0)
+    made.counts.add_gap(50.0, 4.0)
+    counted = [
+        "in the whole recording, 8 of 100 scans were dropped: they were empty",
+        "in the whole recording, 20% of the beams are no number",
+    ]
+    assert recording_warnings(made, Span(60.0, 90.0)) == counted
+    assert recording_warnings(made, Span(20.0, 60.0)) == [
+        *counted,
+        "1 gap without a scan, 4.0 s in all, the longest 4.0 s: what moved meanwhile nobody saw",
+    ]
+
+
+def test_a_part_that_a_gap_ends_or_begins_has_not_seen_it():
+    made = recording()
+    made.counts.add_gap(10.0, 3.0)
+    for part in (Span(0.0, 10.0), Span(13.0, 20.0)):
+        assert recording_warnings(made, part) == []
+        assert made.counts.incidents_in(part) == []
+    assert len(made.counts.incidents_in(Span(0.0, 13.0))) == 1
+
+
+def test_a_moment_is_of_the_part_whose_end_it_is():
+    made = recording()
+    made.counts.incidents.add(10.0, "the stamps of the scans step back")
+    assert [len(made.counts.incidents_in(span)) for span in (Span(0.0, 10.0), Span(10.0, 20.0), Span(11.0, 20.0))] == [
+        1,
+        1,
+        0,
+    ]

@@ -94,6 +94,21 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
     assert [key for key in sorted(found) if f"`{key}`" not in text] == []
 
 
+def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
+    log = tmp_path / "log.clf"
+    ranges = " ".join(["2.0"] * 180)
+    stamps = [*range(10), *range(20, 30)]
+    log.write_text("".join(f"FLASER 180 {ranges} 0 0 0 0 0 0 {t}.0 host {t}.0\n" for t in stamps))
+    intervals = ("--interval", 0, 9, "--interval", 5, 25, "--interval", 20, 30)
+    assert run(log, *intervals, "--no-truth", "-o", tmp_path / "out") == 0
+    gap = "1 gap without a scan, 11.0 s in all, the longest 11.0 s: what moved meanwhile nobody saw"
+    for name, befell in (("robot_0", False), ("robot_1", True), ("robot_2", False)):
+        record = run_record(tmp_path / "out" / name)
+        assert (gap in record["warnings"]) is befell
+        assert ("no scans" in [one["what"] for one in record["incidents"]]) is befell
+        assert record["counts"]["gaps"] == 1  # of the whole recording
+
+
 def test_the_run_record_says_what_was_done(bag, tmp_path):
     assert run(bag, "-o", tmp_path, "--set", "map.resolution=0.1", "--seed", 4) == 0
     record = run_record(tmp_path / "robot_0")

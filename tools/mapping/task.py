@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
@@ -14,6 +15,7 @@ import numpy as np
 
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
 from datasets.cached import cached
+from datasets.counts import Span
 from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
 from tbmslam.code_digest import code_digest
@@ -141,18 +143,19 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     slam = Slam(task.config.slam, task.name, watch, task.began)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
-    scans = 0
+    scans, first, last = 0, math.inf, -math.inf
     for reading in watch.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
         with nullcontext() if scans else loading():  # compiled code is loaded when it is first used
             T_map_robot = slam.process(reading)
         watch.saw(task.name, reading, T_map_robot)
-        scans += 1
+        scans, first, last = scans + 1, min(first, reading.scan.stamp), max(last, reading.scan.stamp)
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
+    span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
     run = _run_record(task, recording)
-    tbm_map = slam.finish(run | _noted(recording, slam))
+    tbm_map = slam.finish(run | _noted(recording, span, slam))
     _check_seen(recording, tbm_map, scans)
-    run |= _noted(recording, slam)  # once more: only now it is known what is left out of the map
+    run |= _noted(recording, span, slam)  # once more: only now it is known what is left out of the map
     watch.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
     with watch.during("saving"):
@@ -226,10 +229,15 @@ def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
     }
 
 
-def _noted(recording: Recording, slam: Slam) -> dict[str, object]:
-    """Return what is odd about a recording and its drive, in sentences, and when what went wrong."""
-    incidents = sorted([*recording.counts.incidents, *slam.incidents])
+def _span(segment: Segment, readings: int, first: float, last: float) -> Span:
+    """Return a part from its first stamp to its last [s], and on where the recording begins or ends there."""
+    return Span(first if segment.start else -math.inf, last if segment.stop < readings else math.inf)
+
+
+def _noted(recording: Recording, span: Span | None, slam: Slam) -> dict[str, object]:
+    """Return what is odd about a part of a recording and its drive, in sentences, and when what went wrong."""
+    incidents = sorted([*recording.counts.incidents_in(span), *slam.incidents])
     return {
-        "warnings": recording_warnings(recording) + [incident.text(slam.started) for incident in slam.incidents],
+        "warnings": recording_warnings(recording, span) + [incident.text(slam.started) for incident in slam.incidents],
         "incidents": [incident.as_dict(slam.started) for incident in incidents],
     }
