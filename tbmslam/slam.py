@@ -121,6 +121,7 @@ class Slam:
             It holds numbers that cannot be meant, see `Reading.check`.
         """
         reading.check()
+        self._monitor.reopen()
         reading = self._monitor.cleaned(reading)
         prediction = self._motion.predict(reading)
         T_robot_sensor, T_sensor_robot = self._mounted(reading)
@@ -154,8 +155,10 @@ class Slam:
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
         """Close the loops, adjust drive and walls, render the map of everything processed so far and return it.
 
-        Where the robot got lost, it is the map of the longest part of the drive that hangs together.
+        Where the robot got lost, it is the map of the longest part of the drive that hangs together. The drive may go
+        on after it, and be finished again.
         """
+        self._monitor.reopen()
         self._cut(self._monitor.ended_elsewhere())
         readings, part = self._longest_part()
         poses = np.array(self._poses).reshape(-1, 3)[readings]
@@ -283,7 +286,7 @@ class Slam:
         since, until = self._stamps[begin], self._stamps[end - 1]
         interval = f"{since - self.started:.1f} {until - self.started:.1f}"
         what = f"left out of the map, make a robot of it by --interval {interval}"
-        self.incidents.add(since, what, max(until - since, 0.0))
+        self.incidents.conclude(since, what, max(until - since, 0.0))
 
     def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""

@@ -160,8 +160,13 @@ class DriveMonitor:
     def note_all_along(self, about: str, what: str, start: float) -> None:
         """Note what holds for the whole drive since a stamp [s], once for each thing that it is about."""
         if self._last is not None and about not in self.said_all_along:
-            self.incidents.add_first(start, what, self._last[0].stamp - start)
+            self.incidents.conclude(start, what, self._last[0].stamp - start, first=True)
             self.said_all_along.add(about)
+
+    def reopen(self) -> None:
+        """Take back what the end of the drive told, as it goes on or ends anew."""
+        self.incidents.reopen()
+        self.said_all_along.clear()
 
     def tell(self, name: str, start: float) -> None:
         """Log the incidents, with the time since a stamp [s]."""

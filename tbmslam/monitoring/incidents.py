@@ -41,6 +41,7 @@ class Incidents:
 
     _kept: list[Incident] = field(default_factory=list)
     number: int = 0
+    _concluded: list[Incident] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Incident]:
         """Yield those that were kept."""
@@ -62,11 +63,24 @@ class Incidents:
             self._kept.append(Incident(stamp, what, seconds))
         return self.number - 1
 
-    def add_first(self, stamp: float, what: str, seconds: float) -> None:
-        """Note what holds for all of a drive, before everything else, however much there is."""
+    def conclude(self, stamp: float, what: str, seconds: float, *, first: bool = False) -> None:
+        """Note what only the end of a drive tells, until it goes on (see `reopen`).
+
+        What holds for all of a drive comes `first`, before everything else, however much there is.
+        """
+        incident = Incident(stamp, what, seconds)
         self.number += 1
-        self._kept.insert(0, Incident(stamp, what, seconds))
+        self._kept.insert(0 if first else len(self._kept), incident)
         del self._kept[_MOST_KEPT:]
+        self._concluded.append(incident)
+
+    def reopen(self) -> None:
+        """Take back what the end of the drive told, as it goes on or ends anew."""
+        for incident in self._concluded:
+            self.number -= 1
+            if incident in self._kept:
+                self._kept.remove(incident)
+        self._concluded.clear()
 
     def lengthen(self, number: int, stamp: float) -> None:
         """Let an incident last until a stamp [s]."""

@@ -61,6 +61,24 @@ def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(ro
     assert drive.keyframes.stamps[0] == readings[61].scan.stamp
 
 
+def test_what_is_left_out_is_told_anew_each_time_a_drive_is_finished(robot):
+    """The part that is left out at first may turn out to be the longest."""
+    readings, slam = carried(robot, 60, 120), Slam()
+    for reading in readings[:80]:
+        slam.process(reading)
+    told = []
+    for _ in range(2):
+        assert len(slam.finish().drives[0].trajectory) == 61
+        told.append(said(slam))
+    assert told[0] == told[1]
+    assert sum("left out" in one and "--interval 24.0" in one for one in told[0]) == 1
+    for reading in readings[80:]:
+        slam.process(reading)
+    assert not any("left out" in one for one in said(slam))
+    slam.finish()
+    assert said(slam) == said(mapped(readings)[0])
+
+
 def test_times_are_told_from_where_the_recording_began(robot):
     readings = carried(robot, 60, 120)
     slam = Slam(started=readings[0].scan.stamp - 100.0)

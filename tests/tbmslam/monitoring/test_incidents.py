@@ -57,7 +57,9 @@ def test_everything_that_can_go_wrong_is_explained():
         re.split(r"[{,]", call["words"])[0].strip()
         for package in ("tbmslam", "datasets")
         for path in sorted((ROOT / package).rglob("*.py"))
-        for call in re.finditer(r"incidents\.add\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8"))
+        for call in re.finditer(
+            r"incidents\.(?:add|conclude)\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8")
+        )
     ]
     assert len(written) >= 9
     assert [words for words in (*named, *written) if words not in text] == []
@@ -75,6 +77,28 @@ def test_what_holds_for_a_whole_drive_comes_first_however_much_there_is():
     incidents = Incidents()
     for k in range(150):
         incidents.add(10.0 * k, "x")
-    incidents.add_first(0.0, "a wrong scale", 60.0)
+    incidents.conclude(0.0, "a wrong scale", 60.0, first=True)
     assert (len(incidents), incidents.number) == (100, 151)
     assert next(iter(incidents)).text(0.0) == "at 0.0 s: a wrong scale, for 60.0 s"
+
+
+def test_what_the_end_of_a_drive_told_is_taken_back_where_it_goes_on():
+    incidents = Incidents()
+    lost = incidents.add(3.0, "lost")
+    incidents.conclude(0.0, "a wrong scale", 5.0, first=True)
+    incidents.conclude(0.0, "left out", 3.0)
+    assert [incident.what for incident in incidents] == ["a wrong scale", "lost", "left out"]
+    incidents.reopen()
+    incidents.lengthen(lost, 4.0)
+    assert [incident.text(0.0) for incident in incidents] == ["at 3.0 s: lost, for 1.0 s"]
+    assert incidents.number == 1
+
+
+def test_what_there_was_no_room_for_is_taken_back_too():
+    incidents = Incidents()
+    for k in range(100):
+        incidents.add(10.0 * k, "x")
+    incidents.conclude(0.0, "left out", 3.0)
+    assert (len(incidents), incidents.number) == (100, 101)
+    incidents.reopen()
+    assert (len(incidents), incidents.number) == (100, 100)
