@@ -13,12 +13,13 @@ def list_maps(paths: Iterable[Path]) -> list[Path]:
 
 
 def _maps_in(path: Path) -> list[Path]:
-    if not path.is_dir() or _is_map(path):
+    if not path.is_dir() or holds_map(path):
         return []
-    return sorted((entry for entry in path.iterdir() if entry.is_dir() and _is_map(entry)), key=_by_number)
+    return sorted((entry for entry in path.iterdir() if entry.is_dir() and holds_map(entry)), key=_by_number)
 
 
-def _is_map(folder: Path) -> bool:
+def holds_map(folder: Path) -> bool:
+    """Tell whether a folder is a map's."""
     return any((folder / name).is_file() for name in _MAPS)
 
 

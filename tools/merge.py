@@ -19,7 +19,7 @@ from tools.ending import DONE, ended
 from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.grammar import Grammar
 from tools.loading import loading
-from tools.map_listing import list_maps
+from tools.map_listing import holds_map, list_maps
 from tools.path_argument import path_argument
 from tools.typed_command import typed_command
 
@@ -101,15 +101,25 @@ def _check(parser: argparse.ArgumentParser, options: argparse.Namespace, given: 
     if options.out is None:
         parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
     if len(options.maps) < 2:
-        parser.error(
-            f"two maps or more are needed, got {len(options.maps)}: name their folders, as out/robot_0 out/robot_1"
-        )
+        parser.error(_too_few(given, options.maps))
     if options.workers < 1:
         parser.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:
         parser.error("a --scheduler has workers of its own: drop --workers")
     if any(_lies_in(path, options.out) for path in (*options.maps, *given)):
         parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
+
+
+def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
+    """Return why there are not two maps, and what to do."""
+    remedy = "name their folders, as out/robot_0 out/robot_1"
+    if len(given) != 1:
+        return f"two maps or more are needed, got {len(maps)}: {remedy}"
+    if not given[0].exists():
+        return f"{given[0]}: does not exist: {remedy}, or a folder of maps that build_maps wrote"
+    if given[0].is_dir() and not holds_map(maps[0]):
+        return f"{given[0]}: holds no map: name a folder that build_maps wrote with -o"
+    return f"two maps or more are needed, {given[0]} is or holds only one: {remedy}"
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
@@ -364,8 +374,9 @@ def _tell(result: "Merge", out: Path) -> None:
     if result.left_out:
         print("whoever knows where one lies may say so: --pose NAME X Y DEG, in the first map's frame")
     if result.merged is None:
-        print(f"nothing merged; the reasons are in {out / 'report.json'}")
+        print(f"nothing merged; the reasons are in {out / 'report.html'}")
         return
+    print(f"report -> {out / 'report.html'}")
     print(f"merged {', '.join(result.poses)} into {out}")
 
 

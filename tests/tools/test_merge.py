@@ -101,7 +101,9 @@ def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsy
         "map.yaml",
         "map.pgm",
     } <= {path.name for path in (tmp_path / "merged").iterdir()}
-    assert "there in here: accepted: " in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "there in here: accepted: " in said
+    assert f"report -> {tmp_path / 'merged' / 'report.html'}" in said
 
 
 def test_a_merge_is_merged_with_a_map_file(folders, tmp_path):
@@ -127,7 +129,7 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
     assert report["merged"] is False
     assert reason in report["pairs"][0]["reason"]
     assert not (tmp_path / "map.npz").exists()
-    assert "nothing merged" in capsys.readouterr().out
+    assert f"nothing merged; the reasons are in {tmp_path / 'report.html'}" in capsys.readouterr().out
 
 
 def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
@@ -227,7 +229,11 @@ def test_the_options_reach_the_merge(folders, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["one", "-o", "out"], "two maps or more are needed, got 1"),
+        (["-o", "out"], "two maps or more are needed, got 0: name their folders, as out/robot_0 out/robot_1"),
+        (
+            ["one", "-o", "out"],
+            "error: one: does not exist: name their folders, as out/robot_0 out/robot_1, or a folder",
+        ),
         (
             ["one", "two", "-o", "out", "--ratio", "7"],
             "merging.features.ratio: Input should be less than or equal to 1 (got 7.0)",
@@ -245,6 +251,22 @@ def test_wrong_usage_is_status_2(capsys, arguments, message):
         merge.main(arguments)
     assert stopped.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_folder_with_one_map_or_none_is_told_apart(tmp_path, capsys):
+    for folder in ("empty", "single/robot_0"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "single" / "robot_0" / "map.npz").touch()
+    for name, message in (
+        ("empty", "empty: holds no map: name a folder that build_maps wrote with -o"),
+        ("single", "two maps or more are needed, "),
+        ("single", "single is or holds only one: name their folders, as out/robot_0 out/robot_1"),
+        ("single/robot_0", "single/robot_0 is or holds only one"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            merge.main([str(tmp_path / name), "-o", str(tmp_path / "out")])
+        assert stopped.value.code == 2
+        assert message in capsys.readouterr().err
 
 
 def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):

@@ -58,9 +58,10 @@ def map_all(
         raise next(iter(failures.values()))
     if failures:
         names = ", ".join(failures)
+        kept = ", the others are kept" if len(failures) < len(tasks) else ""
         first = next(iter(failures.values()))
         raise MappingError(
-            f"{len(failures)} of {len(tasks)} robots failed ({names}), the others are kept; mend or leave out "
+            f"{len(failures)} of {len(tasks)} robots failed ({names}){kept}; mend or leave out "
             f"their recordings and run again; the first: {first}"
         )
 

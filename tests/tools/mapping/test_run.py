@@ -135,6 +135,14 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     assert "1 of 3 robots failed (robot_1)" in page
 
 
+def test_where_all_recordings_are_bad_nothing_is_said_of_others(tmp_path, capsys):
+    for name in ("a.bag", "b.bag"):
+        (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
+    assert run(tmp_path, "--separate", "-o", tmp_path / "out") == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("build_maps: 2 of 2 robots failed (robot_0, robot_1); mend or leave out their recordings")
+
+
 def test_where_a_recording_is_bad_the_others_keep_their_own_truth(bags, mapped, tmp_path):
     bad = tmp_path / "bad.bag"
     bad.write_bytes(b"#ROSBAG V2.0\n")
