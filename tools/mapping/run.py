@@ -65,17 +65,18 @@ def _map(
     args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, watch: Watch
 ) -> tuple[dict[str, Mapped], TbmSlamError | None]:
     """Map what is not finished yet; return all results by robot, and what kept others from having one."""
+    told: set[tuple[tuple[Path, ...], str]] = set()
     kept = {} if args.redo else {task.name: found for task in tasks if (found := finished(task))}
     for task in tasks:
         if task.name in kept:
-            _tell(task, kept[task.name])
+            _tell(task, kept[task.name], told)
     missing = [task for task in tasks if task.name not in kept]
     _tell_changed(missing)
     done = dict(kept)
     try:
         for task, result in map_all(missing, shelf, args.workers, args.scheduler, watch):
             done[task.name] = result
-            _tell(task, result)
+            _tell(task, result, told)
     except TbmSlamError as failure:
         if not done:
             raise
@@ -90,7 +91,8 @@ def _tell_changed(tasks: Sequence[MappingTask]) -> None:
             logger.warning("%s: not as an earlier run wrote it, made again: %s", task.folder, ", ".join(names))
 
 
-def _tell(task: MappingTask, made: Mapped) -> None:
+def _tell(task: MappingTask, made: Mapped, told: set[tuple[tuple[Path, ...], str]]) -> None:
+    """Say what became of a robot, and what was read, once of each recording; `told` is what was said of which."""
     result = made.run["result"]
     if not isinstance(result, Mapping):
         return
@@ -99,8 +101,10 @@ def _tell(task: MappingTask, made: Mapped) -> None:
         f"{task.name}: {result['scans']} scans, {result['distance_m']:.1f} m, {result['keyframes']} keyframes, "
         f"{result['known_area_m2']:.0f} m2 known, {how} -> {task.folder}"
     )
-    for line in made.summary.splitlines():
-        print(f"  {line}")
+    if (task.paths, made.summary) not in told:
+        told.add((task.paths, made.summary))
+        for line in made.summary.splitlines():
+            print(f"  {line}")
 
 
 def _write_truth(
