@@ -63,6 +63,8 @@ class Slam:
     started
         Stamp from which times are told, as that of the recording that the drive is a part of; None for the first
         reading's [s].
+    range_offset
+        What was added to every range when it was read, so that a warning can name what is to be added instead [m].
 
     Attributes
     ----------
@@ -81,11 +83,12 @@ class Slam:
         name: str = "robot",
         watch: Watch | None = None,
         started: float | None = None,
+        range_offset: float = 0.0,
     ) -> None:
         self.config = config or SlamConfig()
         self.name = name
         self._watch = watch or Watch()
-        self._started = started
+        self._started, self._range_offset = started, range_offset
         self._motion = MotionModel(self.config.motion)
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
@@ -318,7 +321,7 @@ class Slam:
         with self._watch.during("checking the laser"):
             errors = fit_laser(keyframes, poses, steps, self.config.laser_fit, self.config.adjustment)
         if errors is not None:
-            for about, what in laser_doubts(errors, keyframes, self.config.laser_check).items():
+            for about, what in laser_doubts(errors, keyframes, self.config.laser_check, self._range_offset).items():
                 self._monitor.note_all_along(about, what, self.started)
 
     def _hits_of(self, keyframes: Keyframes) -> ScanHits:

@@ -22,17 +22,42 @@ class LaserCheckConfig(FrozenConfig):
     sure: float = Field(4.0, gt=0, description="standard deviations that either must be, too")
 
 
-def laser_doubts(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> dict[str, str]:
-    """Return a sentence for each number of a laser's description that walls contradict."""
+def laser_doubts(
+    errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig, range_offset: float = 0.0
+) -> dict[str, str]:
+    """Return a sentence for each number of a laser's description that walls contradict.
+
+    Parameters
+    ----------
+    errors
+        What is wrong with scans as they were read.
+    keyframes
+        The scans.
+    config
+        What is worth a warning.
+    range_offset
+        What was added to every range when it was read [m].
+    """
     said = {}
     if abs(errors.scale) > max(config.scale, config.sure * errors.scale_deviation):
         said["angles"] = _angles_said(errors, keyframes, config)
     if abs(errors.offset) > max(config.offset, config.sure * errors.offset_deviation):
-        apart = f"{abs(errors.offset):.2f} m {'longer' if errors.offset > 0.0 else 'shorter'}"
-        said["ranges"] = (
-            f"walls fit best where ranges are {apart} than measured: try --range-offset {errors.offset:.2f}"
-        )
+        said["ranges"] = _ranges_said(errors.offset + range_offset, range_offset)
     return {about: what for about, what in said.items() if what}
+
+
+def _ranges_said(offset: float, added: float) -> str:
+    """Return what to say of ranges to which so much is to be added, and was when they were read [m]."""
+    instead = "" if added == 0.0 else f", not {_longer(added)}"
+    remedy = f"try --range-offset {offset:.2f}" if round(offset, 2) else "try without --range-offset"
+    return f"walls fit best where ranges are {_longer(offset)}{instead}: {remedy}"
+
+
+def _longer(offset: float) -> str:
+    """Return by how much ranges are longer than measured, in words."""
+    if not round(offset, 2):
+        return "as measured"
+    return f"{abs(offset):.2f} m {'longer' if offset > 0.0 else 'shorter'} than measured"
 
 
 def _angles_said(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> str:
@@ -40,9 +65,7 @@ def _angles_said(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckCo
     steps, counts = np.degrees(np.abs(keyframes.beams[:, 1])), np.diff(keyframes.offsets)
     if np.ptp(counts) or np.ptp(steps) > 1e-6 * steps[0]:  # no one angle can be told
         apart = f"{abs(errors.scale):.1%} {'larger' if errors.scale > 0.0 else 'smaller'}"
-        return (
-            f"walls fit best where angles between beams are {apart} than stated: look how the laser's driver makes them"
-        )
+        return f"walls fit best where angles between beams are {apart}: look how the laser's driver makes them"
     stated, beams = float(steps[0]), int(counts[0])
     fit = stated * (1.0 + errors.scale)
     once_round = [360.0 / beams, 360.0 / (beams - 1)]
@@ -56,6 +79,6 @@ def _angles_said(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckCo
     mended = f"{meant:.{4 if meant == fit else 6}g}"
     turned = f", or -{mended} where it is stated negative" if keyframes.beams[0, 1] < 0.0 else ""
     return (
-        f"walls fit best where beams are {fit:.4g} degrees apart, not {stated:.5g} as stated: "
+        f"walls fit best where beams are {fit:.4g} degrees apart, not {stated:.5g}: "
         f"try --angle-step-deg {mended}{turned}"
     )

@@ -55,7 +55,7 @@ def mount_doubt(keyframes: Keyframes, odometry: FloatArray, config: MountCheckCo
     (x, y, turn), (stated_x, stated_y, stated_turn) = _written(mended), _written(stated)
     return (
         f"odometry and scans fit best where the laser sits on the robot at {x}, {y} m, {turn} degrees, "
-        f"not at {stated_x}, {stated_y} m, {stated_turn} degrees as stated: try --sensor-pose {x} {y} {turn}"
+        f"not at {stated_x}, {stated_y} m, {stated_turn} degrees: try --sensor-pose {x} {y} {turn}"
     )
 
 

@@ -39,3 +39,19 @@ def test_the_option_that_a_warning_names_mends_it(tmp_path, fault, remedy):
     right = build(tmp_path / "right", drive / "robot_0.bag", *remedy.split())
     assert told(right) == []
     assert error(drive, right) < min(0.01, 0.3 * error(drive, wrong))
+
+
+@pytest.mark.parametrize(
+    ("faults", "wrong", "remedy"),
+    [
+        ((), ("--range-offset", 0.1), "without --range-offset"),
+        (("--fault", "range_offset@0+600"), ("--range-offset", 0.1), "--range-offset -0.10"),
+        ((), ("--angle-step-deg", 0.515), "--angle-step-deg 0.5"),
+    ],
+)
+def test_what_was_told_wrong_is_told_right(tmp_path, faults, wrong, remedy):
+    """What a warning names is to be passed instead, not on top, and it calls nothing stated that somebody passed."""
+    drive = simulate(tmp_path / "drive", *SMALL, *faults)
+    maps = build(tmp_path / "wrong", drive / "robot_0.bag", *wrong)
+    assert told(maps) == [remedy]
+    assert "stated" not in (maps / "robot_0" / "run.json").read_text()

@@ -200,7 +200,7 @@ def test_a_laser_described_wrong_is_told(drive_in):
 
     (angles,) = told(wide)
     assert angles.startswith("walls fit best where beams are ")
-    assert angles.endswith(" degrees apart, not 1.03 as stated: try --angle-step-deg 1")
+    assert angles.endswith(" degrees apart, not 1.03: try --angle-step-deg 1")
     (ranges,) = told(lambda scan: replace(scan, ranges=scan.ranges + 0.1))
     assert ranges == "walls fit best where ranges are 0.10 m shorter than measured: try --range-offset -0.10"
     assert told(lambda scan: scan) == []
@@ -220,7 +220,7 @@ def test_a_laser_stated_elsewhere_is_told(drive_in):
     elsewhere = SE2(0.1, 0.25, math.radians(-12.0))
     (place,) = told(T_robot_sensor=elsewhere)
     assert place.startswith("odometry and scans fit best where the laser sits on the robot at 0.2")
-    assert ", 0 degrees, not at 0.10, 0.25 m, -12 degrees as stated: try --sensor-pose 0.2" in place
+    assert ", 0 degrees, not at 0.10, 0.25 m, -12 degrees: try --sensor-pose 0.2" in place
     assert told(T_robot_sensor=elsewhere, T_odom_robot=None) == []
     assert told(config_from_dict({"mount_check": {"enabled": False}}), T_robot_sensor=elsewhere) == []
     # Too wide angles turn all of the view, and are told alone, as mending them may mend the place, too.

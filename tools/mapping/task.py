@@ -140,7 +140,7 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
-    slam = Slam(task.config.slam, task.name, watch, task.began)
+    slam = Slam(task.config.slam, task.name, watch, task.began, task.config.recording.range_offset)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans, first, last = 0, math.inf, -math.inf

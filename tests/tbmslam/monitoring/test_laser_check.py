@@ -36,8 +36,7 @@ def said(beams, step_deg, scale, deviation=0.0005, offset=0.0):
 )
 def test_angles_between_beams_and_what_mends_them(beams, stated, scale, fit, mended):
     assert said(beams, stated, scale) == {
-        "angles": f"walls fit best where beams are {fit} degrees apart, not {stated:.5g} as stated: "
-        f"try --angle-step-deg {mended}"
+        "angles": f"walls fit best where beams are {fit} degrees apart, not {stated:.5g}: try --angle-step-deg {mended}"
     }
 
 
@@ -62,8 +61,7 @@ def test_angles_that_change_from_scan_to_scan():
     mixed = keyframes(180, 1.0)
     mixed = replace(mixed, beams=mixed.beams * [[1.0, 1.0, 1.0, 1.0], [1.0, 1.01, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]])
     assert laser_doubts(LaserErrors(-0.012, 0.0005, 0.0, 0.003), mixed, CONFIG) == {
-        "angles": "walls fit best where angles between beams are 1.2% smaller than stated: "
-        "look how the laser's driver makes them"
+        "angles": "walls fit best where angles between beams are 1.2% smaller: look how the laser's driver makes them"
     }
 
 
@@ -72,6 +70,21 @@ def test_ranges_and_what_mends_them(offset, words):
     assert said(180, 1.0, 0.0, offset=offset) == {
         "ranges": f"walls fit best where ranges are {words} than measured: try --range-offset {offset:.2f}"
     }
+
+
+@pytest.mark.parametrize(
+    ("added", "more", "words"),
+    [
+        (-0.05, -0.15, "0.20 m shorter than measured, not 0.05 m shorter than measured: try --range-offset -0.20"),
+        (0.05, -0.15, "0.10 m shorter than measured, not 0.05 m longer than measured: try --range-offset -0.10"),
+        (0.1, -0.098, "as measured, not 0.10 m longer than measured: try without --range-offset"),
+        (-0.1, 0.098, "as measured, not 0.10 m shorter than measured: try without --range-offset"),
+    ],
+)
+def test_what_is_to_be_added_counts_from_what_was_measured(added, more, words):
+    errors = LaserErrors(0.0, 0.0005, more, 0.003)
+    told = laser_doubts(errors, keyframes(180, 1.0), CONFIG, added)
+    assert told == {"ranges": f"walls fit best where ranges are {words}"}
 
 
 def test_small_or_uncertain_offsets_are_none():

@@ -44,7 +44,7 @@ def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
 def test_a_laser_that_sits_elsewhere(generator, stated, words):
     said = doubt(stated, generator)
     assert said is not None
-    assert f"not at {words} as stated: try --sensor-pose 0.2" in said
+    assert f"not at {words}: try --sensor-pose 0.2" in said
     assert said.startswith("odometry and scans fit best where the laser sits on the robot at 0.2")
     x, y, turn = map(float, said.split("--sensor-pose ")[1].split())
     assert (x, y, turn) == pytest.approx((0.25, 0.0, 0.0), abs=0.02)
