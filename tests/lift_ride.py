@@ -35,7 +35,7 @@ def floor(rooms, width=2.2, half=9.0):
     return np.vstack((np.hstack((corners[:-1], corners[1:])), CABIN))
 
 
-def way(seconds):
+def way(seconds, backwards=False):
     """Return the robot's poses (N, 3), and from which to which the doors are closed."""
     poses = [(-7.0, MIDDLE, 0.0)]
 
@@ -52,9 +52,9 @@ def way(seconds):
         poses.extend((x, y, theta + angle * k / number) for k in range(1, number + 1))
 
     drive_to(0.0, MIDDLE)
-    turn_by(math.pi / 2.0)
+    turn_by(math.pi / (-2.0 if backwards else 2.0))
     drive_to(0.0, 0.0)
-    turn_by(math.pi)
+    turn_by(0.0 if backwards else math.pi)
     closed = len(poses)
     poses.extend([poses[-1]] * round(seconds * RATE))
     opened = len(poses)
@@ -65,7 +65,7 @@ def way(seconds):
     return np.array(poses), closed, opened
 
 
-def ride(before, after, seconds=20.0, beams=361, door=True):
+def ride(before, after, seconds=20.0, beams=361, door=True, backwards=False):
     """Return the readings of a robot that goes in on one floor and comes out on another, and when it is shut in.
 
     Parameters
@@ -76,8 +76,10 @@ def ride(before, after, seconds=20.0, beams=361, door=True):
         How long it stands.
     door
         Whether the door is closed meanwhile.
+    backwards
+        Whether it goes in backwards, and comes out as it stands.
     """
-    poses, closed, opened = way(seconds)
+    poses, closed, opened = way(seconds, backwards)
     angle_min, step = SimulatedLaser.field_of(beams)
     laser = SimulatedLaser(
         beams=beams, angle_min=angle_min, angle_increment=step, range_max=10.0, T_robot_sensor=SE2.identity()

@@ -127,7 +127,10 @@ class DriveMonitor:
         """
         if self._shut_in is None:
             return None
+        stays = self._shut_in.stays
         found = self._shut_in.look(scan, T_map_sensor, T_map_robot)
+        if self._shut_in.stays > stays and self._view is not None:
+            self._view.forget()  # walls of another floor would stand where was seen through, as parts of the robot do
         if learnt:
             found = self._shut_in.note_keyframe(scan, T_map_sensor, T_map_robot) or found
         return self._told_of(found)
@@ -143,11 +146,7 @@ class DriveMonitor:
         since, until = found.stay.since, found.stay.until
         told = ELSEWHERE if found.elsewhere else DOUBTFUL if found.differs else ALIKE
         self.incidents.add(since, told, until - since)
-        if not found.elsewhere:
-            return None
-        if self._view is not None:
-            self._view.forget()
-        return 0.5 * (since + until)
+        return 0.5 * (since + until) if found.elsewhere else None
 
     def knows_blocked_beams(self) -> bool:
         """Tell whether any beam was blocked at any time."""

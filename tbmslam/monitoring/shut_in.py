@@ -101,10 +101,16 @@ class ShutIn:
     ----------
     config
         When it is shut in, and when it comes out elsewhere.
+
+    Attributes
+    ----------
+    stays
+        How often it was, so far, for as long as a lift takes.
     """
 
     def __init__(self, config: ShutInConfig) -> None:
         self._config = config
+        self.stays = 0
         self._looked = -math.inf
         self._stay: Stay | None = None  # as long as it lasts
         self._past: tuple[Stay, PlaceBefore, float] | None = None  # the last that counts, and the way at its end
@@ -164,6 +170,7 @@ class ShutIn:
         config = self._config
         if stay.until - stay.since < (config.seconds_closed if stay.closed else config.seconds):
             return None
+        self.stays += 1
         found = self._judged()
         is_decided = self._past is None or (found is not None and found.elsewhere)
         if not is_decided and self._past is not None and not stay.outweighs(self._past[0]):

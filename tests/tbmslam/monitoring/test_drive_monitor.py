@@ -330,6 +330,30 @@ def test_a_lift_ends_a_part_of_the_drive_and_each_part_is_a_robot_of_its_own(cap
         assert way.trajectory.pose(0).to(way.trajectory.pose(len(way.trajectory) - 1)) == pytest.approx(first, abs=0.05)
 
 
+WIDE_ROOMS = ((-6.0, -3.5, 3.0), (-1.0, 1.0, 2.5), (4.0, 6.5, 2.5))
+
+
+@pytest.mark.parametrize(("before", "after"), [(ROOMS, WIDE_ROOMS), (OTHER_ROOMS, ROOMS), (OTHER_ROOMS, WIDE_ROOMS)])
+def test_walls_of_another_floor_are_no_parts_of_the_robot(before, after):
+    """Going in backwards and out ahead, without a turn, the laser sees them where it saw through on the first floor."""
+    slam, _ = mapped(ride(floor(before), floor(after), 12.0, backwards=True)[0])
+    assert [i.what.partition(",")[0] for i in slam.incidents] == ["shut in as in a lift", "left out of the map"]
+
+
+@pytest.mark.parametrize("since", [0.0, 30.0])
+def test_a_part_of_the_robot_is_told_once_however_it_takes_a_lift(since):
+    """Known before the lift or shown only after it."""
+    readings, (_, opened) = ride(floor(OTHER_ROOMS), floor(ROOMS), 12.0, backwards=True)
+    start = readings[0].scan.stamp
+    posts = (np.abs(np.arange(361) - 60) < 6) | (np.abs(np.arange(361) - 300) < 6)
+    seen = [np.where(posts & (r.scan.stamp >= start + since), 0.6, r.scan.ranges) for r in readings]
+    slam, _ = mapped([replace(r, scan=r.scan.with_ranges(s)) for r, s in zip(readings, seen, strict=True)])
+    (blocks,) = [i for i in slam.incidents if "blocks" in i.what]
+    assert "blocks 6% of the beams, -63 to -58, 57 to 62°" in blocks.what
+    assert (blocks.stamp > opened - 10.0) == (since > 0.0)
+    assert [i.what for i in slam.incidents].count(ELSEWHERE) == 1
+
+
 def test_a_lift_to_a_floor_that_looks_alike_is_told_and_cuts_nothing():
     closed_rooms = floor(((-6.0, -5.0, 0.1),))
     open_rooms = floor(((-6.0, -5.0, 0.1), (-2.0, 2.0, 2.5)))

@@ -27,7 +27,8 @@ def watched(readings, config=None):
 @pytest.mark.parametrize("seconds", [6.0, 20.0])
 def test_another_floor_is_told_within_metres(beams, seconds):
     readings, (closed, opened) = ride(FLOOR, OTHER, seconds, beams)
-    _, ((stamp, found),) = watched(readings)
+    watch, ((stamp, found),) = watched(readings)
+    assert watch.stays == 1
     assert found.elsewhere
     assert found.stay.closed
     assert closed - 1.0 <= found.stay.since <= closed + 1.0
@@ -58,7 +59,8 @@ def test_walls_that_are_only_gone_are_told_and_cut_nothing():
 
 
 def test_standing_for_less_than_a_ride_takes_is_nothing():
-    assert watched(ride(FLOOR, OTHER, 2.0)[0])[1] == []
+    watch, found = watched(ride(FLOOR, OTHER, 2.0)[0])
+    assert (watch.stays, found) == (0, [])
 
 
 def test_without_the_door_seen_it_takes_longer_and_more():
