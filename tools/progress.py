@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 from tqdm import tqdm
 
 from tbmslam.watch import Watch
+from tools.compiling import tell_of_compiling
 
 if TYPE_CHECKING:
     from tbmslam.laser_scan import Reading
@@ -27,6 +28,7 @@ class ProgressBars(Watch):
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:
         super().__init__()
+        tell_of_compiling()
         self._viewer = viewer
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:

@@ -1,0 +1,33 @@
+"""A line on the terminal when a program compiles: its first run would else look as if it never ended."""
+
+import sys
+from typing import Any
+
+from numba.core.event import Listener, register
+from tqdm import tqdm
+
+
+class Compiling(Listener):
+    """Says once that something is compiled, where stderr is a terminal; what comes from the cache is not compiled."""
+
+    def __init__(self) -> None:
+        self._is_said = False
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002  # numba names it
+        """Say so, above any bar that is drawn."""
+        if not self._is_said and sys.stderr is not None and sys.stderr.isatty():
+            self._is_said = True
+            tqdm.write("compiling for this machine: a minute or two, the first time only", file=sys.stderr)
+
+    def on_end(self, event: Any) -> None:
+        """Nothing is left to be said."""
+
+
+_listeners: list[Compiling] = []
+
+
+def tell_of_compiling() -> None:
+    """Have a line written when this process first compiles, however often this is called."""
+    if not _listeners:
+        _listeners.append(Compiling())
+        register("numba:compile", _listeners[0])
