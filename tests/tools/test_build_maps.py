@@ -186,6 +186,15 @@ def test_each_robot_has_a_frame_of_its_own_from_the_seed(bags, tmp_path):
         assert starts["odometry", robot] == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
 
 
+def test_what_is_told_of_the_reference_says_whose_it_is(tmp_path, caplog):
+    small = ["--beams", "181", "--rate", "5", "--duration", "16"]
+    world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
+    assert make_world.main([*world, "-o", str(tmp_path / "bags")]) == 0
+    assert run(tmp_path / "bags" / "robot_0.bag", "--robots", 2, "-o", tmp_path / "out") == 0
+    whole = "whole recording, for truth.json: at 10.0 s: the odometry jumps"
+    assert any(line.startswith(whole) for line in caplog.messages)
+
+
 def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_path):
     options = [option for option in QUICK if option != "--no-truth"]
     assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *options, "-o", tmp_path) == 0

@@ -20,6 +20,9 @@ from tools.mapping.task import MappingTask, Shelf
 
 logger = logging.getLogger(__name__)
 
+_WHOLE = "whole recording, for truth.json"
+"""What the reference is called where its warnings come after those of the robots."""
+
 
 def write_truth(
     path: Path,
@@ -89,7 +92,7 @@ def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch
     if given is not None:
         return given.name, read_tum(given)
     recording = shelf.open(task.paths, task.config.recording)
-    slam = Slam(preset("default"), "reference")
-    for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans"):
+    slam = Slam(preset("default"), _WHOLE)
+    for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans", _WHOLE):
         slam.process(reading)
     return "default SLAM on the whole recording", slam.finish().drives[0].trajectory
