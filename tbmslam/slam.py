@@ -16,6 +16,7 @@ from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.left_out import left_out_said
 from tbmslam.loops.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.monitoring.drive_monitor import DriveMonitor
@@ -287,8 +288,7 @@ class Slam:
     def _leave_out(self, begin: int, end: int) -> None:
         """Note that a part of the drive is not in the map."""
         since, until = self._stamps[begin], self._stamps[end - 1]
-        interval = f"{since - self.started:.1f} {until - self.started:.1f}"
-        what = f"left out of the map, make a robot of it by --interval {interval}"
+        what = left_out_said(np.array(self._stamps), begin, end, self.started)
         self.incidents.conclude(since, what, max(until - since, 0.0))
 
     def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:

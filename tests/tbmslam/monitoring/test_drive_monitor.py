@@ -54,11 +54,20 @@ def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(ro
     assert lost.what == LOST
     assert lost.stamp == readings[61].scan.stamp
     assert left_out.stamp == readings[0].scan.stamp
-    assert "make a robot of it by --interval 0.0 12.0" in left_out.what
+    assert "make a robot of it by --interval 0.00 12.0" in left_out.what
     assert len(drive.trajectory) == len(readings) - 61
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     assert any(LOST in line for line in caplog.messages)
     assert drive.keyframes.stamps[0] == readings[61].scan.stamp
+
+
+def test_what_is_left_out_and_no_interval_names_is_to_be_a_file_of_its_own(robot):
+    readings = carried(robot, 60, 120)
+    back = [replace(r, scan=replace(r.scan, stamp=r.scan.stamp - 20.0 * (k >= 30))) for k, r in enumerate(readings)]
+    slam, drive = mapped(back)
+    (left_out,) = [i.what for i in slam.incidents if "left out" in i.what]
+    assert len(drive.trajectory) == len(readings) - 61
+    assert "no --interval names it: write its 61 scans into a file of their own, and map that" in left_out
 
 
 def test_what_is_left_out_is_told_anew_each_time_a_drive_is_finished(robot):
@@ -85,7 +94,7 @@ def test_times_are_told_from_where_the_recording_began(robot):
     for reading in readings:
         slam.process(reading)
     slam.finish()
-    assert any("make a robot of it by --interval 100.0 112.0" in incident.what for incident in slam.incidents)
+    assert any("make a robot of it by --interval 100.00 112.01" in incident.what for incident in slam.incidents)
     assert all(text.startswith("at 1") for text in said(slam))
 
 
