@@ -105,7 +105,7 @@ class BlockedBeams:
         if self.blocked.any():
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
             self._spans.end(ends & self.blocked, self.since, self._anywhere(), scan.stamp)
-        here = scan.stamp, self._way, self._turn
+        here = scan.stamp, self._way, self._turn, way
         blocked, suspected = follow_beams(self._state, ranges, here, self._limits, config.fewest)
         more = bool((blocked & ~self.blocked).any())
         self.blocked, self._hidden = blocked, blocked | suspected

@@ -10,7 +10,7 @@ def followed(rows, way=1.0, turn=0.5):
     state = np.zeros((5, len(rows[0])))
     state[0] = np.nan
     for k, ranges in enumerate(rows):
-        found = follow_beams(state, np.array(ranges), (float(k), way * k, turn * k), LIMITS, 3)
+        found = follow_beams(state, np.array(ranges), (float(k), way * k, turn * k, way), LIMITS, 3)
     return state, *found
 
 
@@ -29,8 +29,18 @@ def test_few_neighbours_are_not_blocked():
 
 
 def test_a_lost_range_proves_nothing():
-    rows = [[0.3, 0.3, 0.3], [np.nan, np.inf, 0.3], [0.3, 0.3, 0.3]]
-    assert followed(rows)[1].all()
+    """The way on which it was lost counts not, neither against the others."""
+    rows = [[0.8, 0.8, 0.8], [np.nan, np.inf, 0.8], [0.8, 0.8, 0.8]]
+    state, blocked, _ = followed(rows)
+    np.testing.assert_array_equal(state[2], [1.0, 1.0, 0.0])
+    assert not blocked.any()
+    assert followed([*rows, rows[0]])[1].all()
+
+
+def test_turns_on_which_a_range_was_lost_do_not_count():
+    rows = [[0.8] * 3] * 3 + [[np.nan] * 3] * 3
+    assert not followed(rows, turn=0.45)[1].any()
+    assert followed([*rows, [0.8] * 3], turn=0.45)[1].all()
 
 
 def test_a_straight_way_blocks_nothing_but_raises_suspicion():

@@ -79,6 +79,26 @@ def test_what_is_very_near_and_does_not_change_is_not_believed_for_now():
     assert np.isfinite(beams.without(scan(3, np.full(100, 0.4))).ranges).all()
 
 
+@pytest.mark.parametrize("reach", [1.0, 2.0, 3.5])
+@pytest.mark.parametrize("world", ["office", "apartment"])
+def test_a_laser_that_sees_near_things_alone_has_nothing_in_view(drive_in, world, reach):
+    """Between two walls that happen to be as far it sees nothing, which is no proof that it saw the same thing."""
+    beams = BlockedBeams(BlockedBeamsConfig())
+    for reading in drive_in(world, 60.0, "good", seed=2, beams=361).readings:
+        ranges = np.where(reading.scan.ranges > reach, np.inf, reading.scan.ranges)
+        assert not beams.look(reading.scan.with_ranges(ranges), reading.T_odom_robot)
+    assert not beams.were_any()
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.5, 0.8])
+def test_a_cover_that_seldom_returns_takes_longer_to_be_found(lost):
+    def seldom(k):
+        return np.where(rng.random(100) < lost * (np.abs(np.arange(100) - 35) <= 15), np.inf, covered(k))
+
+    _, found = drive(seldom, steps=60)
+    assert 6 <= found[0] <= 8.0 / (1.0 - lost) + 5.0
+
+
 def test_a_standing_robot_tells_nothing():
     beams = BlockedBeams(BlockedBeamsConfig())
     assert not any(beams.look(scan(k, covered(9)), SE2.identity()) for k in range(50))
