@@ -33,6 +33,6 @@ def left_out_said(stamps: FloatArray, begin: int, end: int, started: float) -> s
     if astray <= max(_ASTRAY * (end - begin), 1.0):
         return f"left out of the map, make a robot of it by --interval {first:.2f} {last:.2f}"
     return (
-        f"left out of the map, and as the clock steps back no --interval names it: write its {end - begin} scans into a "
-        "file of their own, and map that"
+        f"left out of the map, and as the clock steps back no --interval names it: write its {end - begin} scans "
+        "into a file of their own, and map that"
     )

@@ -32,7 +32,7 @@ def follow_beams(
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
     blocked, suspected = np.zeros(len(ranges), dtype=np.bool_), np.zeros(len(ranges), dtype=np.bool_)
     for i in range(len(ranges)):
-        # What got lost on the way proves nothing: a laser that sees near things alone meets some at one range by chance.
+        # What got lost proves nothing: a laser that sees near things alone meets some at one range by chance.
         if not math.isfinite(ranges[i]):
             state[2, i] += step
         else:
