@@ -127,10 +127,12 @@ class DriveMonitor:
         """
         if self._shut_in is None:
             return None
-        stays = self._shut_in.stays
+        before = self._shut_in.left
         found = self._shut_in.look(scan, T_map_sensor, T_map_robot)
-        if self._shut_in.stays > stays and self._view is not None:
-            self._view.forget()  # walls of another floor would stand where was seen through, as parts of the robot do
+        left = self._shut_in.left
+        if left is not None and left is not before and self._view is not None:
+            # Walls of another floor would stand where was seen through, as parts of the robot do.
+            self._view.forget(left.middle())
         if learnt:
             found = self._shut_in.note_keyframe(scan, T_map_sensor, T_map_robot) or found
         return self._told_of(found)
@@ -146,7 +148,7 @@ class DriveMonitor:
         since, until = found.stay.since, found.stay.until
         told = ELSEWHERE if found.elsewhere else DOUBTFUL if found.differs else ALIKE
         self.incidents.add(since, told, until - since)
-        return 0.5 * (since + until) if found.elsewhere else None
+        return found.stay.middle() if found.elsewhere else None
 
     def knows_blocked_beams(self) -> bool:
         """Tell whether any beam was blocked at any time."""

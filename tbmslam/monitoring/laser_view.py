@@ -60,10 +60,10 @@ class LaserView:
             self._parts.look(self._raw, T_map_sensor, T_odom_sensor)
             self._tell(self._raw, self._parts)
 
-    def forget(self) -> None:
-        """Forget where scans were taken: the robot got lost."""
+    def forget(self, before: float = math.inf) -> None:
+        """Forget where scans were taken before a stamp [s]; all of them where the robot got lost."""
         if self._parts is not None:
-            self._parts.forget()
+            self._parts.forget(before)
 
     def were_any_blocked(self) -> bool:
         """Tell whether any beam was blocked at any time."""

@@ -15,7 +15,7 @@ from tbmslam.kernels.parts_in_view import count_refuted, follow_ranges, refuted_
 from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_spans import BlockedSpans
 from tbmslam.monitoring.glass_walls import is_square_to_way, turns_along
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.se2 import SE2, FloatArray, way_lengths
 
 
 class PartsInViewConfig(FrozenConfig):
@@ -64,14 +64,26 @@ class PartsInView:
         self._astray: BoolArray
         self._spans = BlockedSpans()
         self._T_map_last = SE2.identity()
+        self._count, self._way = 0, 0.0  # looks that are remembered, and the way by the last one
         self._begin(0)
 
-    def forget(self) -> None:
-        """Forget where scans were taken, as where the robot got lost; what was constant is so all the same."""
-        self._count = 0  # looks that are remembered
-        self._T_odom_last: SE2 | None = None
-        self._way = 0.0
-        self._state[2] = self._state[4] = 0.0
+    def forget(self, before: float = math.inf) -> None:
+        """Forget where scans were taken before a stamp [s]; what was constant is so all the same.
+
+        By default all of them, as where the robot got lost. The way on which beams were constant counts from the first
+        one that is left, and what refuted its ends may have been another one, so that these are asked anew.
+        """
+        early = np.flatnonzero(self._stamps[: self._count] < before)
+        gone = int(early[-1]) + 1 if len(early) else 0
+        for kept in (self._lasers, self._stamps, self._seen):
+            kept[: self._count - gone] = kept[gone : self._count].copy()
+        self._count -= gone
+        self._refuted[:] = False
+        if not self._count:
+            self._T_odom_last: SE2 | None = None
+        way = float(way_lengths(self._lasers[: self._count])[-1]) if self._count else 0.0
+        self._state[2] = np.maximum(self._state[2] - (self._way - way), 0.0)
+        self._state[4], self._way = 0.0, way
 
     def look(self, scan: LaserScan, T_map_sensor: SE2, T_odom_sensor: SE2 | None) -> None:
         """Learn from a scan and where it was taken."""
@@ -126,6 +138,7 @@ class PartsInView:
         looks = self._config.looks
         self._lasers, self._stamps, self._seen = np.zeros((looks, 3)), np.zeros(looks), np.zeros((looks, beams))
         self._refuted: BoolArray = np.zeros((looks, beams), dtype=np.bool_)
+        self._count = 0
         self.forget()
 
     def _remember(self, stamp: float, T_map_sensor: SE2, ranges: FloatArray) -> None:

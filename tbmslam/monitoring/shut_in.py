@@ -61,6 +61,10 @@ class Stay(NamedTuple):
     T_map_robot: SE2
     closed: bool
 
+    def middle(self) -> float:
+        """Return the stamp at which a lift would have been between floors [s]."""
+        return 0.5 * (self.since + self.until)
+
     def outweighs(self, other: "Stay") -> bool:
         """Tell whether this was rather a lift than another one."""
         return (self.closed, self.until - self.since) > (other.closed, other.until - other.since)
@@ -104,13 +108,13 @@ class ShutIn:
 
     Attributes
     ----------
-    stays
-        How often it was, so far, for as long as a lift takes.
+    left
+        The last time that it was for as long as a lift takes, once it is over.
     """
 
     def __init__(self, config: ShutInConfig) -> None:
         self._config = config
-        self.stays = 0
+        self.left: Stay | None = None
         self._looked = -math.inf
         self._stay: Stay | None = None  # as long as it lasts
         self._past: tuple[Stay, PlaceBefore, float] | None = None  # the last that counts, and the way at its end
@@ -170,7 +174,7 @@ class ShutIn:
         config = self._config
         if stay.until - stay.since < (config.seconds_closed if stay.closed else config.seconds):
             return None
-        self.stays += 1
+        self.left = stay
         found = self._judged()
         is_decided = self._past is None or (found is not None and found.elsewhere)
         if not is_decided and self._past is not None and not stay.outweighs(self._past[0]):

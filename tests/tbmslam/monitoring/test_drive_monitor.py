@@ -363,6 +363,26 @@ def test_a_part_of_the_robot_is_told_once_however_it_takes_a_lift(since):
     assert [i.what for i in slam.incidents].count(ELSEWHERE) == 1
 
 
+def test_a_part_of_the_robot_is_told_within_two_metres_though_it_stood_where_all_is_near():
+    """What it sees where it stands is no other floor: only what it saw before may be."""
+    corners = np.array([(-0.6, -1.5), (2.6, -1.5), (2.6, 1.5), (-0.6, 1.5), (-0.6, -1.5)])
+    world = World("room", 0, np.hstack((corners[:-1], corners[1:])), np.zeros((1, 2)))
+    laser = SimulatedLaser(
+        beams=361, angle_min=-math.pi / 2, angle_increment=math.pi / 360, T_robot_sensor=SE2.identity()
+    )
+    x = np.concatenate((np.zeros(60), np.arange(0.0, 1.7, 0.06)))
+    poses = np.column_stack((x, np.zeros_like(x), np.zeros_like(x)))
+    scans = laser.scans(world, 1000.0 + 0.2 * np.arange(len(x)), poses, np.random.default_rng(1))
+    posts = (np.abs(np.arange(361) - 60) < 6) | (np.abs(np.arange(361) - 300) < 6)
+    slam, _ = mapped(
+        Reading(scan.with_ranges(np.where(posts, 0.4, scan.ranges)), SE2.from_array(pose))
+        for scan, pose in zip(scans, poses, strict=True)
+    )
+    assert slam._monitor._shut_in.left is not None
+    (blocks,) = slam.incidents
+    assert "blocks 6% of the beams, -63 to -58, 57 to 62°" in blocks.what
+
+
 def test_a_lift_to_a_floor_that_looks_alike_is_told_and_cuts_nothing():
     closed_rooms = floor(((-6.0, -5.0, 0.1),))
     open_rooms = floor(((-6.0, -5.0, 0.1), (-2.0, 2.0, 2.5)))

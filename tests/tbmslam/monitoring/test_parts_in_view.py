@@ -31,8 +31,22 @@ def seen(walls, pose):
     return ranges[0]
 
 
-def drive(parts=(), length=8.0, walls=EVEN, wobble=0.0, y=0.0, shaking=0.0, odometry=True, seed=0, during=(0, 10**6)):
-    """Drive along x in steps of a tenth of a metre with parts (seen from the laser) in view."""
+def drive(
+    parts=(),
+    length=8.0,
+    walls=EVEN,
+    wobble=0.0,
+    y=0.0,
+    shaking=0.0,
+    odometry=True,
+    seed=0,
+    during=(0, 10**6),
+    forget=(-1, 0.0),
+):
+    """Drive along x in steps of a tenth of a metre with parts (seen from the laser) in view.
+
+    After the step `forget[0]`, what was seen before `forget[1]` is forgotten.
+    """
     rng, watched = np.random.default_rng(seed), PartsInView(PartsInViewConfig())
     scans = []
     for k in range(round(10 * length) + 1):
@@ -44,6 +58,8 @@ def drive(parts=(), length=8.0, walls=EVEN, wobble=0.0, y=0.0, shaking=0.0, odom
         scan = LaserScan(float(k), FIRST, STEP, 0.02, 30.0, ranges + rng.normal(0.0, NOISE, BEAMS))
         scans.append(scan)
         watched.look(scan, pose, pose if odometry else None)
+        if k == forget[0]:
+            watched.forget(forget[1])
     return watched, scans
 
 
@@ -84,6 +100,29 @@ def test_parts_are_found_on_a_way_straight_along_even_walls_and_nothing_else(par
 def test_they_are_found_after_a_metre():
     found = [drive(POSTS, length=length)[0].blocked.any() for length in (0.7, 1.5)]
     assert found == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("before", "length", "found"),
+    [(0.0, 1.5, True), (6.0, 1.5, False), (6.0, 2.1, True), (math.inf, 1.8, False), (math.inf, 2.7, True)],
+)
+def test_what_is_remembered_counts_from_where_it_begins(before, length, found):
+    assert drive(POSTS, length=length, forget=(7, before))[0].blocked.any() == found
+
+
+def test_what_is_known_is_not_forgotten():
+    watched, scans = drive(POSTS, length=3.0, forget=(25, math.inf))
+    assert watched.blocked[on(POSTS)].mean() > 0.7
+    assert (watched.since[watched.blocked] == 0.0).all()
+    assert np.isnan(watched.cleared(scans[0]).ranges[on(POSTS)]).mean() > 0.9
+
+
+def test_what_became_constant_lately_is_so_since_then():
+    """A wall comes beside the robot at the third look of four, of which the first is forgotten."""
+    late = [(0.45, 0.6, 70.0, 0.6), (-10.0, 2.0, 0.45, 2.0), EVEN[0], EVEN[2], EVEN[3]]
+    watched, _ = drive(walls=late, length=0.9, forget=(9, 1.0))
+    beside = np.argmin(np.abs(ANGLES - 0.5 * math.pi))
+    assert watched._state[2, beside] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("y", [0.0, 0.4, 0.65])

@@ -28,7 +28,7 @@ def watched(readings, config=None):
 def test_another_floor_is_told_within_metres(beams, seconds):
     readings, (closed, opened) = ride(FLOOR, OTHER, seconds, beams)
     watch, ((stamp, found),) = watched(readings)
-    assert watch.stays == 1
+    assert watch.left == found.stay
     assert found.elsewhere
     assert found.stay.closed
     assert closed - 1.0 <= found.stay.since <= closed + 1.0
@@ -60,7 +60,7 @@ def test_walls_that_are_only_gone_are_told_and_cut_nothing():
 
 def test_standing_for_less_than_a_ride_takes_is_nothing():
     watch, found = watched(ride(FLOOR, OTHER, 2.0)[0])
-    assert (watch.stays, found) == (0, [])
+    assert (watch.left, found) == (None, [])
 
 
 def test_without_the_door_seen_it_takes_longer_and_more():
