@@ -109,6 +109,14 @@ def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
         assert record["counts"]["gaps"] == 1  # of the whole recording
 
 
+def test_a_map_holds_what_only_the_end_of_its_drive_tells(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr("tbmslam.slam.mount_doubt", lambda *_: "the laser sits elsewhere")
+    assert run(bag, "-o", tmp_path) == 0
+    record, provenance = run_record(tmp_path / "robot_0"), load_map(tmp_path / "robot_0").provenance
+    assert any("the laser sits elsewhere" in warning for warning in record["warnings"])
+    assert {name: value for name, value in record.items() if name not in ("result", "fingerprint")} == provenance
+
+
 def test_the_run_record_says_what_was_done(bag, tmp_path):
     assert run(bag, "-o", tmp_path, "--set", "map.resolution=0.1", "--seed", 4) == 0
     record = run_record(tmp_path / "robot_0")

@@ -152,10 +152,10 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
     span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
-    run = _run_record(task, recording)
-    tbm_map = slam.finish(run | _noted(recording, span, slam))
+    tbm_map = slam.finish()
     _check_seen(recording, tbm_map, scans)
-    run |= _noted(recording, span, slam)  # once more: only now it is known what is left out of the map
+    run = _run_record(task, recording) | _noted(recording, span, slam)  # only the end tells what the laser's errors are
+    tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
     watch.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
     with watch.during("saving"):
