@@ -9,6 +9,7 @@ from merging.confidence import confidences
 from merging.config import MergeConfig, VerificationConfig
 from merging.consensus import find_consensus
 from merging.decoys import find_decoys
+from merging.exactness import covariance_of
 from merging.features import Features, describe, match
 from merging.in_words import evidence_in_words
 from merging.structure import Structure
@@ -126,7 +127,7 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
     motion = refine_all(target.structure, source.structure, [consensus.T_target_source], config)[0]
     evidence = examine(target.structure, source.structure, motion, config.verification)
     decoys = find_decoys(target.structure, source.structure, config)
-    return _judged(found, [(motion, evidence)], decoys, target.structure, config.verification)
+    return _judged(found, [(motion, evidence)], decoys, (target.structure, source.structure), config)
 
 
 def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
@@ -135,34 +136,36 @@ def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -
     candidates = find_candidates(target, source, config)
     if not candidates:
         return found
-    return _judged(found, candidates, find_decoys(target, source, config), target, config.verification)
+    return _judged(found, candidates, find_decoys(target, source, config), (target, source), config)
 
 
 def _judged(
     found: Alignment,
     candidates: list[Candidate],
     decoys: list[Evidence],
-    target: Structure,
-    config: VerificationConfig,
+    maps: tuple[Structure, Structure],
+    config: MergeConfig,
 ) -> Alignment:
     """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
+    limits = config.verification
     likely = confidences([evidence for _, evidence in candidates], decoys)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [
-        Alternative(other, p, e.agreed_wall_m)
+        Alternative(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.exactness))
         for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
-        if p >= min(_WORTH_NAMING, config.ambiguous_share * confidence)
+        if p >= min(_WORTH_NAMING, limits.ambiguous_share * confidence)
     ]
     if found.method == "correlation":
-        found = found.matched_by_walls(evidence, target.geometry.resolution)
-    accepted = confidence >= config.min_confidence and evidence.overlap_m2 >= config.min_overlap_m2
-    ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, config)
+        found = found.matched_by_walls(evidence, maps[0].geometry.resolution)
+    accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
+    ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
+    covariance = covariance_of(*maps, motion, limits.limits(), config.exactness)
     return replace(
-        found.at(motion, evidence, confidence),
+        found.at(motion, evidence, confidence, covariance),
         accepted=accepted,
         ambiguous=ambiguous,
-        reason=_reason(found, confidence, evidence, others if ambiguous else [], config),
+        reason=_reason(found, confidence, evidence, others if ambiguous else [], limits),
         alternatives=tuple(others),
     )
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import asdict, dataclass, replace
 
+from merging.exactness import Covariance, seen_from
 from merging.verification import Evidence
 from tbmslam.se2 import SE2
 
@@ -22,11 +23,19 @@ class Alternative:
         Probability that this is the truth.
     agreed_wall_m
         Length of the walls that agree there [m].
+    covariance
+        How exactly they tell the place; None where nobody asked.
     """
 
     T_target_source: SE2
     confidence: float
     agreed_wall_m: float
+    covariance: Covariance | None = None
+
+    def reversed(self) -> "Alternative":
+        """Return where the target might lie in the source's frame."""
+        covariance = _reversed(self.covariance, self.T_target_source)
+        return replace(self, T_target_source=self.T_target_source.inverse(), covariance=covariance)
 
 
 @dataclass(frozen=True)
@@ -61,6 +70,8 @@ class Alignment:
         Length of the agreeing walls, and what of it resists the easiest slide [m].
     confidence
         Probability that the transform is right: of alignments given 0.9, nine in ten are.
+    covariance
+        How exact it is if it is right; see `merging.exactness`. None where the method does not tell.
     ambiguous
         Whether it was refused because the maps fit well in several places.
     alternatives
@@ -83,12 +94,13 @@ class Alignment:
     agreed_wall_m: float = 0.0
     weakest_wall_m: float = 0.0
     confidence: float = 0.0
+    covariance: Covariance | None = None
     ambiguous: bool = False
     alternatives: tuple[Alternative, ...] = ()
     evidence: Evidence | None = None
 
-    def at(self, T_target_source: SE2, evidence: Evidence, confidence: float) -> "Alignment":
-        """Return the answer with a place, what the maps say for and against it, and its probability."""
+    def at(self, T_target_source: SE2, evidence: Evidence, confidence: float, covariance: Covariance) -> "Alignment":
+        """Return the answer with a place, what the maps say for and against it, its probability and exactness."""
         return replace(
             self,
             T_target_source=T_target_source,
@@ -98,8 +110,17 @@ class Alignment:
             agreed_wall_m=evidence.agreed_wall_m,
             weakest_wall_m=evidence.weakest_wall_m,
             confidence=confidence,
+            covariance=covariance,
             evidence=evidence,
         )
+
+    def reversed(self) -> "Alignment":
+        """Return where the target lies in the source's frame."""
+        if self.T_target_source is None:
+            return self
+        covariance = _reversed(self.covariance, self.T_target_source)
+        others = tuple(one.reversed() for one in self.alternatives)
+        return replace(self, T_target_source=self.T_target_source.inverse(), covariance=covariance, alternatives=others)
 
     def matched_by_walls(self, evidence: Evidence, resolution: float) -> "Alignment":
         """Return the answer of a method whose matches are the walls themselves, in cells of a size [m]."""
@@ -119,3 +140,7 @@ class Alignment:
         for alternative in values["alternatives"]:
             alternative["T_target_source"] = list(alternative["T_target_source"])
         return values
+
+
+def _reversed(covariance: Covariance | None, T_target_source: SE2) -> Covariance | None:
+    return None if covariance is None else seen_from(covariance, T_target_source)

@@ -14,6 +14,7 @@ from merging.aligner import align
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
+from merging.exactness import seen_from
 from merging.joint_refinement import JointRefinement, nearest_rigid, refine_jointly
 from merging.map_graph import Group
 from merging.merged_group import MergedGroup
@@ -130,7 +131,8 @@ def place_bent(
     motion = nearest_rigid(source, laid)
     straightened, judged = (_moved_back(one, motion) for one in (laid, joint.maps[_SOURCE]))
     reason = f"{told}; straightened: {again.reason}"
-    alignment = replace(again, reason=reason, T_target_source=motion, alternatives=())
+    covariance = None if again.covariance is None else seen_from(again.covariance, motion.inverse())
+    alignment = replace(again, reason=reason, T_target_source=motion, covariance=covariance, alternatives=())
     return BentMap(alignment, straightened, (joint.maps[_TARGET].grid, judged.grid))
 
 

@@ -225,6 +225,25 @@ class VerificationConfig(FrozenConfig):
         return Limits(self.agreement_distance_m, self.conflict_distance_m, self.front_m, FACING)
 
 
+class ExactnessConfig(FrozenConfig):
+    """How exactly agreeing walls tell where a map lies; see `merging.exactness`.
+
+    Parameters
+    ----------
+    wall_m
+        Standard deviation of where a metre of wall lies beside where it should, in two maps that are bent [m].
+    place_m, turn_rad
+        Standard deviations of an alignment that was found, before any wall is counted.
+    grid_m
+        What stays however many walls agree, as maps have cells and bend as a whole [m].
+    """
+
+    wall_m: Annotated[float, Field(gt=0.0)] = 0.08
+    place_m: Annotated[float, Field(gt=0.0)] = 0.075
+    turn_rad: Annotated[float, Field(gt=0.0)] = 0.0285
+    grid_m: Metres = 0.015
+
+
 class GraphConfig(FrozenConfig):
     """How maps are joined to groups.
 
@@ -235,12 +254,14 @@ class GraphConfig(FrozenConfig):
     min_confidence
         Least probability of an alternative that may confirm others. The best place of a refused alignment always may:
         of the many places that chance could have chosen, it chose the one that others lead to.
-    confirmation
-        Log odds that a place gains at least when another alignment, however doubtful, leads to it too.
+    min_wall_m
+        With less agreeing wall than this a place that was refused confirms nothing [m].
+    coincidence
+        Chance that a wrong place lies where others lead: what a confirmation is worth, see `merging.offers.worth_of`.
     min_support
         Least log odds at which maps are joined.
     deviation_m, deviation_rad
-        Standard deviation of an alignment with 10 m of agreeing wall.
+        Standard deviation of an alignment whose method states none.
     robust_width
         Deviations at which an alignment begins to lose its say.
     """
@@ -248,7 +269,8 @@ class GraphConfig(FrozenConfig):
     same_m: Metres = 1.0
     same_rad: Annotated[float, Field(gt=0.0)] = 0.06
     min_confidence: Share = 0.02
-    confirmation: Annotated[float, Field(ge=0.0)] = 3.0
+    min_wall_m: Metres = 1.0
+    coincidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.005
     min_support: float = 2.19
     deviation_m: Metres = 0.05
     deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005
@@ -321,6 +343,7 @@ class MergeConfig(FrozenConfig):
     )
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
+    exactness: ExactnessConfig = ExactnessConfig()
     graph: GraphConfig = GraphConfig()
     known: KnownPoseConfig = KnownPoseConfig()
     near: NearConfig = NearConfig()

@@ -2,6 +2,7 @@
 
 import math
 
+from merging.exactness import Covariance, deviations
 from merging.verification import Evidence
 from tbmslam.se2 import SE2, wrap_angle
 
@@ -16,6 +17,12 @@ def pose_in_words(pose: SE2 | None) -> tuple[str, str, str]:
     if pose is None:
         return "–", "–", "–"
     return f"{pose.x:.3f}", f"{pose.y:.3f}", f"{math.degrees(wrap_angle(pose.theta)):.2f}"
+
+
+def exactness_in_words(covariance: Covariance) -> str:
+    """Return the standard deviations of a place and of its turn."""
+    place_m, turn = deviations(covariance)
+    return f"{place_m:.2f} m, {math.degrees(turn):.1f}°"
 
 
 def evidence_in_words(evidence: Evidence) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import GraphConfig
-from merging.offers import Offer
+from merging.offers import Offer, worth_of
 from tbmslam.se2 import SE2, FloatArray, compose
 
 _Indices = npt.NDArray[np.intp]
@@ -64,6 +64,7 @@ class _Links:
         self.places = [place for _, place in links]
         self.motions = np.array(self.places, dtype=np.float64).reshape(-1, 3)
         self.odds = np.array([offer.odds for offer in self.offers])
+        self.probabilities = np.array([offer.probability for offer in self.offers])
         self.accepted = np.array([offer.accepted for offer in self.offers], dtype=bool)
         counts = np.zeros((len(groups), len(groups)), dtype=np.intp)
         for pair, joining in found.items():
@@ -101,8 +102,8 @@ def _best_joint(links: _Links, first: int, second: int, config: GraphConfig) -> 
 def _supports(links: _Links, direct: slice, ways: tuple[_Indices, _Indices], config: GraphConfig) -> list[float]:
     """Return the log odds of each direct place: what leads to it, less what was accepted and leads elsewhere.
 
-    One doubtful alignment stays doubtful, but chance seldom leads to one place twice: each further one adds at least
-    the worth of a confirmation.
+    Chance seldom leads to one place twice; but where there are many maps, what hardly can be right leads there now and
+    then, so that it counts by how likely it is right.
     """
     there, onward = ways
     places, odds = links.motions[direct], links.odds[direct]
@@ -110,14 +111,15 @@ def _supports(links: _Links, direct: slice, ways: tuple[_Indices, _Indices], con
     way_odds = np.minimum(links.odds[there], links.odds[onward]) - math.log(2.0)
     same = _are_same(places, places, config)
     same_way = _are_same(places, compose(links.motions[there], links.motions[onward]), config)
-    worth = np.maximum(way_odds, config.confirmation)
+    worth = worth_of(links.probabilities[there] * links.probabilities[onward], config)
+    direct_worth = worth_of(links.probabilities[direct], config)
     against, doubts = links.accepted[direct], way_odds > 0.0
     supports = []
     for row, row_ways in zip(same, same_way, strict=True):
-        best, *others = sorted(odds[row].tolist(), reverse=True)
-        further = [max(one, config.confirmation) for one in others] + worth[row_ways].tolist()
-        contrary = odds[~row & against].tolist() + way_odds[~row_ways & doubts].tolist()
-        supports.append(best + sum(further) - sum(contrary))
+        best = np.flatnonzero(row)[odds[row].argmax()]
+        further = direct_worth[row].sum() - direct_worth[best] + worth[row_ways].sum()
+        contrary = odds[~row & against].sum() + way_odds[~row_ways & doubts].sum()
+        supports.append(float(odds[best] + further - contrary))
     return supports
 
 

@@ -18,6 +18,7 @@ from merging.candidates import Candidate, best_of, find_candidates
 from merging.confidence import confidences
 from merging.config import KnownPoseConfig, MergeConfig
 from merging.decoys import find_decoys
+from merging.exactness import covariance_of
 from merging.in_words import evidence_in_words
 from merging.structure import Structure
 from merging.verification import Evidence, examine
@@ -118,7 +119,12 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
     enough = evidence.agreed_wall_m >= config.known.min_wall_m
     how = _how_laid(place, T_target_source, source.structure, enough)
     answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
-    return answer.matched_by_walls(evidence, target.structure.geometry.resolution).at(place, evidence, confidence)
+    limits = config.verification.limits()
+    told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}
+    exactness = config.exactness.model_copy(update=told)  # where no wall says more, as whoever told
+    covariance = covariance_of(target.structure, source.structure, place, limits, exactness)
+    answer = answer.matched_by_walls(evidence, target.structure.geometry.resolution)
+    return answer.at(place, evidence, confidence, covariance)
 
 
 def _likeliest(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:

@@ -181,6 +181,7 @@ def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -
 
 
 def _information(offer: Offer, config: GraphConfig) -> FloatArray:
-    """Return how exact an alignment is: the more wall, the more."""
-    more = max(offer.wall_m, 1.0) / 10.0
-    return more * np.diag([config.deviation_m**-2, config.deviation_m**-2, config.deviation_rad**-2])
+    """Return how exact an alignment is, as far as it is right: one that hardly can be has hardly a say."""
+    stated = np.diag([config.deviation_m**2, config.deviation_m**2, config.deviation_rad**2])
+    covariance = stated if offer.covariance is None else np.array(offer.covariance)
+    return np.asarray(offer.probability * np.linalg.inv(covariance))

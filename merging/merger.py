@@ -3,7 +3,7 @@
 import itertools
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
@@ -146,10 +146,9 @@ def _grouped(
 def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:
     """Return what was found by its pair, of which the map named first is the target."""
     (target, source), alignment = pair, found.alignment
-    if names.index(target) < names.index(source) or alignment.T_target_source is None:
+    if names.index(target) < names.index(source):
         return pair, alignment, found.grids
-    turned = replace(alignment, T_target_source=alignment.T_target_source.inverse())
-    return (source, target), turned, found.grids[::-1]
+    return (source, target), alignment.reversed(), found.grids[::-1]
 
 
 def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:

@@ -3,9 +3,12 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from merging.alignment import Alignment, Pair
 from merging.config import GraphConfig
-from tbmslam.se2 import SE2, wrap_angle
+from merging.exactness import Covariance
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 _SURE, _DOUBTFUL = 0.999, 0.85
 """No alignment is believed more than this, and none that was refused."""
@@ -27,6 +30,8 @@ class Offer:
         Agreeing wall [m].
     accepted
         Whether the alignment was.
+    covariance
+        How exact the place is if it is right; None where nobody knows.
     """
 
     pair: Pair
@@ -34,20 +39,46 @@ class Offer:
     odds: float
     wall_m: float
     accepted: bool
+    covariance: Covariance | None
+
+    @property
+    def probability(self) -> float:
+        """How likely it is right."""
+        return 1.0 / (1.0 + math.exp(-self.odds))
 
 
 def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
-    """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives."""
+    """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives.
+
+    A refused place that hardly any wall speaks for is none: maps of next to nothing all lie on one another.
+    """
     if found.T_target_source is None:
         return []
-    confidence = max(found.confidence, 0.9) if found.accepted else found.confidence
-    places = [(found.T_target_source, confidence, found.agreed_wall_m, found.accepted)]
-    likely = (one for one in found.alternatives if one.confidence >= config.min_confidence)
-    places += [(one.T_target_source, one.confidence, one.agreed_wall_m, False) for one in likely]
-    return [
-        Offer(pair, motion, _log_odds(confidence if accepted else min(confidence, _DOUBTFUL)), wall_m, accepted)
-        for motion, confidence, wall_m, accepted in places
+    confidence = max(found.confidence, 0.9) if found.accepted else min(found.confidence, _DOUBTFUL)
+    best = Offer(
+        pair, found.T_target_source, _log_odds(confidence), found.agreed_wall_m, found.accepted, found.covariance
+    )
+    others = [
+        Offer(
+            pair,
+            one.T_target_source,
+            _log_odds(min(one.confidence, _DOUBTFUL)),
+            one.agreed_wall_m,
+            False,
+            one.covariance,
+        )
+        for one in found.alternatives
+        if one.confidence >= config.min_confidence
     ]
+    return [one for one in (best, *others) if one.accepted or one.wall_m >= config.min_wall_m]
+
+
+def worth_of(probability: FloatArray, config: GraphConfig) -> FloatArray:
+    """Return the log odds that a place gains as something else, right with a probability, leads there too.
+
+    If it is right, it leads there for sure; if it is not, by chance, as all places of a pair are among some hundred.
+    """
+    return np.log1p(probability * (1.0 / config.coincidence - 1.0))
 
 
 def _log_odds(confidence: float) -> float:

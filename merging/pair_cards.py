@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from merging.alignment import Alignment, Alternative, Pair
 from merging.config import MergeConfig
-from merging.in_words import confidence_in_words, pose_in_words
+from merging.in_words import confidence_in_words, exactness_in_words, pose_in_words
 from merging.merger import Merge
 from merging.pair_pictures import CAPTION, draw_alone, draw_pair
 from merging.views import Views
@@ -64,6 +64,8 @@ def _figures(found: Alignment) -> dict[str, str]:
     if found.T_target_source is not None:
         x, y, degrees = pose_in_words(found.T_target_source)
         figures |= {"x": f"{x} m", "y": f"{y} m", "θ": f"{degrees}°"}
+    if found.covariance is not None:
+        figures["exact to"] = exactness_in_words(found.covariance)
     figures |= {"overlap": f"{found.overlap_m2:.1f} m²", "walls agree": f"{found.agreed_wall_m:.1f} m"}
     figures |= {"agreement": f"{found.agreement:.0%}", "contradiction": f"{found.conflict:.0%}"}
     if found.rmse_m is not None and math.isfinite(found.rmse_m):

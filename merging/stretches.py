@@ -13,7 +13,7 @@ import numpy as np
 from merging.alignment import Alignment
 from merging.bending_config import StretchConfig
 from merging.config import GraphConfig
-from merging.offers import Offer, offers_of
+from merging.offers import Offer, offers_of, worth_of
 from merging.redrawing import redraw
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
 from tbmslam.evaluation.rigid_fit import fit_rigid
@@ -181,9 +181,9 @@ def _support(
     offer: Offer, agreeing: Mapping[int, Offer], offers: Sequence[Sequence[Offer]], graph: GraphConfig
 ) -> float:
     """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere."""
-    confirming = sum(max(one.odds, graph.confirmation) for one in agreeing.values() if one is not offer)
+    others = np.array([one.probability for one in agreeing.values() if one is not offer])
     elsewhere = (one for index, own in enumerate(offers) if index not in agreeing for one in own if one.accepted)
-    return offer.odds + confirming - sum(one.odds for one in elsewhere)
+    return offer.odds + float(worth_of(others, graph).sum()) - sum(one.odds for one in elsewhere)
 
 
 def _agree(

@@ -38,11 +38,15 @@ def _best_joint(groups, first, second, between, config):
 
 
 def _support(place, direct, ways, config):
-    leading = sorted((offer.odds for offer, there in direct if is_same_place(place, there, config)), reverse=True)
-    leading[1:] += [odds for odds, there in ways if is_same_place(place, there, config)]
+    leading = sorted(
+        (offer for offer, there in direct if is_same_place(place, there, config)), key=lambda one: -one.odds
+    )
+    further = [offer.probability for offer in leading[1:]]
+    further += [likely for likely, _, there in ways if is_same_place(place, there, config)]
     against = [offer.odds for offer, there in direct if offer.accepted and not is_same_place(place, there, config)]
-    against += [odds for odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
-    return leading[0] + sum(max(odds, config.confirmation) for odds in leading[1:]) - sum(against)
+    against += [odds for _, odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
+    worth = [math.log(1.0 - likely + likely / config.coincidence) for likely in further]
+    return leading[0].odds + sum(worth) - sum(against)
 
 
 def _between(first, second, offer):
@@ -54,7 +58,10 @@ def _between(first, second, offer):
 
 
 def _ways_over(first, middle, second, between):
-    """Return the log odds of every way over a third group, and where it leads."""
+    """Return how likely every way over a third group is right, the log odds of its worse half, and where it leads."""
     there, onward = between.get((first, middle), ()), between.get((middle, second), ())
     # A way is right where both of its halves are.
-    return [(min(a.odds, b.odds) - math.log(2.0), p @ q) for (a, p), (b, q) in itertools.product(there, onward)]
+    return [
+        (a.probability * b.probability, min(a.odds, b.odds) - math.log(2.0), p @ q)
+        for (a, p), (b, q) in itertools.product(there, onward)
+    ]

@@ -1,6 +1,8 @@
 import itertools
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from merging import MergeConfig
@@ -22,10 +24,15 @@ def found(target, source, confidence=0.95, accepted=True, T=None, others=()):
     return {(target, source): one}
 
 
-def assert_poses(group, expected):
+def with_deviation(alignments, deviation):
+    covariance = tuple(map(tuple, np.diag([1.0, 1.0, 1e-4]) * deviation**2))
+    return {pair: replace(one, covariance=covariance) for pair, one in alignments.items()}
+
+
+def assert_poses(group, expected, within=1e-6):
     assert list(group.poses) == list(expected)
     for name, pose in expected.items():
-        assert group.poses[name] == pytest.approx(pose)
+        assert group.poses[name] == pytest.approx(pose, rel=1e-6, abs=within)
 
 
 def test_a_chain_is_one_group_in_the_frame_of_the_first():
@@ -118,7 +125,49 @@ def test_groups_are_joined_where_several_of_their_maps_lead():
     alignments = found("a", "c", 0.5, accepted=False) | found("b", "c", 0.6, accepted=False)
     place, odds = join(first, second, alignments, MergeConfig().graph)
     assert place == pytest.approx(POSES["c"])
-    assert odds == pytest.approx(math.log(0.6 / 0.4) + MergeConfig().graph.confirmation)
+    assert odds == pytest.approx(math.log(0.6 / 0.4) + math.log(0.5 + 0.5 / MergeConfig().graph.coincidence))
+
+
+def test_what_hardly_can_be_right_joins_nothing_though_chance_leads_it_round_a_circle():
+    """Of six maps of six buildings some three do so; their places are among some hundred each."""
+    doubtful = {pair: one for p, *pair in ((0.07, "a", "b"), (0.02, "a", "c"), (0.004, "b", "c"), (0.03, "a", "d"),
+                                           (0.01, "b", "d"), (0.02, "c", "d"))
+                for pair, one in found(*pair, p, accepted=False).items()}  # fmt: skip
+    assert all(len(group) == 1 for group in groups_of(list("abcd"), doubtful))
+
+
+def test_what_may_be_right_is_joined_where_others_lead_there_too():
+    likely = found("a", "b", 0.5, accepted=False) | found("a", "c", 0.4, accepted=False)
+    assert all(len(group) == 1 for group in groups_of(list("abc"), likely))
+    assert len(groups_of(list("abc"), likely | found("b", "c", 0.4, accepted=False))) == 1
+
+
+def test_maps_of_next_to_nothing_lie_on_one_another_and_are_not_joined():
+    names = [str(number) for number in range(30)]
+    nothing = {
+        pair: Alignment("correlation", False, "", SE2.identity(), confidence=0.03)
+        for pair in itertools.combinations(names, 2)
+    }
+    assert len(groups_of(names, nothing)) == 30
+
+
+def test_an_alignment_that_hardly_can_be_right_moves_no_map():
+    off = POSES["a"].inverse() @ POSES["c"] @ SE2(0.6, 0.0, 0.0)
+    sure = found("a", "b") | found("b", "c")
+    doubted = groups_of(list("abc"), sure | found("a", "c", 0.005, accepted=False, T=off))[0]
+    assert_poses(doubted, {name: POSES[name] for name in "abc"}, within=0.01)
+
+
+def test_the_more_exact_alignment_moves_a_map_more():
+    off = POSES["a"].inverse() @ POSES["c"] @ SE2(0.06, 0.0, 0.0)
+    sure = with_deviation(found("a", "b") | found("b", "c"), 0.1)
+    moved = [
+        POSES["c"].inverse()
+        @ groups_of(list("abc"), sure | with_deviation(found("a", "c", T=off), deviation))[0].poses["c"]
+        for deviation in (0.5, 0.01)
+    ]
+    assert moved[0].x < 0.01
+    assert moved[1].x > 0.05
 
 
 def test_groups_are_not_joined_by_one_doubtful_or_two_contradicting_alignments():

@@ -58,7 +58,9 @@ def along(*ways):
 def found(motion, confidence, others=()):
     alternatives = tuple(Alternative(other, confidence, 5.0) for other in others)
     accepted = confidence >= 0.7
-    return Alignment("correlation", accepted, "", motion, confidence=confidence, alternatives=alternatives)
+    return Alignment(
+        "correlation", accepted, "", motion, agreed_wall_m=9.0, confidence=confidence, alternatives=alternatives
+    )
 
 
 def elected(stretches, *answers):

@@ -2,16 +2,24 @@
 
 import argparse
 import json
+import math
 import statistics
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from tools.calibration_table import BINS, calibration_table
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
+
+if TYPE_CHECKING:
+    from merging.alignment import Alignment
+    from tbmslam.se2 import SE2
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
 
@@ -32,6 +40,8 @@ class PairResult:
         Its probability of being right, in the aligner's opinion.
     translation_error_m, rotation_error_deg
         Of its best place, where there is a truth.
+    surprise
+        Mean square of these errors in the standard deviations that the aligner states, 1 where it states them rightly.
     cpu_s
         Processor time for both maps and their alignment [s].
     """
@@ -44,6 +54,7 @@ class PairResult:
     confidence: float
     translation_error_m: float | None
     rotation_error_deg: float | None
+    surprise: float | None
     cpu_s: float
     reason: str
 
@@ -116,6 +127,7 @@ def measure(path: Path, method: str) -> PairResult:
         confidence=found.confidence,
         translation_error_m=errors[0],
         rotation_error_deg=errors[1],
+        surprise=_surprise(found, pair.T_target_source),
         cpu_s=cpu_s,
         reason=found.reason,
     )
@@ -132,10 +144,12 @@ def summary(results: Sequence[PairResult], method: str) -> str:
     right = [r for r in true if r.accepted and r.right]
     metres = [r.translation_error_m for r in right if r.translation_error_m is not None]
     degrees = [r.rotation_error_deg for r in right if r.rotation_error_deg is not None]
+    surprises = [r.surprise for r in right if r.surprise is not None]
     cpu = [r.cpu_s for r in results]
     notes = (
         f"Accepted and right. Median error of these {number(_median(metres), 3)} m, {number(_median(degrees), 2)} deg. "
-        f"CPU seconds a pair: median {number(_median(cpu), 2)}, most {max(cpu):.2f}. "
+        + (f"In the standard deviations stated, their errors are {_rms(surprises):.2f}. " if surprises else "")
+        + f"CPU seconds a pair: median {number(_median(cpu), 2)}, most {max(cpu):.2f}. "
         f"Refused as ambiguous: {sum(r.ambiguous for r in results)}."
     )
     return text_table(head, [[method, str(len(results)), *cells, str(wrong), false]]) + "\n" + notes
@@ -173,6 +187,17 @@ def details(results: Sequence[PairResult]) -> str:
 
 def _share(results: Sequence[PairResult]) -> str:
     return f"{sum(r.accepted and r.right for r in results)}/{len(results)}" if results else "-"
+
+
+def _rms(squares: Sequence[float]) -> float:
+    return math.sqrt(statistics.fmean(squares))
+
+
+def _surprise(found: "Alignment", truth: "SE2 | None") -> float | None:
+    if found.T_target_source is None or found.covariance is None or truth is None:
+        return None
+    error = np.array(found.T_target_source.to(truth).log())
+    return float(error @ np.linalg.solve(np.array(found.covariance), error)) / 3.0
 
 
 def _median(values: Sequence[float]) -> float | None:

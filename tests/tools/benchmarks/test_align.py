@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 
 
 def result(overlap, confidence, right, accepted):
-    return PairResult("pair", overlap, accepted, right, False, confidence, 0.02, 0.1, 0.3, "because")
+    return PairResult("pair", overlap, accepted, right, False, confidence, 0.02, 0.1, 4.0, 0.3, "because")
 
 
 def test_the_table_counts_right_wrong_and_negatives():
@@ -37,6 +37,7 @@ def test_the_table_counts_right_wrong_and_negatives():
     ]
     row = [cell.strip() for cell in summary(results, "correlation").splitlines()[2].split("|")[1:-1]]
     assert row == ["correlation", "5", "1/2", "-", "-", "0/1", "-", "-", "1", "1 of 2"]
+    assert "In the standard deviations stated, their errors are 2.00." in summary(results, "correlation")
     assert "0.50 to 0.70 | 1     |       0.500 |        1.000" in calibration_table(results, BINS)
     assert details(results[:1]) == "nothing amiss"
     assert details(results).count("because") == 3
