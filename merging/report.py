@@ -11,6 +11,7 @@ import numpy.typing as npt
 from merging.channels import Channels, Image, flipped
 from merging.config import MergeConfig
 from merging.conflict_places import conflict_places
+from merging.contradictions import without_rounding
 from merging.fusion import Fusion
 from merging.merge_page import merge_page
 from merging.merger import Merge
@@ -37,11 +38,14 @@ def write_report(
 ) -> None:
     """Write report.json, report.html and, of merged maps, overlay.png and contradictions.png; older ones go.
 
+    What they show of conflict is where walls are elsewhere, not where they fall into the next cell.
+
     Raises
     ------
     FileNotWrittenError
         If the folder cannot be written.
     """
+    merge = without_rounding(merge, maps)
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     areas: dict[str, float] = {}
     if merge.fusion is not None:

@@ -1,0 +1,45 @@
+"""Where maps contradict each other, and not only fall into different cells: a wall between two cells is in both."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from merging.merger import Merge
+from merging.warping import offset_in, warp
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+_ONE_WALL = 2
+"""Walls at most so many cells apart are one: cells round each by half a cell, and noise moves hits into the next."""
+
+
+def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
+    """Return a merge whose conflict is only where another map calls a wall free and has none within two cells.
+
+    What is fused stays as it is.
+
+    Parameters
+    ----------
+    merge, maps
+        What became of which maps.
+    """
+    if merge.fusion is None:
+        return merge
+    canvas = merge.fusion.grid.geometry
+    across = np.arange(-_ONE_WALL, _ONE_WALL + 1)
+    reach = (np.hypot(across[:, None], across) <= _ONE_WALL).astype(np.uint8)
+    wall, denied = np.zeros((2, canvas.rows, canvas.cols), dtype=np.bool_)
+    for name, T_merged_map in merge.poses.items():
+        laid = (maps[name].grid, T_merged_map) if merge.joint is None else (merge.joint.maps[name].grid, SE2.identity())
+        layer = warp(*laid, canvas)
+        row, col = offset_in(canvas, layer.geometry)
+        window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
+        walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
+        free = layer.masses[..., FREE] > layer.masses[..., OCCUPIED]
+        wall[window] |= walls
+        denied[window] |= free & (cv2.dilate(walls.astype(np.uint8), reach) == 0)
+    conflict = np.where(wall & denied, merge.fusion.conflict, np.float32(0.0))
+    return replace(merge, fusion=replace(merge.fusion, conflict=conflict))
