@@ -135,6 +135,9 @@ def _add_split(split: argparse.ArgumentParser) -> None:
 
 def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
+    strangers.add_argument(
+        "--sets", type=int, default=0, metavar="N", help="sets of six maps of six buildings to try instead of pairs"
+    )
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
 
@@ -176,8 +179,10 @@ def _check(args: argparse.Namespace) -> None:
         if not 1e-4 <= args.share <= 1.0:
             raise ValueError(f"--share must lie within 0.0001 and 1, got {args.share}")
     elif args.command == "strangers":
-        if min(args.pairs, args.workers) < 1 or args.seed < 0:
-            raise ValueError("--pairs and --workers must be positive, --seed not negative")
+        if min(args.pairs, args.workers) < 1 or min(args.seed, args.sets) < 0:
+            raise ValueError("--pairs and --workers must be positive, --seed and --sets not negative")
+        if args.sets and args.json:
+            raise ValueError("--json keeps pairs, not --sets")
     else:
         _check_drives(args)
 
@@ -254,6 +259,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.benchmarks.limits import benchmark_limits
 
         benchmark_limits(args)
+    elif args.command == "strangers" and args.sets:
+        from tools.benchmarks.stranger_sets import benchmark_sets
+
+        benchmark_sets(args)
     elif args.command == "strangers":
         from tools.benchmarks.strangers import benchmark_strangers
 

@@ -167,16 +167,21 @@ def _pair(kind: str, index: int, seed: int) -> MapPair:
     if kind == "self-similar":
         overlap = float(rng.choice([0.25, 0.5, 0.75]))
         return next(iter(cut_pairs(_building("corridor", family), draw, [overlap])))
-    first = _part(_building(_WORLDS[index % len(_WORLDS)], family), rng)
+    first = some_part(_building(_WORLDS[index % len(_WORLDS)], family), rng)
     if kind == "mirrored":
         return foreign_pair(first, mirrored(first), draw)
     if kind == "far ends":
         return disjoint_pair(_building(_WORLDS[index % len(_WORLDS)], family), draw)
     other = _WORLDS[int(rng.integers(len(_WORLDS)))]
-    return foreign_pair(first, _part(_building(other, family + 5_000), rng), draw)
+    return foreign_pair(first, some_part(_building(other, family + 5_000), rng), draw)
 
 
-def _part(building: Building, rng: np.random.Generator) -> Building:
+def building_of(number: int, rng: np.random.Generator) -> Building:
+    """Return a building of any kind."""
+    return _building(_WORLDS[int(rng.integers(len(_WORLDS)))], number)
+
+
+def some_part(building: Building, rng: np.random.Generator) -> Building:
     """Return all of a building, or, half of the time, the surroundings of one place."""
     if rng.random() < 0.5:
         return building
