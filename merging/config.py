@@ -234,14 +234,15 @@ class ExactnessConfig(FrozenConfig):
         Standard deviation of where a metre of wall lies beside where it should, in two maps that are bent [m].
     place_m, turn_rad
         Standard deviations of an alignment that was found, before any wall is counted.
-    grid_m
-        What stays however many walls agree, as maps have cells and bend as a whole [m].
+    bend_m, bend_rad
+        What stays however many walls agree: maps have cells, and long drives bend as a whole [m], [rad].
     """
 
     wall_m: Annotated[float, Field(gt=0.0)] = 0.08
     place_m: Annotated[float, Field(gt=0.0)] = 0.075
     turn_rad: Annotated[float, Field(gt=0.0)] = 0.0285
-    grid_m: Metres = 0.015
+    bend_m: Metres = 0.015
+    bend_rad: Annotated[float, Field(ge=0.0)] = 0.003
 
 
 class GraphConfig(FrozenConfig):

@@ -4,10 +4,11 @@ A wall holds a map across itself, not along; walls far apart hold it from turnin
 metre or so as much as over many, so that a metre of wall is one measurement and not as many as it has cells. What is
 known of an alignment, in the frame of the source at the middle of what agrees, is therefore::
 
-    covariance = inverse(sum over walls of metres * J' J / wall^2 + prior) + grid^2,    J = (nx, ny, x ny - y nx)
+    covariance = inverse(sum over walls of metres * J' J / wall^2 + prior) + bend^2,    J = (nx, ny, x ny - y nx)
 
-with normals n at points (x, y). Four numbers state the errors of `data/map-pairs` and of pairs cut from other maps at
-all overlaps, of rooms and of whole floors; `tools/benchmark.py align` tells how well they do.
+with normals n at points (x, y). A few numbers state the errors of `data/map-pairs` and of pairs cut from other maps
+at all overlaps, of rooms and of whole floors; `tools/benchmark.py align` tells how well. Real drives bend besides, as a
+whole, by some tenths of a degree.
 """
 
 import math
@@ -56,7 +57,8 @@ def covariance_of(
     pulls = np.column_stack((normals, x * normals[:, 1] - y * normals[:, 0]))
     information = (pulls * metres[:, None]).T @ pulls / config.wall_m**2
     prior = np.array([config.place_m, config.place_m, config.turn_rad]) ** -2.0
-    there = np.linalg.inv(information + np.diag(prior)) + np.diag([config.grid_m**2, config.grid_m**2, 0.0])
+    bend = np.array([config.bend_m, config.bend_m, config.bend_rad]) ** 2
+    there = np.linalg.inv(information + np.diag(prior)) + np.diag(bend)
     return seen_from(_rows(there), SE2(float(middle[0]), float(middle[1]), 0.0))
 
 

@@ -36,11 +36,11 @@ def exact(one, motion=HERE):
 def test_a_wall_holds_a_map_across_itself_and_not_along():
     here = seen_from(exact(hall(20.0)), SE2(-10.0, 0.0, 0.0))  # about its middle
     along, across, turn = np.sqrt(np.diag(here))
-    assert along == pytest.approx(math.hypot(CONFIG.place_m, CONFIG.grid_m), rel=1e-3)
+    assert along == pytest.approx(math.hypot(CONFIG.place_m, CONFIG.bend_m), rel=1e-3)
     across_m = (20.0 / CONFIG.wall_m**2 + CONFIG.place_m**-2) ** -0.5
-    assert across == pytest.approx(math.hypot(across_m, CONFIG.grid_m), rel=0.02)
+    assert across == pytest.approx(math.hypot(across_m, CONFIG.bend_m), rel=0.02)
     levers = 20.0**3 / 12.0 / CONFIG.wall_m**2 + CONFIG.turn_rad**-2  # of a rod about its middle
-    assert turn == pytest.approx(levers**-0.5, rel=0.03)
+    assert turn == pytest.approx(math.hypot(levers**-0.5, CONFIG.bend_rad), rel=0.03)
 
 
 def test_the_longer_the_walls_the_more_exact():
@@ -56,8 +56,8 @@ def test_walls_that_face_each_other_count_both():
 def test_where_no_wall_agrees_nothing_is_known_but_that_it_was_found():
     one = hall(20.0)
     place_m, turn = deviations(exact(one, SE2(500.0, 0.0, 0.0)))
-    assert place_m == pytest.approx(math.sqrt(2.0) * math.hypot(CONFIG.place_m, CONFIG.grid_m))
-    assert turn == pytest.approx(CONFIG.turn_rad)
+    assert place_m == pytest.approx(math.sqrt(2.0) * math.hypot(CONFIG.place_m, CONFIG.bend_m))
+    assert turn == pytest.approx(math.hypot(CONFIG.turn_rad, CONFIG.bend_rad))
 
 
 def test_the_same_seen_from_either_map(rooms):
