@@ -238,11 +238,11 @@ class ExactnessConfig(FrozenConfig):
         What stays however many walls agree: maps have cells, and long drives bend as a whole [m], [rad].
     """
 
-    wall_m: Annotated[float, Field(gt=0.0)] = 0.08
-    place_m: Annotated[float, Field(gt=0.0)] = 0.075
-    turn_rad: Annotated[float, Field(gt=0.0)] = 0.0285
+    wall_m: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.08
+    place_m: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.075
+    turn_rad: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.0285
     bend_m: Metres = 0.015
-    bend_rad: Annotated[float, Field(ge=0.0)] = 0.003
+    bend_rad: Annotated[float, Field(ge=0.0, le=1e6)] = 0.003
 
 
 class GraphConfig(FrozenConfig):
@@ -271,7 +271,7 @@ class GraphConfig(FrozenConfig):
     same_rad: Annotated[float, Field(gt=0.0)] = 0.06
     min_confidence: Share = 0.02
     min_wall_m: Metres = 1.0
-    coincidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.005
+    coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.005
     min_support: float = 2.19
     deviation_m: Metres = 0.05
     deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005

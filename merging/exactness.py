@@ -52,7 +52,7 @@ def covariance_of(
             strict=True,
         )
     )
-    middle = np.average(points, axis=0, weights=metres) if len(points) else np.zeros(2)
+    middle = np.average(points, axis=0, weights=metres) if metres.sum() > 0.0 else np.zeros(2)
     x, y = (points - middle).T
     pulls = np.column_stack((normals, x * normals[:, 1] - y * normals[:, 0]))
     information = (pulls * metres[:, None]).T @ pulls / config.wall_m**2

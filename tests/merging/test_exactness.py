@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,6 +59,12 @@ def test_where_no_wall_agrees_nothing_is_known_but_that_it_was_found():
     place_m, turn = deviations(exact(one, SE2(500.0, 0.0, 0.0)))
     assert place_m == pytest.approx(math.sqrt(2.0) * math.hypot(CONFIG.place_m, CONFIG.bend_m))
     assert turn == pytest.approx(math.hypot(CONFIG.turn_rad, CONFIG.bend_rad))
+
+
+def test_walls_that_count_nothing_tell_nothing():
+    one = hall(20.0)
+    weightless = replace(one, weights=np.zeros_like(one.weights))
+    assert exact(weightless) == exact(one, SE2(500.0, 0.0, 0.0))
 
 
 def test_the_same_seen_from_either_map(rooms):
