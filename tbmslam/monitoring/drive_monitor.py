@@ -161,7 +161,7 @@ class DriveMonitor:
     def note_all_along(self, about: str, what: str, start: float) -> None:
         """Note what holds for the whole drive since a stamp [s], once for each thing that it is about."""
         if self._last is not None and about not in self.said_all_along:
-            self.incidents.conclude(start, what, self._last[0].stamp - start, first=True)
+            self.incidents.conclude(start, what, self._last[0].stamp - start, all_along=True)
             self.said_all_along.add(about)
 
     def reopen(self) -> None:

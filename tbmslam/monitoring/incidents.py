@@ -1,6 +1,6 @@
 """What went wrong during a drive, and when: for warnings that name a time."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,33 +19,49 @@ class Incident(NamedTuple):
         What happened, in words that go after "at 12.3 s: ".
     seconds
         How long it lasted [s]; 0 for a moment.
+    all_along
+        Whether it holds for the whole drive.
     """
 
     stamp: float
     what: str
     seconds: float = 0.0
+    all_along: bool = False
 
     def text(self, start: float) -> str:
-        """Return one line, with the time since the start of the drive."""
+        """Return one line, with the time since the start of the drive where it has one."""
+        if self.all_along:
+            return self.what
         lasting = f", for {self.seconds:.1f} s" if self.seconds else ""
         return f"at {self.stamp - start:.1f} s: {self.what}{lasting}"
 
     def as_dict(self, start: float) -> dict[str, object]:
         """Return the same for JSON."""
-        return {"at_s": round(self.stamp - start, 3), "stamp": self.stamp, "what": self.what, "seconds": self.seconds}
+        return {
+            "at_s": round(self.stamp - start, 3),
+            "stamp": self.stamp,
+            "what": self.what,
+            "seconds": self.seconds,
+            "all_along": self.all_along,
+        }
+
+
+def in_order(incidents: Iterable[Incident]) -> list[Incident]:
+    """Return incidents by time, those before all others that hold for a whole drive."""
+    return sorted(incidents, key=lambda incident: (not incident.all_along, incident.stamp))
 
 
 @dataclass
 class Incidents:
-    """Incidents in the order in which they were found; after the first hundred they are only counted."""
+    """Incidents as they are found; after the first hundred they are only counted."""
 
     _kept: list[Incident] = field(default_factory=list)
     number: int = 0
     _concluded: list[Incident] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Incident]:
-        """Yield those that were kept."""
-        return iter(self._kept)
+        """Yield those that were kept, see `in_order`."""
+        return iter(in_order(self._kept))
 
     def __len__(self) -> int:
         """Return the number of those that were kept."""
@@ -63,14 +79,14 @@ class Incidents:
             self._kept.append(Incident(stamp, what, seconds))
         return self.number - 1
 
-    def conclude(self, stamp: float, what: str, seconds: float, *, first: bool = False) -> None:
+    def conclude(self, stamp: float, what: str, seconds: float, *, all_along: bool = False) -> None:
         """Note what only the end of a drive tells, until it goes on (see `reopen`).
 
-        What holds for all of a drive comes `first`, before everything else, however much there is.
+        What holds `all_along` is kept however much else there is.
         """
-        incident = Incident(stamp, what, seconds)
+        incident = Incident(stamp, what, seconds, all_along)
         self.number += 1
-        self._kept.insert(0 if first else len(self._kept), incident)
+        self._kept.insert(0 if all_along else len(self._kept), incident)
         del self._kept[_MOST_KEPT:]
         self._concluded.append(incident)
 

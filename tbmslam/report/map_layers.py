@@ -105,7 +105,7 @@ def trouble_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
     drive
         The drive.
     incidents
-        What run.json says of it: a list of objects with `stamp` [s], `at_s` [s] and `what`; anything else is nothing.
+        What run.json says of it: objects with `stamp` [s], `at_s` [s], `what` and `all_along`; all else is nothing.
     group
         Heading under which it is switched.
     """
@@ -119,16 +119,18 @@ def trouble_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
         group, drive.name, "trouble", shown=True, note="where something went wrong; point at it to read what"
     )
     texts = [
-        f"{_time_of(one, float(stamps[index] - stamps[0])):.1f} s: {one.get('what')}"
+        f"{_time_of(one, float(stamps[index] - stamps[0]))}: {one.get('what')}"
         for one, index in zip(known, nearest, strict=True)
     ]
     return [Marks(switch, "dots", drive.trajectory.poses[nearest, :2], _TROUBLE, texts)]
 
 
-def _time_of(incident: Mapping[str, object], since_start: float) -> float:
-    """Return when an incident was, as it was told: since the recording began; else since the drive did [s]."""
+def _time_of(incident: Mapping[str, object], since_start: float) -> str:
+    """Return when an incident was, as it was told: since the recording began; else since the drive did."""
+    if incident.get("all_along") is True:
+        return "all along"
     at_s = incident.get("at_s")
-    return float(at_s) if isinstance(at_s, int | float) else since_start
+    return f"{float(at_s) if isinstance(at_s, int | float) else since_start:.1f} s"
 
 
 _TROUBLE: Colour = (200, 0, 30)

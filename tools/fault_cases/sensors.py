@@ -33,7 +33,10 @@ def _tried(folder: Path, fault: str, *, told: str = "", world: str = "office", r
     incidents = [incident for incident in run["incidents"] if since - 1.0 <= incident["at_s"] <= since + _SOON_S]
     fitting = next((incident for incident in incidents if told in incident["what"]), None)
     shown = (incidents or run["incidents"])[:2]
-    warned = "; ".join(f"at {incident['at_s']:.1f} s: {incident['what']}" for incident in shown)
+    warned = "; ".join(
+        incident["what"] if incident["all_along"] else f"at {incident['at_s']:.1f} s: {incident['what']}"
+        for incident in shown
+    )
     result, counts = run["result"], run["counts"]
     used = result["scans"] - len(trajectory)
     lost = [f"{n} scans {reason}" for reason, n in counts["dropped"].items()]

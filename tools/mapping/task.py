@@ -24,6 +24,7 @@ from tbmslam.files.atomic_file import write_text
 from tbmslam.files.map_folder import save_map
 from tbmslam.files.special_file import why_unreadable
 from tbmslam.laser_scan import Reading
+from tbmslam.monitoring.incidents import in_order
 from tbmslam.report.making import versions
 from tbmslam.se2 import SE2
 from tbmslam.segmentation import Segment, in_frame
@@ -236,7 +237,7 @@ def _span(segment: Segment, readings: int, first: float, last: float) -> Span:
 
 def _noted(recording: Recording, span: Span | None, slam: Slam) -> dict[str, object]:
     """Return what is odd about a part of a recording and its drive, in sentences, and when what went wrong."""
-    incidents = sorted([*recording.counts.incidents_in(span), *slam.incidents])
+    incidents = in_order([*recording.counts.incidents_in(span), *slam.incidents])
     return {
         "warnings": recording_warnings(recording, span) + [incident.text(slam.started) for incident in slam.incidents],
         "incidents": [incident.as_dict(slam.started) for incident in incidents],

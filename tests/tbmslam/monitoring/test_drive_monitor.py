@@ -50,7 +50,7 @@ def carried(robot, begin, end):
 def test_a_robot_that_was_carried_elsewhere_gives_the_map_of_its_longest_part(robot, caplog):
     readings = carried(robot, 60, 120)
     slam, drive = mapped(readings)
-    (lost, left_out) = [i for i in slam.incidents if i.what == LOST or "left out" in i.what]
+    (left_out, lost) = [i for i in slam.incidents if i.what == LOST or "left out" in i.what]
     assert lost.what == LOST
     assert lost.stamp == readings[61].scan.stamp
     assert left_out.stamp == readings[0].scan.stamp
@@ -277,8 +277,8 @@ def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
     slam, _ = mapped(readings)
     slam.finish()
     (told,) = [line for line in said(slam) if "scale" in line]
-    assert told.startswith("at 0.0 s: the scans go 1.1")
-    assert "times as far as the odometry, one of them has a wrong scale, for " in told
+    assert told.startswith("the scans go 1.1")
+    assert told.endswith("times as far as the odometry, one of them has a wrong scale")
 
 
 @pytest.mark.parametrize("seed", [3, 6])

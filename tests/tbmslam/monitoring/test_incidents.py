@@ -16,7 +16,28 @@ def test_an_incident_tells_its_time():
         "stamp": 112.5,
         "what": "x",
         "seconds": 0.0,
+        "all_along": False,
     }
+
+
+def test_what_holds_all_along_has_no_time():
+    incident = Incident(100.0, "a wrong scale", 60.0, all_along=True)
+    assert incident.text(100.0) == "a wrong scale"
+    told = incident.as_dict(100.0)
+    assert (told["at_s"], told["seconds"], told["all_along"]) == (0.0, 60.0, True)
+
+
+def test_incidents_come_by_time_and_first_what_holds_all_along():
+    incidents = Incidents()
+    late = incidents.add(9.0, "late")
+    incidents.add(3.0, "early")
+    incidents.add(3.0, "as early")
+    incidents.conclude(5.0, "left out", 1.0)
+    incidents.conclude(4.0, "a wrong scale", 60.0, all_along=True)
+    assert [incident.what for incident in incidents] == ["a wrong scale", "early", "as early", "left out", "late"]
+    incidents.reopen()
+    incidents.reword(late, "later")
+    assert [incident.what for incident in incidents] == ["early", "as early", "later"]
 
 
 def test_memory_is_bounded_and_all_are_counted():
@@ -77,17 +98,17 @@ def test_what_holds_for_a_whole_drive_comes_first_however_much_there_is():
     incidents = Incidents()
     for k in range(150):
         incidents.add(10.0 * k, "x")
-    incidents.conclude(0.0, "a wrong scale", 60.0, first=True)
+    incidents.conclude(0.0, "a wrong scale", 60.0, all_along=True)
     assert (len(incidents), incidents.number) == (100, 151)
-    assert next(iter(incidents)).text(0.0) == "at 0.0 s: a wrong scale, for 60.0 s"
+    assert next(iter(incidents)).text(0.0) == "a wrong scale"
 
 
 def test_what_the_end_of_a_drive_told_is_taken_back_where_it_goes_on():
     incidents = Incidents()
     lost = incidents.add(3.0, "lost")
-    incidents.conclude(0.0, "a wrong scale", 5.0, first=True)
+    incidents.conclude(0.0, "a wrong scale", 5.0, all_along=True)
     incidents.conclude(0.0, "left out", 3.0)
-    assert [incident.what for incident in incidents] == ["a wrong scale", "lost", "left out"]
+    assert [incident.what for incident in incidents] == ["a wrong scale", "left out", "lost"]
     incidents.reopen()
     incidents.lengthen(lost, 4.0)
     assert [incident.text(0.0) for incident in incidents] == ["at 3.0 s: lost, for 1.0 s"]

@@ -44,6 +44,8 @@ def test_trouble_is_where_the_robot_was_then():
     (mark,) = trouble_layer(drive, incidents, "Robots")
     np.testing.assert_array_equal(mark.points, [[1.0, 2.0], [3.0, 4.0]])
     assert mark.texts == ["1.0 s: no odometry", "2.0 s: <b>"]
+    (mark,) = trouble_layer(drive, [{"stamp": 10.0, "at_s": 0.0, "what": "a scale", "all_along": True}], "Robots")
+    assert mark.texts == ["all along: a scale"]
     assert trouble_layer(drive, None, "Robots") == trouble_layer(drive, [], "Robots") == []
 
 
