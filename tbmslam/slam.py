@@ -222,7 +222,13 @@ class Slam:
 
         settled = self._tracker.settled(scan, match, since)
         moved = match.T_map_sensor.to(settled.T_map_sensor)
-        if math.hypot(moved.x, moved.y) > _HELD_BACK:
+        # Where scans went too far, as in a fast turn, the odometry brings the robot back, and nobody held it.
+        way, way_found = (
+            T_map_before.to(T_map_sensor @ reading.T_robot_sensor.inverse())
+            for T_map_sensor in (settled.T_map_sensor, match.T_map_sensor)
+        )
+        is_farther = math.hypot(way.x, way.y) > math.hypot(way_found.x, way_found.y)
+        if is_farther and math.hypot(moved.x, moved.y) > _HELD_BACK:
             self.incidents.add(scan.stamp, _HELD_BACK_SAID)
         return settled
 

@@ -16,6 +16,7 @@ from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2, compose, inverse
 from tbmslam.slam import Slam
+from tbmslam.tracking.surfel_tracker import SurfelTracker
 
 
 def mapped(readings, config=None):
@@ -170,6 +171,24 @@ def test_people_who_go_along_in_a_corridor_do_not_hold_the_robot_back(drive_in):
     settled = ate(robot, slam.finish())
     assert settled < 0.5 * held_back
     assert settled < 0.1
+
+
+@pytest.mark.parametrize(("ahead", "told"), [(0.3, 1), (0.05, 0), (-0.15, 0)])
+def test_only_a_robot_that_the_odometry_moves_on_was_held_back(drive_in, monkeypatch, ahead, told):
+    """One whose scans went too far is moved back."""
+    keyframes = 0
+
+    def settled(tracker, scan, match, since):
+        nonlocal keyframes
+        keyframes += 1
+        return match._replace(T_map_sensor=match.T_map_sensor @ SE2(ahead, 0.0, 0.0)) if keyframes == 12 else match
+
+    monkeypatch.setattr(SurfelTracker, "settled", settled)
+    slam = Slam()
+    for reading in drive_in("corridor", 30.0, odometry="good", seed=2).readings[:60]:
+        slam.process(reading)
+    assert keyframes > 12
+    assert sum("goes along holds the robot back" in incident.what for incident in slam.incidents) == told
 
 
 def test_nobody_is_thought_to_walk_once_no_odometry_could_tell(drive_in):
