@@ -238,11 +238,11 @@ class ExactnessConfig(FrozenConfig):
         What stays however many walls agree: maps have cells, and long drives bend as a whole [m], [rad].
     """
 
-    wall_m: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.08
-    place_m: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.075
-    turn_rad: Annotated[float, Field(ge=1e-6, le=1e6)] = 0.0285
-    bend_m: Metres = 0.015
-    bend_rad: Annotated[float, Field(ge=0.0, le=1e6)] = 0.003
+    wall_m: Annotated[float, Field(ge=1e-4, le=1e3)] = 0.08
+    place_m: Annotated[float, Field(ge=1e-4, le=1e3)] = 0.075
+    turn_rad: Annotated[float, Field(ge=1e-4, le=1e1)] = 0.0285
+    bend_m: Annotated[float, Field(ge=1e-4, le=1e3)] = 0.015
+    bend_rad: Annotated[float, Field(ge=1e-5, le=1e1)] = 0.003
 
 
 class GraphConfig(FrozenConfig):
@@ -289,8 +289,8 @@ class KnownPoseConfig(FrozenConfig):
         With less agreeing wall than this it is laid exactly as told [m].
     """
 
-    reach_m: Metres = 1.0
-    reach_rad: Annotated[float, Field(gt=0.0)] = 0.18
+    reach_m: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
+    reach_rad: Annotated[float, Field(ge=1e-3, le=3.2)] = 0.18
     min_wall_m: Metres = 2.0
 
 

@@ -12,8 +12,9 @@ from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
-_ONE_WALL = 2
-"""Walls at most so many cells apart are one: cells round each by half a cell, and noise moves hits into the next."""
+_ONE_WALL, _ONE_WALL_M = 2, 0.2
+"""Walls at most so many cells apart are one, but no farther than so many metres, or a cell where they are coarse: cells
+round each by half a cell, and noise moves hits into the next. A door is wider than twice as much."""
 
 
 def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
@@ -29,8 +30,9 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
     if merge.fusion is None:
         return merge
     canvas = merge.fusion.grid.geometry
-    across = np.arange(-_ONE_WALL, _ONE_WALL + 1)
-    reach = (np.hypot(across[:, None], across) <= _ONE_WALL).astype(np.uint8)
+    cells = min(_ONE_WALL, max(1, round(_ONE_WALL_M / canvas.resolution)))
+    across = np.arange(-cells, cells + 1)
+    reach = (np.hypot(across[:, None], across) <= cells).astype(np.uint8)
     wall, denied = np.zeros((2, canvas.rows, canvas.cols), dtype=np.bool_)
     for name, T_merged_map in merge.poses.items():
         laid = (maps[name].grid, T_merged_map) if merge.joint is None else (merge.joint.maps[name].grid, SE2.identity())

@@ -103,7 +103,11 @@ def _evidence(fusion: Fusion) -> list[Raster]:
             opacity=0.6,
         ),
         Raster(
-            Switch(_EVIDENCE, "contradictions", note="how much the maps contradict each other, whatever the rule"),
+            Switch(
+                _EVIDENCE,
+                "contradictions",
+                note="how much the maps contradict each other, walls two cells apart being one",
+            ),
             geometry,
             levels_of(conflict),
             _CONTRADICTION,

@@ -46,6 +46,8 @@ class Merge:
     judged_by
         The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
         maps' own: drawn from near hits alone, or straightened.
+    straightened
+        The maps that were straightened before they were laid, by name: what went into it in place of those given.
     """
 
     merged: TbmMap | None
@@ -57,6 +59,7 @@ class Merge:
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
     judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
+    straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
 
 def merge(
@@ -99,7 +102,7 @@ def merge(
     alignments = known.alignments | align_all(maps, config, workers, watch, scheduler, unknown)
     groups = _grouped(maps, alignments, config, watch, known.poses)
     near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
-    judged_by, placed = dict(near.grids), list[Pair]()
+    judged_by, placed, straightened = dict(near.grids), list[Pair](), dict[str, TbmMap]()
     if near.alignments:
         alignments |= near.alignments
         groups = _grouped(maps, alignments, config, watch, known.poses)
@@ -110,7 +113,8 @@ def merge(
             break
         where, found = bent
         placed.append(where)
-        maps = {**maps, where[1]: found.straightened}
+        straightened[where[1]] = found.straightened
+        maps = {**maps, **straightened}
         pair, alignment, grids = _in_order(list(maps), where, found)
         alignments[pair], judged_by[pair] = alignment, grids
         groups = _grouped(maps, alignments, config, watch, known.poses)
@@ -129,6 +133,7 @@ def merge(
         group.used,
         group.outvoted,
         judged_by,
+        {name: one for name, one in straightened.items() if name in joined.poses},
     )
 
 

@@ -101,7 +101,6 @@ def _agreed(found: Mapping[Pair, Alignment], grids: Mapping[str, TbmGrid], confi
         ambiguous=False,
         confidence=1.0 / (1.0 + math.exp(-odds)),
         reason=f"{len(agreeing)} of {len(found)} pairs of drives agree{more}, the surest with {found[surest].reason}",
-        T_target_source=place,
         alternatives=(),
     )
     return NearPair(alignment, (grids[surest[0]], grids[surest[1]]))

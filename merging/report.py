@@ -45,6 +45,7 @@ def write_report(
     FileNotWrittenError
         If the folder cannot be written.
     """
+    maps = {**maps, **merge.straightened}
     merge = without_rounding(merge, maps)
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     areas: dict[str, float] = {}

@@ -9,9 +9,9 @@ from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 
-def walled(*cols, rows=10, shift=0):
+def walled(*cols, rows=10, shift=0, resolution=0.1):
     """Return a map of free space with walls across it, in a part of a lattice of 10 cm cells."""
-    grid = TbmGrid.unknown(GridGeometry(0.1, 0.1 * shift, 0.0, rows, 20))
+    grid = TbmGrid.unknown(GridGeometry(resolution, resolution * shift, 0.0, rows, 20))
     grid.masses[:] = (0.0, 0.9, 0.0, 0.1)
     grid.masses[:, cols] = (0.0, 0.0, 0.9, 0.1)
     return TbmMap(grid)
@@ -36,6 +36,16 @@ def test_a_wall_that_is_elsewhere_contradicts_as_it_did():
     np.testing.assert_array_equal(after.conflict, before.conflict)
     assert sorted(set(np.nonzero(after.conflict)[1])) == [8, 11]
     assert after.grid is before.grid
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.15, 0.2, 0.25, 0.3])
+def test_a_door_that_is_open_in_one_map_and_shut_in_another_is_seen_with_any_cells(resolution):
+    shut, opened = (walled(8, rows=30, resolution=resolution) for _ in range(2))
+    door = round(0.9 / resolution)
+    opened.grid.masses[3 : 3 + door, 8] = (0.0, 0.9, 0.0, 0.1)
+    before, after = merged(a=shut, b=opened)
+    assert before.conflict[3 : 3 + door, 8].min() > 0.5
+    assert after.conflict[3 + door // 2, 8] == before.conflict[3 + door // 2, 8]
 
 
 def test_one_map_that_denies_a_wall_is_enough():

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -47,6 +48,15 @@ def test_the_report_has_every_pair_and_every_map(maps, tmp_path):
     assert report["fusion"]["seen_by_several_m2"] == pytest.approx(192.0, rel=0.05)
     for picture in ("overlay.png", "contradictions.png"):
         assert cv2.imread(str(tmp_path / "deep" / "merged" / picture)) is not None
+
+
+def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tmp_path):
+    result = merge(maps, CONFIG)
+    write_report(tmp_path / "as-merged", result, maps, CONFIG)
+    bent = {**maps, "there": TbmMap(warp(maps["there"].grid, SE2(40.0, 0.0, 1.0), maps["there"].grid.geometry))}
+    write_report(tmp_path / "bent", replace(result, straightened={"there": maps["there"]}), bent, CONFIG)
+    for name in ("overlay.png", "contradictions.png", "report.json"):
+        assert (tmp_path / "bent" / name).read_bytes() == (tmp_path / "as-merged" / name).read_bytes()
 
 
 def keys_in(value):

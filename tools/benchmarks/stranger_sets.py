@@ -27,8 +27,8 @@ MAPS = 6
 """Maps of a set."""
 HEAD = ("sets", "maps of each", "pairs", "pairs accepted", "sets with maps joined", "rate %", "95 % interval")
 
-_SETS_APART = 100
-"""Numbers of buildings between those of one set and those of the next."""
+_SETS_APART, _SEEDS_APART = 100, 100_000
+"""Numbers of buildings between those of one set and those of the next, and between those of seeds."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def meet_set(number_of_set: int, seed: int) -> StrangerSet:
 def make_set(number_of_set: int, seed: int) -> dict[str, TbmMap]:
     """Return maps of as many buildings, of the whole or of a part; the same numbers make the same maps."""
     rng = np.random.default_rng([seed, number_of_set, MAPS])
-    first = seed * 100_000 + number_of_set * _SETS_APART
+    first = seed * _SEEDS_APART + number_of_set * _SETS_APART
     buildings = [some_part(building_of(first + index, rng), rng) for index in range(MAPS)]
     two_and_two = zip(buildings[::2], buildings[1::2], strict=True)
     pairs = [KnownPair.of(foreign_pair(*both, int(rng.integers(2**31)))) for both in two_and_two]
