@@ -5,6 +5,7 @@ import numba
 import pytest
 from numba.core import event
 
+from tools import compiling
 from tools.compiling import Compiling, tell_of_compiling
 
 
@@ -15,9 +16,14 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def listener():
+    """Listen instead of what a program that another test ran in this process left listening."""
     made = Compiling()
+    for other in compiling._listeners:
+        event.unregister("numba:compile", other)
     with event.install_listener("numba:compile", made):
         yield made
+    for other in compiling._listeners:
+        event.register("numba:compile", other)
 
 
 def twice_compiled():
