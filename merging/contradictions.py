@@ -9,7 +9,6 @@ import numpy as np
 from merging.merger import Merge
 from merging.warping import offset_in, warp
 from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 _ONE_WALL, _ONE_WALL_M = 2, 0.2
@@ -34,9 +33,8 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
     across = np.arange(-cells, cells + 1)
     reach = (np.hypot(across[:, None], across) <= cells).astype(np.uint8)
     wall, denied = np.zeros((2, canvas.rows, canvas.cols), dtype=np.bool_)
-    for name, T_merged_map in merge.poses.items():
-        laid = (maps[name].grid, T_merged_map) if merge.joint is None else (merge.joint.maps[name].grid, SE2.identity())
-        layer = warp(*laid, canvas)
+    for name in merge.poses:
+        layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
         walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]

@@ -14,7 +14,6 @@ from tbmslam.grid import TbmGrid
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
-from tbmslam.se2 import SE2
 from tbmslam.tbm_map import Drive, TbmMap
 
 _CONTRADICTION = Palette.ramp((255, 244, 240), (240, 110, 80), (170, 0, 20), alphas=(0,))
@@ -63,9 +62,7 @@ def _trouble(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks
 def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
     """Return a map's grid in the merged frame."""
     assert merge.fusion is not None  # noqa: S101  # who asks for the merged sheet has one
-    if merge.joint is not None:
-        return warp(merge.joint.maps[name].grid, SE2.identity(), merge.fusion.grid.geometry)
-    return warp(maps[name].grid, merge.poses[name], merge.fusion.grid.geometry)
+    return warp(*merge.laid(name, maps), merge.fusion.grid.geometry)
 
 
 def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:

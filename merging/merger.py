@@ -61,6 +61,12 @@ class Merge:
     judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
+    def laid(self, name: str, maps: Mapping[str, TbmMap]) -> tuple[TbmGrid, SE2]:
+        """Return the grid of a map that went into it, straightened where it was, and its pose in the merged map."""
+        if self.joint is None:
+            return maps[name].grid, self.poses[name]
+        return self.joint.maps[name].grid, SE2.identity()
+
 
 def merge(
     maps: Mapping[str, TbmMap],

@@ -21,7 +21,6 @@ from tbmslam.files.atomic_file import write_bytes
 from tbmslam.files.png import encode_png
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 _UNKNOWN_GREY = 205
@@ -94,9 +93,8 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
     canvas = fusion.grid.geometry
     picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
     picture[fusion.seen_by > 0] = 255
-    for index, (name, T_merged_map) in enumerate(merge.poses.items()):
-        laid = (maps[name].grid, T_merged_map) if merge.joint is None else (merge.joint.maps[name].grid, SE2.identity())
-        layer = warp(*laid, canvas)
+    for index, name in enumerate(merge.poses):
+        layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
         walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
