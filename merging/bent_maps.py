@@ -157,6 +157,6 @@ def _aligned_again(joint: JointRefinement | None, config: MergeConfig) -> Alignm
         return Alignment("correlation", accepted=False, reason="the drives cannot be straightened together there")
     found = align(joint.maps[_TARGET], joint.maps[_SOURCE], config)
     where = found.T_target_source
-    if found.accepted and (where is None or not is_same_place(SE2.identity(), where, config.graph)):
+    if found.accepted and (where is None or not is_same_place(SE2.identity(), where, config.graph, found.covariance)):
         return replace(found, accepted=False, reason="straightened there, the maps are aligned elsewhere")
     return found

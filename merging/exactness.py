@@ -84,6 +84,15 @@ def seen_from(covariance: Covariance, T_here_there: SE2) -> Covariance:
     return _rows(adjoint @ np.array(covariance) @ adjoint.T)
 
 
+def known_best_at(covariance: Covariance) -> tuple[float, float]:
+    """Return the point (x, y) of the source whose place is known best, which an error of the turn does not move [m].
+
+    It is the middle of what agrees, wherever the source has its frame.
+    """
+    turn = covariance[2][2]
+    return -covariance[1][2] / turn, covariance[0][2] / turn
+
+
 def deviations(covariance: Covariance) -> tuple[float, float]:
     """Return the standard deviations of the place where it is known best [m], and of the turn [rad]."""
     all_ = np.array(covariance)

@@ -14,6 +14,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config import GraphConfig
 from merging.joints import joints_of
+from merging.middles import Middles
 from merging.offers import Offer, is_same_place, offers_of
 from tbmslam.pose_graph import MotionEdge, optimise
 from tbmslam.se2 import SE2, FloatArray
@@ -72,9 +73,9 @@ def groups_of(
     a map that nothing connects is a group of its own.
     """
     config, known = config or GraphConfig(), known or {}
-    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
+    middles, offers = _between_middles(alignments, config)
     trusted = _without_outvoted(offers, config)
-    groups = [dict(known)] if known else []
+    groups = [middles.group(known)[1]] if known else []
     groups += [{name: SE2.identity()} for name in names if name not in known]
     while True:
         joints = joints_of(groups, trusted, config)
@@ -84,7 +85,7 @@ def groups_of(
         groups[best.first] |= {name: best.motion @ pose for name, pose in groups[best.second].items()}
         del groups[best.second]
     ordered = [{name: group[name] for name in names if name in group} for group in groups]
-    finished = [_finished(group, offers, config) for group in ordered]
+    finished = [_finished(group, offers, middles, config) for group in ordered]
     return sorted(
         finished, key=lambda group: (known.keys().isdisjoint(group.poses), -len(group), list(names).index(group.first))
     )
@@ -104,9 +105,17 @@ def join(
     config
         When places are one, and what a confirmation is worth.
     """
+    middles, offers = _between_middles(alignments, config)
+    (T_first_middle, here), (T_second_middle, there) = middles.group(first), middles.group(second)
+    joints = joints_of([here, there], offers, config)
+    return (T_first_middle @ joints[0].motion @ T_second_middle.inverse(), joints[0].support) if joints else None
+
+
+def _between_middles(alignments: Mapping[Pair, Alignment], config: GraphConfig) -> tuple[Middles, list[Offer]]:
+    """Return the middles of maps, and where alignments put one in the frame of another."""
     offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
-    joints = joints_of([first, second], offers, config)
-    return (joints[0].motion, joints[0].support) if joints else None
+    middles = Middles(offers)
+    return middles, [middles.between(offer) for offer in offers]
 
 
 def _without_outvoted(offers: list[Offer], config: GraphConfig) -> list[Offer]:
@@ -156,8 +165,8 @@ def _round_trip(cycle: tuple[Offer, Offer, Offer]) -> SE2:
     return motion
 
 
-def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -> Group:
-    """Let all alignments that agree with the poses make them exact, in the first map's frame."""
+def _finished(poses: dict[str, SE2], offers: list[Offer], middles: Middles, config: GraphConfig) -> Group:
+    """Let all alignments that agree with the middles' poses make them exact; return the maps', in the first's frame."""
     names = list(poses)
     inside = [offer for offer in offers if offer.pair[0] in poses and offer.pair[1] in poses]
     agreeing = [
@@ -167,8 +176,7 @@ def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -
     ]
     used = dict.fromkeys(offer.pair for offer in agreeing)
     outvoted = tuple(dict.fromkeys(o.pair for o in inside if o.accepted and o.pair not in used))
-    start = poses[names[0]].inverse()
-    exact = {name: start @ pose for name, pose in poses.items()}
+    exact = dict(poses)
     if len(agreeing) >= len(names):  # a tree has nothing to balance
         edges = [
             MotionEdge(names.index(o.pair[0]), names.index(o.pair[1]), o.motion, _information(o, config))
@@ -176,8 +184,7 @@ def _finished(poses: dict[str, SE2], offers: list[Offer], config: GraphConfig) -
         ]
         solved = optimise(np.array([exact[name] for name in names]), [], edges, config.robust_width)
         exact = {name: SE2.from_array(pose) for name, pose in zip(names, solved, strict=True)}
-        exact[names[0]] = SE2.identity()
-    return Group(exact, tuple(used), outvoted)
+    return Group({**middles.maps(exact), names[0]: SE2.identity()}, tuple(used), outvoted)
 
 
 def _information(offer: Offer, config: GraphConfig) -> FloatArray:

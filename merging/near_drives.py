@@ -92,7 +92,9 @@ def _agreed(found: Mapping[Pair, Alignment], grids: Mapping[str, TbmGrid], confi
     if not agreeing:
         return None
     others = [offers_of(pair, one, config.graph) for pair, one in found.items() if pair not in agreeing]
-    also = sum(any(is_same_place(place, offer.motion, config.graph) for offer in offers) for offers in others)
+    also = sum(
+        any(is_same_place(place, offer.motion, config.graph, offer.covariance) for offer in offers) for offers in others
+    )
     more = f", {also} more by an alternative" if also else ""
     surest = max(agreeing, key=lambda pair: agreeing[pair].confidence)
     alignment = replace(
@@ -112,4 +114,5 @@ def _named_drives(name: str, one: TbmMap) -> dict[str, Keyframes]:
 
 
 def _leads_to(place: SE2, found: Alignment, config: MergeConfig) -> bool:
-    return found.T_target_source is not None and is_same_place(place, found.T_target_source, config.graph)
+    motion = found.T_target_source
+    return motion is not None and is_same_place(place, motion, config.graph, found.covariance)

@@ -7,7 +7,7 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config import GraphConfig
-from merging.exactness import Covariance
+from merging.exactness import Covariance, known_best_at
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
 _SURE, _DOUBTFUL = 0.999, 0.85
@@ -86,7 +86,12 @@ def _log_odds(confidence: float) -> float:
     return math.log(p / (1.0 - p))
 
 
-def is_same_place(motion: SE2, other: SE2, config: GraphConfig) -> bool:
-    """Tell whether two motions name one place."""
-    apart = motion.inverse() @ other
-    return math.hypot(apart.x, apart.y) <= config.same_m and abs(wrap_angle(apart.theta)) <= config.same_rad
+def is_same_place(motion: SE2, other: SE2, config: GraphConfig, known: Covariance | None = None) -> bool:
+    """Tell whether two motions name one place: whether they put a point of the source to one place, and turn it alike.
+
+    The point is that which the covariance of either says is known best, or the origin of the source's frame; this may
+    lie far off, where a tenth of a degree is metres.
+    """
+    point = (0.0, 0.0) if known is None else known_best_at(known)
+    turned = abs(wrap_angle(other.theta - motion.theta))
+    return math.dist(motion.apply(point), other.apply(point)) <= config.same_m and turned <= config.same_rad

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merging.config import ExactnessConfig, StructureConfig, VerificationConfig
-from merging.exactness import covariance_of, deviations, seen_from
+from merging.exactness import covariance_of, deviations, known_best_at, seen_from
 from merging.structure import Structure
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
@@ -86,3 +86,16 @@ def test_an_error_in_one_frame_is_the_adjoint_of_that_in_another(T_here_there, e
 def test_how_exact_it_is_does_not_depend_on_the_frame(pose):
     assert deviations(seen_from(COVARIANCE, pose)) == pytest.approx(deviations(COVARIANCE), rel=1e-4)
     np.testing.assert_allclose(seen_from(seen_from(COVARIANCE, pose), pose.inverse()), COVARIANCE, atol=1e-9)
+
+
+@given(pose=POSES)
+def test_the_point_known_best_is_one_whatever_the_frame(pose):
+    point = known_best_at(COVARIANCE)
+    np.testing.assert_allclose(known_best_at(seen_from(COVARIANCE, pose)), pose.apply(point), atol=1e-5)
+
+
+def test_the_point_known_best_is_the_middle_of_what_agrees():
+    one = hall(20.0)
+    np.testing.assert_allclose(
+        known_best_at(exact(one)), np.average(one.points, axis=0, weights=one.weights), atol=0.05
+    )

@@ -8,6 +8,7 @@ import pytest
 from merging import MergeConfig
 from merging.alignment import Alignment, Alternative
 from merging.config import GraphConfig
+from merging.exactness import seen_from
 from merging.map_graph import _without_outvoted, groups_of, join
 from merging.offers import offers_of
 from tbmslam.se2 import SE2
@@ -118,6 +119,48 @@ def test_small_errors_are_shared_around_a_cycle():
     error = POSES["c"].inverse() @ group.poses["c"]
     assert 0.03 < error.x < 0.05  # two edges of three say nothing of it
     assert group.outvoted == ()
+
+
+SPREAD = (np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist()
+
+
+def in_frames(alignments, origins):
+    """The same alignments, by what is at the maps' middles, where these lie elsewhere in their frames."""
+    return {
+        (target, source): replace(
+            one,
+            T_target_source=origins[target] @ one.T_target_source @ origins[source].inverse(),
+            covariance=seen_from(SPREAD, origins[source]),
+        )
+        for (target, source), one in alignments.items()
+    }
+
+
+@pytest.mark.parametrize("far_m", [0.0, 300.0, 30_000.0])
+def test_it_does_not_matter_where_the_frames_of_maps_have_their_origins(far_m):
+    """Half a degree that alignments differ by is 3 m at 300 m."""
+    origins = {name: SE2(far_m * index, -far_m, 0.3 * index) for index, name in enumerate("abcd")}
+    bent = POSES["a"].inverse() @ POSES["c"] @ SE2(0.1, 0.0, 0.01)
+    wrong = found("a", "d", confidence=0.99, T=SE2(77.0, 0.0, 0.0))
+    right = found("a", "b") | found("b", "c") | found("a", "c", T=bent) | found("b", "d") | found("c", "d")
+    group = groups_of(list("abcd"), in_frames(wrong | right, origins))[0]
+    assert set(group.used) == set(right)
+    assert group.outvoted == (("a", "d"),)
+    middles = {name: origins["a"].inverse() @ pose @ origins[name] for name, pose in group.poses.items()}
+    for name, pose in middles.items():
+        assert math.dist(pose[:2], POSES[name][:2]) < 0.2
+        assert pose.theta == pytest.approx(POSES[name].theta, abs=0.02)
+
+
+@pytest.mark.parametrize("far_m", [0.0, 300.0, 30_000.0])
+def test_nor_does_it_where_groups_are_joined(far_m):
+    origins = {name: SE2(far_m, -far_m, 0.3) for name in "abc"}
+    first = {name: POSES[name] @ origins[name].inverse() for name in "ab"}
+    bent = POSES["b"].inverse() @ POSES["c"] @ SE2(0.1, 0.0, 0.01)
+    doubtful = found("a", "c", 0.6, accepted=False) | found("b", "c", 0.5, accepted=False, T=bent)
+    place, odds = join(first, {"c": SE2.identity()}, in_frames(doubtful, origins), MergeConfig().graph)
+    assert place @ origins["c"] == pytest.approx(POSES["c"])
+    assert odds == pytest.approx(math.log(0.6 / 0.4) + math.log(0.5 + 0.5 / MergeConfig().graph.coincidence))
 
 
 def test_groups_are_joined_where_several_of_their_maps_lead():
