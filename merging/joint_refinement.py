@@ -20,6 +20,7 @@ from merging.redrawing import redraw
 from tbmslam.adjustment.surface_adjustment import adjust
 from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.near_frame import NearFrame
 from tbmslam.pose_graph import MotionEdge, optimise
 from tbmslam.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.tbm_map import TbmMap
@@ -76,6 +77,9 @@ def refine_jointly(
     drives = [(name, drive) for name in poses for drive in maps[name].drives]
     if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):
         return None
+    # Where the first map has its frame's origin must not matter.
+    frame = NearFrame.around(poses[drives[0][0]] @ drives[0][1].keyframes.pose(0))
+    poses = {name: frame.T_far_near.inverse() @ pose for name, pose in poses.items()}
     tracks = [Track(name, drive, poses[name], config.submap) for name, drive in drives]
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))
     rigid = np.vstack([track.sensors for track in tracks])
@@ -93,6 +97,7 @@ def refine_jointly(
         scans = [track.hits.scans for track in tracks]
         moved = adjust(moved, scans, chain, found, config.robust_width, config.adjustment)
     corrected = {name: _corrected(name, maps[name], tracks, starts, moved, poses[name]) for name in poses}
+    corrected = {name: frame.map_there(one) for name, one in corrected.items()}
     straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("%d closures between robots moved keyframes by %.3f m", len(closures), moved_m)

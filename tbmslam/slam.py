@@ -22,6 +22,7 @@ from tbmslam.mapping import ScanInserter
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.laser_check import laser_doubts
 from tbmslam.monitoring.mount_check import mount_doubt
+from tbmslam.near_frame import NearFrame
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
 from tbmslam.scan_hits import ScanHits
@@ -99,6 +100,7 @@ class Slam:
         self._T_map_keyframe: SE2 | None = None
         self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
         self._variances = [0.0, 0.0, 0.0]
+        self._frame = NearFrame()
         self._mount = SE2.identity(), SE2.identity()  # T_robot_sensor and its inverse
         self._closures = np.zeros((0, 2), dtype=np.int64)
         self._measured: DriveMotions | None = None
@@ -126,7 +128,9 @@ class Slam:
         """
         reading.check()
         self._monitor.reopen()
-        reading = self._monitor.cleaned(reading)
+        if not self._stamps:
+            self._frame = NearFrame.around(reading.T_odom_robot)
+        reading = self._monitor.cleaned(self._frame.reading(reading))
         prediction = self._motion.predict(reading)
         T_robot_sensor, T_sensor_robot = self._mounted(reading)
         guess = prediction.T_map_robot @ T_robot_sensor
@@ -154,7 +158,7 @@ class Slam:
         self._stamps.append(scan.stamp)
         self._poses.extend(T_map_robot)
         self._cut(self._monitor.came_out_elsewhere(scan, match.T_map_sensor, T_map_robot, learnt=is_keyframe))
-        return T_map_robot
+        return self._frame.pose_there(T_map_robot)
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
         """Close the loops, adjust drive and walls, render the map of everything processed so far and return it.
@@ -184,7 +188,7 @@ class Slam:
             "%s: %d scans, %d keyframes, %.1f m", self.name, len(trajectory), len(keyframes), trajectory.length()
         )
         drive = Drive(self.name, trajectory, keyframes, self._closures, self._measured)
-        return TbmMap(grid, (drive,), dict(provenance or {}))
+        return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
     def _mounted(self, reading: Reading) -> tuple[SE2, SE2]:
         """Return T_robot_sensor and T_sensor_robot; lasers hardly ever move on their robots."""

@@ -61,6 +61,17 @@ def bent_pair():
     return maps, {"a": SE2.identity(), "b": T_WORLD_B}, second
 
 
+def test_the_merged_frame_may_lie_far_away(bent_pair):
+    maps, poses, _ = bent_pair
+    shift = SE2(512_000.0, 4_600_000.0, 0.0)
+    here = refine_jointly(maps, poses, JointConfig())
+    there = refine_jointly(maps, {name: shift @ pose for name, pose in poses.items()}, JointConfig())
+    for name in "ab":
+        np.testing.assert_allclose(shift.inverse() @ there.poses[name], here.poses[name], atol=0.01)
+        one, other = (np.array(found.maps[name].grid.geometry) for found in (here, there))
+        np.testing.assert_allclose(other[1:3] - one[1:3], shift[:2], atol=0.06)
+
+
 def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
     maps, poses, truth = bent_pair
     before = poses["b"].apply(maps["b"].drives[0].keyframes.poses[:, :2])

@@ -15,6 +15,7 @@ from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2, compose, inverse
+from tbmslam.segmentation import in_frame
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_tracker import SurfelTracker
 
@@ -59,6 +60,16 @@ def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(
     assert (
         0.0 < np.hypot(*(steps - drive.motions.steps)[:, :2].T).max() < 0.05
     )  # loops bend a drive, a little everywhere
+
+
+def test_odometry_may_count_from_far_away(drive_in):
+    """As in a grid of the whole earth, where single precision tells half a metre apart."""
+    readings, shift = drive_in("apartment", 30.0).readings, SE2(512_000.0, 4_600_000.0, 0.0)
+    there, here = mapped([in_frame(one, shift) for one in readings]), mapped(readings)
+    moved = there.drives[0].trajectory.poses - [*shift]
+    np.testing.assert_allclose(moved, here.drives[0].trajectory.poses, atol=1e-3)
+    assert there.grid.geometry.origin_x == pytest.approx(here.grid.geometry.origin_x + shift.x, abs=0.06)
+    assert (there.grid.is_known().sum() - here.grid.is_known().sum()) / here.grid.is_known().sum() < 0.001
 
 
 def test_it_needs_no_odometry(drive_in):
