@@ -5,6 +5,7 @@ from typing import NamedTuple
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.rosbag_files import ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Topic
+from datasets.same_robot import is_plain_odom, nearness_to, of_same_robot
 
 
 class ChosenTopics(NamedTuple):
@@ -27,15 +28,14 @@ def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
     DatasetError
         The scans are missing or there are several, or a topic that was asked for is not there.
     """
+    scan = _scan_topic(files, options)
     transforms: tuple[str, ...] = ()
     if options.odometry != "none" or options.sensor_pose is None:
-        transforms = tuple(topic.name for topic in files.of_type(*TF_TYPES) if topic.messages)
-        if options.tf_topics is not None:
-            transforms = tuple(_named(files, name, TF_TYPES, "--tf-topic").name for name in options.tf_topics)
+        transforms = _transforms(files, options, scan)
     odometry: tuple[str, ...] = ()
     if options.odometry in ("auto", "topic"):
-        odometry = _odometry_topics(files, options)
-    return ChosenTopics(_scan_topic(files, options), transforms, odometry)
+        odometry = _odometry_topics(files, options, scan)
+    return ChosenTopics(scan, transforms, odometry)
 
 
 def is_static(topic: str) -> bool:
@@ -64,17 +64,35 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     raise DatasetError(f"{_names(files)} has no LaserScan topic; it has {listed}: choose another recording")
 
 
-def _odometry_topics(files: BagFiles, options: RecordingOptions) -> tuple[str, ...]:
-    """Return the topics that may hold odometry, best first."""
+def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:
+    """Return the topics of transforms: those asked for, or the robot's."""
+    if options.tf_topics is not None:
+        return tuple(_named(files, name, TF_TYPES, "--tf-topic").name for name in options.tf_topics)
+    filled = [topic.name for topic in files.of_type(*TF_TYPES) if topic.messages]
+    static = [name for name in filled if is_static(name)]
+    moving = [name for name in filled if not is_static(name)]
+    own = [name for kind in (moving, static) for name in of_same_robot(kind, scan, _other_scans(files, scan))]
+    return tuple(sorted(own))
+
+
+def _other_scans(files: BagFiles, scan: str) -> list[str]:
+    """Return the topics of scans that are not read."""
+    return [topic.name for topic in files.of_type(SCAN_TYPE) if topic.messages and topic.name != scan]
+
+
+def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:
+    """Return the topics that may hold odometry, best first: the scans' own robot's before others."""
     if options.odometry_topic is not None:
         return (_named(files, options.odometry_topic, (ODOMETRY_TYPE, POSE_TYPE), "--odometry-topic").name,)
-    filled = [topic.name for topic in files.of_type(ODOMETRY_TYPE) if topic.messages]
+    others, nearness = _other_scans(files, scan), nearness_to(scan)
+    filled = of_same_robot([topic.name for topic in files.of_type(ODOMETRY_TYPE) if topic.messages], scan, others)
     # Other poses with covariance are a localiser's, or a click of somebody's mouse.
     poses = [topic.name for topic in files.of_type(POSE_TYPE) if topic.messages and "odom" in topic.name]
-    plain_first = sorted(filled, key=lambda name: (name.strip("/") != "odom", name))
+    poses = of_same_robot(poses, scan, others)
+    plain_first = sorted(filled, key=lambda name: (-nearness(name), not is_plain_odom(name, scan), name))
     if options.odometry == "topic" and not plain_first + poses:
         raise DatasetError(f"{_names(files)} has no odometry topic: choose another source with --odometry")
-    if options.odometry == "topic" and len(filled) > 1 and plain_first[0].strip("/") != "odom":
+    if options.odometry == "topic" and len(filled) > 1 and not is_plain_odom(plain_first[0], scan):
         raise DatasetError(
             f"{_names(files)} has several Odometry topics: {', '.join(filled)}: choose one with --odometry-topic"
         )
