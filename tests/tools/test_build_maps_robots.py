@@ -1,0 +1,106 @@
+"""How recordings become robots: what each is told, where it begins and where its map truly lies."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from tbmslam.files.tum import read_tum
+from tests.tools.built_maps import QUICK, run, run_record
+from tools import make_world
+
+
+def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
+    log = tmp_path / "log.clf"
+    ranges = " ".join(["2.0"] * 180)
+    stamps = [*range(10), *range(20, 30)]
+    log.write_text("".join(f"FLASER 180 {ranges} 0 0 0 0 0 0 {t}.0 host {t}.0\n" for t in stamps))
+    intervals = ("--interval", 0, 9, "--interval", 5, 25, "--interval", 20, 30)
+    assert run(log, *intervals, "--no-truth", "-o", tmp_path / "out") == 0
+    gap = "1 gap without a scan, 11.0 s in all, the longest 11.0 s: what moved meanwhile nobody saw"
+    for name, befell in (("robot_0", False), ("robot_1", True), ("robot_2", False)):
+        record = run_record(tmp_path / "out" / name)
+        assert (gap in record["warnings"]) is befell
+        assert ("no scans" in [one["what"] for one in record["incidents"]]) is befell
+        assert record["counts"]["gaps"] == 1  # of the whole recording
+
+
+@pytest.mark.parametrize(
+    ("arguments", "robots"),
+    [
+        (("--robots", 3), 3),
+        (("--robots", 2, "--split", "time", "--overlap", 0), 2),
+        (("--interval", 0, 5, "--interval", 4, 12), 2),
+        (("--split", "gaps"), 1),
+    ],
+)
+def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
+    monkeypatch.setattr("tools.mapping.task.save_map", lambda *_: None)
+    assert run(bag, "-o", tmp_path, *QUICK, *arguments) == 0
+    segments = [run_record(tmp_path / f"robot_{k}")["segment"] for k in range(robots)]
+    assert len(list(tmp_path.glob("robot_*"))) == robots
+    assert segments[0]["start"] == 0
+    assert all(before["start"] < after["start"] for before, after in itertools.pairwise(segments))
+    shares = segments[0]["stop"] > segments[1]["start"] if robots > 1 else False
+    assert shares is (arguments[0] == "--interval" or arguments == ("--robots", 3))
+
+
+def test_each_robot_has_a_frame_of_its_own_from_the_seed(bags, tmp_path):
+    both = (bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *QUICK)
+    for seed in (1, 2):
+        assert run(*both, "-o", tmp_path / str(seed), "--seed", seed) == 0
+    assert run(*both, "-o", tmp_path / "odometry", "--frames", "odometry") == 0
+    starts = {
+        (run_name, robot): read_tum(tmp_path / run_name / robot / "trajectory.tum").pose(0)
+        for run_name in ("1", "2", "odometry")
+        for robot in ("robot_0", "robot_1")
+    }
+    assert len({pose.theta for (name, _), pose in starts.items() if name != "odometry"}) == 4
+    for robot in ("robot_0", "robot_1"):
+        assert starts["odometry", robot] == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+
+
+def test_what_is_told_of_the_reference_says_whose_it_is(tmp_path, caplog):
+    small = ["--beams", "181", "--rate", "5", "--duration", "16"]
+    world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
+    assert make_world.main([*world, "-o", str(tmp_path / "bags")]) == 0
+    assert run(tmp_path / "bags" / "robot_0.bag", "--robots", 2, "-o", tmp_path / "out") == 0
+    whole = "whole recording, for truth.json: at 10.0 s: the odometry jumps"
+    assert any(line.startswith(whole) for line in caplog.messages)
+
+
+def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_path):
+    options = [option for option in QUICK if option != "--no-truth"]
+    assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", *options, "-o", tmp_path) == 0
+    assert not (tmp_path / "truth.json").exists()
+
+
+def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
+    assert run(bag, "-o", tmp_path, "--robots", 2, "--reference", bags / "robot_0.truth.tum") == 0
+    truth = json.loads((tmp_path / "truth.json").read_text())["robots"]
+    for name, entry in truth.items():
+        own = read_tum(tmp_path / name / "trajectory.tum")
+        reference = read_tum(bags / "robot_0.truth.tum")
+        at = int(np.abs(reference.stamps - own.stamps[0]).argmin())
+        x, y, theta = entry["T_reference_map"]
+        assert entry["reference"] == "robot_0.truth.tum"
+        assert entry["ate_m"] < 0.05
+        cosine, sine = np.cos(theta), np.sin(theta)
+        start = own.pose(0)
+        placed = (x + cosine * start.x - sine * start.y, y + sine * start.x + cosine * start.y)
+        assert placed == pytest.approx(reference.pose(at)[:2], abs=0.1)
+    assert f"truth for evaluation -> {tmp_path / 'truth.json'}" in capsys.readouterr().out
+
+
+def test_a_robot_of_one_scan_has_no_truth_and_costs_no_other(bag, tmp_path, caplog):
+    assert run(bag, "-o", tmp_path, "--interval", 0, 10, "--interval", 10.01, 10.25) == 0
+    assert list(json.loads((tmp_path / "truth.json").read_text())["robots"]) == ["robot_0"]
+    assert "robot_1: it is not known where its map lies: only " in caplog.text
+
+
+def test_a_second_run_replaces_the_robots_of_the_first(bag, tmp_path):
+    assert run(bag, "-o", tmp_path, "--robots", 2, *QUICK) == 0
+    before = (tmp_path / "robot_1" / "map.npz").read_bytes()
+    assert run(bag, "-o", tmp_path, "--robots", 2, "--overlap", 0.8, *QUICK) == 0
+    assert (tmp_path / "robot_1" / "map.npz").read_bytes() != before

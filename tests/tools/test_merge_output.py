@@ -1,0 +1,72 @@
+"""Where `merge` writes, and what it never overwrites."""
+
+import re
+import shutil
+
+import pytest
+
+from tbmslam.files import map_folder
+from tools import merge
+
+
+def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 0
+    (tmp_path / "notes.txt").touch()
+    assert merge.main([str(folders / "here"), str(folders / "foreign"), "-o", str(tmp_path)]) == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("SHA256SUMS", "config.toml", "notes.txt", "report.html", "report.json")
+    ]
+
+
+def test_a_link_to_a_map_does_not_let_it_be_overwritten(folders, tmp_path, capsys):
+    (tmp_path / "link.npz").symlink_to(folders / "here" / "map.npz")
+    with pytest.raises(SystemExit):
+        merge.main([str(tmp_path / "link.npz"), str(folders / "there"), "-o", str(folders / "here")])
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+
+
+def test_the_picture_of_a_map_is_not_overwritten(folders, tmp_path, capsys):
+    shutil.copy(folders / "here" / "map.pgm", tmp_path)
+    before = (tmp_path / "map.pgm").read_bytes()
+    (tmp_path / "hall.yaml").write_text((folders / "here" / "map.yaml").read_text())
+    assert merge.main([str(tmp_path / "hall.yaml"), str(folders / "there"), "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert re.search(
+        r"merge: .*map\.pgm: belongs to .*hall\.yaml and would be overwritten: choose another folder", said
+    )
+    assert (tmp_path / "map.pgm").read_bytes() == before
+    assert not (tmp_path / "map.npz").exists()
+
+
+@pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
+def test_a_merge_never_overwrites_its_maps(folders, capsys, given):
+    before = (folders / "here" / "map.npz").read_bytes()
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / given), str(folders / "there"), "-o", str(folders / "here")])
+    assert stopped.value.code == 2
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert (folders / "here" / "map.npz").read_bytes() == before
+
+
+def test_a_merge_does_not_become_one_of_the_folder_of_maps_that_it_is_made_of(folders, tmp_path, capsys):
+    for name in ("here", "there"):
+        shutil.copytree(folders / name, tmp_path / name)
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(tmp_path), "-o", str(tmp_path)])
+    assert stopped.value.code == 2
+    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert not (tmp_path / "map.npz").exists()
+
+
+def test_a_merge_may_lie_beside_or_above_its_maps(folders, tmp_path):
+    for name in ("here", "there"):
+        shutil.copytree(folders / name, tmp_path / name)
+    assert merge.main([str(tmp_path / "here"), str(tmp_path / "there"), "-o", str(tmp_path)]) == 0
+    assert map_folder.load_map(tmp_path).grid.is_known().any()
+
+
+def test_nothing_is_written_into_a_folder_without_a_name(folders, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        merge.main([str(folders / "here"), str(folders / "there"), "-o", ""])
+    assert stopped.value.code == 2
+    assert "is a variable of the shell unset?" in capsys.readouterr().err
