@@ -73,6 +73,18 @@ def sensor_place(
     return SensorPlace((x, y, math.atan2(whole[3], whole[2])), (deviation_x, deviation_y, max(turn)), scale)
 
 
+def turns(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much the robot turned by the odometry and the laser by the scans, (M,) each [rad].
+
+    Parameters are those of `sensor_place`. The motions are the same, and a turned laser turns as its robot does.
+    """
+    first, last = _ends(sensors)
+    wheels = np.remainder(odometry[last, 2] - odometry[first, 2] + math.pi, math.tau) - math.pi
+    seen = np.remainder(sensors[last, 2] - sensors[first, 2] + math.pi, math.tau) - math.pi
+    told = np.isfinite(wheels) & (stamps[last] - stamps[first] < _LONGEST_S)
+    return wheels[told], seen[told]
+
+
 def _equations(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the equations' slopes (M, 2, 5) by x, y, cosine, sine and lag, and their right sides (M, 2) [m]."""
     first, last = _ends(sensors)

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.keyframes import Keyframes
-from tbmslam.monitoring.hand_eye import sensor_place
+from tbmslam.monitoring.hand_eye import sensor_place, turns
 from tbmslam.se2 import FloatArray
 
 
@@ -26,10 +26,16 @@ class MountCheckConfig(FrozenConfig):
     scale: float = Field(
         0.2, gt=0, description="share by which lengths may differ, or else both are no motion of one robot"
     )
+    opposed: float = Field(
+        0.8, gt=0, le=1, description="how closely both must turn against each other to look upside down, 1 is wholly"
+    )
+    turning: float = Field(
+        2.0 * math.pi, gt=0, description="turning, all in all, without which nothing looks upside down [rad]"
+    )
 
 
 def mount_doubt(keyframes: Keyframes, odometry: FloatArray, config: MountCheckConfig) -> str | None:
-    """Return a sentence where the laser sits elsewhere on the robot than it is said to; None where it does not.
+    """Return a sentence where the laser sits otherwise on the robot than it is said to; None where it does not.
 
     Parameters
     ----------
@@ -42,7 +48,13 @@ def mount_doubt(keyframes: Keyframes, odometry: FloatArray, config: MountCheckCo
     """
     if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
         return None
-    place = sensor_place(keyframes.stamps, odometry, keyframes.all_sensor_poses(), config.parts, config.motions)
+    sensors = keyframes.all_sensor_poses()
+    if _is_turned_over(*turns(keyframes.stamps, odometry, sensors), config):
+        return (
+            "the scans turn left where the odometry turns right, the map is a mirror image: "
+            "try --upside-down, or --no-upside-down where tf says that the laser hangs so"
+        )
+    place = sensor_place(keyframes.stamps, odometry, sensors, config.parts, config.motions)
     if place is None or not 1.0 / (1.0 + config.scale) <= place.scale <= 1.0 + config.scale:
         return None
     stated, limits = keyframes.sensor_poses[0].tolist(), (config.distance, config.distance, config.angle)
@@ -57,6 +69,13 @@ def mount_doubt(keyframes: Keyframes, odometry: FloatArray, config: MountCheckCo
         f"odometry and scans fit best where the laser sits on the robot at {x}, {y} m, {turn} degrees, "
         f"not at {stated_x}, {stated_y} m, {stated_turn} degrees: try --sensor-pose {x} {y} {turn}"
     )
+
+
+def _is_turned_over(wheels: FloatArray, seen: FloatArray, config: MountCheckConfig) -> bool:
+    """Return whether turns (M,) [rad] that the odometry and the scans tell oppose each other."""
+    lengths = math.sqrt(float(wheels @ wheels) * float(seen @ seen))
+    enough = min(float(np.abs(wheels).sum()), float(np.abs(seen).sum())) >= config.turning
+    return enough and float(wheels @ seen) <= -config.opposed * lengths
 
 
 def _written(pose: Sequence[float]) -> tuple[str, str, str]:

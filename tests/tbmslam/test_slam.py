@@ -259,6 +259,19 @@ def test_a_laser_stated_elsewhere_is_told(drive_in):
     assert told(T_robot_sensor=elsewhere) == []
 
 
+def test_a_laser_that_hangs_upside_down_unsaid_is_told(drive_in):
+    robot = drive_in("office", 40.0, "good", seed=2)
+    slam = Slam()
+    for reading in robot.readings:
+        scan = reading.scan
+        mirrored = replace(scan, angle_min=-scan.angle_min, angle_increment=-scan.angle_increment)
+        slam.process(replace(reading, scan=mirrored))
+    slam.finish()
+    told = [incident.what for incident in slam.incidents if incident.all_along]
+    assert len(told) == 1
+    assert told[0].startswith("the scans turn left where the odometry turns right, the map is a mirror image: ")
+
+
 def test_a_scan_that_is_no_keyframe_costs_what_docs_scaling_says(drive_in):
     reading, slam = drive_in("apartment", 5.0, "good").readings[0], Slam()
 

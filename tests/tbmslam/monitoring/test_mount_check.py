@@ -79,3 +79,25 @@ def test_nothing_is_said_of_a_laser_that_moves_on_its_robot_or_when_switched_off
     moving = Keyframes.from_scans([scan] * STEPS, [SE2(*pose) for pose in winding()], places)
     assert mount_doubt(moving, winding(), CONFIG) is None
     assert mount_doubt(moving.part(0, 1), winding()[:1], CONFIG) is None
+
+
+def mirrored(generator, turning=0.5):
+    """Return poses as scans tell them that are mirrored, as those of a laser upside down are where nobody knows."""
+    flipped = winding(turning) * [1.0, -1.0, -1.0]
+    return flipped + generator.normal(0.0, [0.01, 0.01, 0.02], flipped.shape)
+
+
+def test_a_laser_that_hangs_upside_down_unsaid(generator):
+    said = doubt(TRUE, generator, mirrored(generator))
+    assert said == (
+        "the scans turn left where the odometry turns right, the map is a mirror image: "
+        "try --upside-down, or --no-upside-down where tf says that the laser hangs so"
+    )
+
+
+def test_turns_that_tell_nothing_of_upside_down(generator):
+    straight = doubt(TRUE, generator, mirrored(generator, 0.0), turning=0.0)
+    unlike = doubt(TRUE, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0))
+    absent = doubt(TRUE, generator, np.full((STEPS, 3), math.nan))
+    off = doubt(TRUE, generator, mirrored(generator), config=CONFIG.model_copy(update={"enabled": False}))
+    assert straight is unlike is absent is off is None
