@@ -12,7 +12,7 @@ from merging.decoys import find_decoys
 from merging.exactness import covariance_of
 from merging.features import Features, describe, match
 from merging.in_words import evidence_in_words
-from merging.structure import Structure
+from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine
 from merging.warping import at_resolution, check_cell_size
 from tbmslam.grid import TbmGrid
@@ -95,6 +95,8 @@ def align_views(target: View | None, source: View | None, config: MergeConfig) -
         return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it was seen")
     if target.grid is not None and source.grid is not None:
         return BASELINES[config.method](target.grid, source.grid, config)
+    if bare := without_walls(target.structure, source.structure):
+        return Alignment(config.method, accepted=False, reason=f"{bare}: nothing tells how they lie")
     if config.method == "features":
         return _by_features(target, source, config)
     return _by_correlation(target.structure, source.structure, config)

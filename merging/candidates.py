@@ -5,7 +5,7 @@ import numpy as np
 from merging.config import MergeConfig
 from merging.correlation import propose
 from merging.distinct_poses import distinct
-from merging.structure import Structure
+from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine_all, support_m
 from tbmslam.se2 import SE2, FloatArray, compose
 from tbmslam.wall_limits import FACING
@@ -28,8 +28,11 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
 
 
 def best_of(proposals: list[SE2], target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
-    """Make proposals exact; return those that the walls speak for most, the best first, none near a better one."""
-    if not proposals:
+    """Make proposals exact; return those that the walls speak for most, the best first, none near a better one.
+
+    Where a map has no walls, none speak for any.
+    """
+    if not proposals or without_walls(target, source):
         return []
     how = config.refinement
     some = target.some(how.few_walls), source.some(how.few_walls)

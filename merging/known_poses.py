@@ -20,7 +20,7 @@ from merging.config import KnownPoseConfig, MergeConfig
 from merging.decoys import find_decoys
 from merging.exactness import covariance_of
 from merging.in_words import evidence_in_words
-from merging.structure import Structure
+from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine
 from merging.views import Views
 from merging.warping import corners_of
@@ -117,7 +117,8 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
         return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
     place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
     enough = evidence.agreed_wall_m >= config.known.min_wall_m
-    how = _how_laid(place, T_target_source, source.structure, enough)
+    bare = without_walls(target.structure, source.structure)
+    how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
     answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
     limits = config.verification.limits()
     told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}

@@ -113,6 +113,14 @@ class Structure:
         return np.linspace(0, count - 1, limit).astype(np.int64)
 
 
+def without_walls(target: Structure, source: Structure) -> str | None:
+    """Return in words which of two maps holds no wall, so that nothing tells how they lie; None where both do."""
+    bare = [name for name, one in (("target", target), ("source", source)) if not len(one.points)]
+    if not bare:
+        return None
+    return "neither map holds a wall" if len(bare) == 2 else f"the {bare[0]} map holds no wall"
+
+
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the directions (N, 2) from surface cells into free space, and where it lies on both sides (N,)."""
     sharp = free.astype(np.float32) - walls.astype(np.float32)

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from merging.candidates import find_candidates, refine_all
+from merging.candidates import best_of, find_candidates, refine_all
 from merging.config import MergeConfig, StructureConfig
 from merging.structure import Structure
 from merging.warping import warp
@@ -47,6 +47,12 @@ def test_nothing_near_leaves_the_guess_alone(rooms):
     guess = SE2(1.0, 2.0, 3.0)
     assert refine(grid, blank, guess, CONFIG) == pytest.approx(guess)
     assert refine(grid, grid, SE2(400.0, 0.0, 0.0), CONFIG) == pytest.approx((400.0, 0.0, 0.0))
+
+
+def test_nothing_speaks_for_any_place_where_a_map_has_no_walls(rooms):
+    grid, blank = structure(rooms(1)), structure(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 9, 9)))
+    for target, source in ((grid, blank), (blank, grid), (blank, blank)):
+        assert best_of([SE2.identity()], target, source, CONFIG) == []
 
 
 def test_the_true_place_comes_first_and_every_other_is_elsewhere(rooms):

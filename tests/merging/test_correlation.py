@@ -65,7 +65,7 @@ def test_a_map_without_walls_proposes_nothing(rooms):
     assert propose(structure(rooms(1)), blank, CONFIG) == []
     alignment = align(TbmMap(rooms(1)), TbmMap(grid_with_one_free_cell()), MergeConfig(method="correlation"))
     assert not alignment.accepted
-    assert alignment.reason == "no rotation and shift brings the walls together"
+    assert alignment.reason == "the source map holds no wall: nothing tells how they lie"
 
 
 def grid_with_one_free_cell():

@@ -7,7 +7,7 @@ import pytest
 from merging import MergeConfig, merge
 from merging.aligner import view_of
 from merging.known_poses import KnownPoseError, align_near, place_known
-from tbmslam.belief import FREE
+from tbmslam.belief import FREE, UNKNOWN
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2
@@ -122,6 +122,23 @@ def test_an_empty_map_lies_where_told(maps, empty, which):
     assert found.accepted
     assert found.T_target_source == TRUTH
     assert found.reason == f"laid as told: the {which} map is empty"
+
+
+@pytest.mark.parametrize(
+    ("bare", "fact"),
+    [
+        (("floor",), "the target map holds no wall"),
+        (("half",), "the source map holds no wall"),
+        (("floor", "half"), "neither map holds a wall"),
+    ],
+)
+def test_maps_without_a_wall_lie_where_told(maps, bare, fact):
+    lawn = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 240, 320))
+    lawn.masses[..., FREE], lawn.masses[..., UNKNOWN] = 1.0, 0.0
+    two = {name: TbmMap(lawn) if name in bare else maps[name] for name in ("floor", "half")}
+    done = merge(two, told(half=SE2(1.0, 2.0, 0.3)))
+    assert done.poses["half"] == pytest.approx((1.0, 2.0, 0.3))
+    assert done.alignments["floor", "half"].reason.startswith(f"laid as told: {fact}; 0.0 m of wall agree")
 
 
 @pytest.mark.parametrize("name", ["floor", "nobody"])

@@ -88,6 +88,26 @@ def test_an_empty_map_is_refused_by_name(rooms):
         assert alignment.reason == f"the {name} map is empty: no cell of it was seen"
 
 
+@pytest.mark.parametrize("method", ["correlation", "features"])
+@pytest.mark.parametrize(
+    ("bare", "fact"),
+    [
+        ("target", "the target map holds no wall"),
+        ("source", "the source map holds no wall"),
+        ("both", "neither map holds a wall"),
+    ],
+)
+def test_maps_without_a_wall_are_refused_by_name(rooms, method, bare, fact):
+    lawn = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 100, 100))
+    lawn.masses[:] = (0.0, 1.0, 0.0, 0.0)
+    maps = {name: TbmMap(lawn if bare in (name, "both") else rooms(1)) for name in ("target", "source")}
+    done = merge(maps, MergeConfig(method=method))
+    found = done.alignments["target", "source"]
+    assert (found.accepted, found.T_target_source) == (False, None)
+    assert found.reason == f"{fact}: nothing tells how they lie"
+    assert done.merged is None
+
+
 def test_another_building_is_refused_with_the_numbers(rooms):
     alignment = align(TbmMap(rooms(1)), TbmMap(rooms(2)), CONFIG)
     assert not alignment.accepted
