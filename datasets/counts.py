@@ -21,6 +21,13 @@ class Span(NamedTuple):
         return stamp < self.last and stamp + seconds > self.first
 
 
+def gaps_in_words(lengths: list[float]) -> str:
+    """Return how many gaps there were and how long they lasted; `lengths` (N,), one or more [s]."""
+    if len(lengths) == 1:
+        return f"1 gap of {lengths[0]:.1f} s without a scan"
+    return f"{len(lengths)} gaps of {sum(lengths):.1f} s in all without a scan, the longest {max(lengths):.1f} s"
+
+
 @dataclass
 class ReadingCounts:
     """Counts of one pass over a recording.
@@ -138,10 +145,7 @@ class ReadingCounts:
             if number
         ]
         if self.gaps:
-            oddities.append(
-                f"{self.gaps} gap{'s' if self.gaps > 1 else ''} of {self.gap_seconds:.1f} s in all, "
-                f"the longest {self.longest_gap_s:.1f} s"
-            )
+            oddities.append(gaps_in_words(self.pauses_in(None)))
         if self.lost_scans:
             oddities.append(f"about {self.lost_scans} scans, {self.lost_seconds:.1f} s, lost in a damaged file")
         if oddities:

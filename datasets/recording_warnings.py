@@ -1,6 +1,6 @@
 """What a reader of a map should know about the recording it was made of."""
 
-from datasets.counts import ReadingCounts, Span
+from datasets.counts import ReadingCounts, Span, gaps_in_words
 from datasets.recording import Recording
 
 _DROPPED = {
@@ -30,7 +30,8 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     counted = _counted(counts) + _beam_warnings(counts)
     if span is not None:
         counted = [f"in the whole recording, {what}" for what in counted]
-    said = counted + _pause_warnings(counts.pauses_in(span))
+    pauses = counts.pauses_in(span)
+    said = counted + ([f"{gaps_in_words(pauses)}: what moved meanwhile nobody saw"] if pauses else [])
     if recording.description.get("sensor_pose_known") is False:
         said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
     frames = recording.description.get("frame_warnings")
@@ -63,14 +64,6 @@ def _counted(counts: ReadingCounts) -> list[str]:
     if counts.lost_scans:
         said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
     return said
-
-
-def _pause_warnings(pauses: list[float]) -> list[str]:
-    if not pauses:
-        return []
-    number = "1 gap" if len(pauses) == 1 else f"{len(pauses)} gaps"
-    seconds = f"{sum(pauses):.1f} s in all, the longest {max(pauses):.1f} s"
-    return [f"{number} without a scan, {seconds}: what moved meanwhile nobody saw"]
 
 
 def _beam_warnings(counts: ReadingCounts) -> list[str]:

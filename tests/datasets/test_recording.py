@@ -50,7 +50,7 @@ def test_counts_as_text_and_as_json():
     ]
     assert counts.summary() == (
         "8 of 10 scans used, dropped: 1 duplicate, 1 empty; beams: 90.0 % hit, 10.0 % no_return\n"
-        "odd: 2 backward stamps, 2 gaps of 8.0 s in all, the longest 5.0 s"
+        "odd: 2 backward stamps, 2 gaps of 8.0 s in all without a scan, the longest 5.0 s"
     )
     assert json.loads(json.dumps(counts.as_dict()))["dropped"] == {"duplicate": 1, "empty": 1}
     other = ReadingCounts()

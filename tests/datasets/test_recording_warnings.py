@@ -47,7 +47,7 @@ def test_every_fault_is_a_sentence():
         "the number of beams changed 6 times",
         "about 40 scans, 8.0 s, are lost in a damaged file",
         "20% of the beams are no number",
-        "2 gaps without a scan, 9.0 s in all, the longest 7.0 s: what moved meanwhile nobody saw",
+        "2 gaps of 9.0 s in all without a scan, the longest 7.0 s: what moved meanwhile nobody saw",
         "nothing tells where the laser sits on the robot: its place was taken for granted",
         "the laser's clock is 82 s behind",
         "angles do not fit",
@@ -56,7 +56,7 @@ def test_every_fault_is_a_sentence():
 
 def test_a_gap_is_one():
     said = recording_warnings(recording(pauses=[(1.0, 3.0)]))
-    assert said == ["1 gap without a scan, 3.0 s in all, the longest 3.0 s: what moved meanwhile nobody saw"]
+    assert said == ["1 gap of 3.0 s without a scan: what moved meanwhile nobody saw"]
 
 
 def test_nobody_who_told_the_angles_is_asked_for_them():
@@ -74,7 +74,7 @@ def test_a_part_is_told_of_its_own_gaps_and_of_the_counts_of_all():
     assert recording_warnings(made, Span(60.0, 90.0)) == counted
     assert recording_warnings(made, Span(20.0, 60.0)) == [
         *counted,
-        "1 gap without a scan, 4.0 s in all, the longest 4.0 s: what moved meanwhile nobody saw",
+        "1 gap of 4.0 s without a scan: what moved meanwhile nobody saw",
     ]
 
 

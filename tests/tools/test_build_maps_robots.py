@@ -18,7 +18,7 @@ def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
     log.write_text("".join(f"FLASER 180 {ranges} 0 0 0 0 0 0 {t}.0 host {t}.0\n" for t in stamps))
     intervals = ("--interval", 0, 9, "--interval", 5, 25, "--interval", 20, 30)
     assert run(log, *intervals, "--no-truth", "-o", tmp_path / "out") == 0
-    gap = "1 gap without a scan, 11.0 s in all, the longest 11.0 s: what moved meanwhile nobody saw"
+    gap = "1 gap of 11.0 s without a scan: what moved meanwhile nobody saw"
     for name, befell in (("robot_0", False), ("robot_1", True), ("robot_2", False)):
         record = run_record(tmp_path / "out" / name)
         assert (gap in record["warnings"]) is befell
