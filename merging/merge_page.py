@@ -11,6 +11,7 @@ from merging.pair_cards import pair_cards
 from merging.past_trouble import warnings_of
 from tbmslam.report.making import Making, versions
 from tbmslam.report.page import Page, Table
+from tbmslam.report.shared_warnings import by_whom
 from tbmslam.report.sheet import Sheet
 from tbmslam.tbm_map import TbmMap
 
@@ -127,7 +128,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
             for place in conflict_places(merge.fusion)
             if place.conflict_m2 >= _LARGE_CONFLICT_M2
         ]
-    return said + [f"{name}: {warning}" for name, one in maps.items() for warning in warnings_of(one.provenance)]
+    return said + by_whom({name: warnings_of(one.provenance) for name, one in maps.items()})
 
 
 def _maps_table(merge: Merge) -> Table:

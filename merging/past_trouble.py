@@ -2,16 +2,15 @@
 
 from collections.abc import Mapping
 
+from tbmslam.report.shared_warnings import by_whom
 from tbmslam.tbm_map import TbmMap
 
 
 def warnings_of(provenance: Mapping[str, object]) -> list[str]:
-    """Return what was odd while a map was made; of a merged map, while those in it were, each under its name."""
+    """Return what was odd while a map was made; of a merged map, while those in it were, under their names."""
     odd = provenance.get("warnings")
     said = [str(warning) for warning in odd] if isinstance(odd, list | tuple) else []
-    for name, _, inner in _parts(provenance):
-        said += [f"{name}: {warning}" for warning in warnings_of(inner)]
-    return said
+    return said + by_whom({name: warnings_of(inner) for name, _, inner in _parts(provenance)})
 
 
 def incidents_of(one: TbmMap) -> list[object]:

@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
 from tbmslam.report.page import Page, Table
+from tbmslam.report.shared_warnings import by_whom
 from tbmslam.report.sheet import Sheet
 from tbmslam.tbm_map import Drive, TbmMap
 
 _LARGE_CORRECTION_M = 1.0
 MOST_SHEETS = 30
 """So many maps are shown; a page with hundreds would be too large to open."""
-_MOST_NAMES = 5
-"""So many robots are named where several are told the same."""
 
 
 @dataclass(frozen=True)
@@ -78,27 +77,14 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | 
             _sheet(name, robot, colour)
             for (name, robot), colour in list(zip(robots.items(), colours, strict=True))[:MOST_SHEETS]
         ],
-        warnings=([] if failure is None else [failure]) + _warnings(robots),
+        warnings=([] if failure is None else [failure])
+        + by_whom({name: robot.warnings() for name, robot in robots.items()}),
         tables=[_table(robots)],
         seconds=making.seconds,
         command=making.command,
         versions={str(name): str(value) for name, value in versions.items()} if isinstance(versions, Mapping) else {},
         config=config if isinstance(config, Mapping) else {},
     )
-
-
-def _warnings(robots: Mapping[str, MappedRobot]) -> list[str]:
-    """Return every warning with the robots that it is of: one recording's are said once."""
-    whose: dict[str, list[str]] = {}
-    for name, robot in robots.items():
-        for warning in dict.fromkeys(robot.warnings()):
-            whose.setdefault(warning, []).append(name)
-    return [f"{_listed(names)}: {warning}" for warning, names in whose.items()]
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
 
 
 def known_m2(tbm_map: TbmMap) -> float:

@@ -118,6 +118,17 @@ def test_a_map_left_out_shows_where_it_had_trouble(maps):
     assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
 
 
+def test_what_was_odd_about_several_robots_is_told_once(maps):
+    maps["there"] = replace(maps["there"], provenance={"warnings": [*PROVENANCE["warnings"], "at 3.0 s: lost"]})
+    maps["foreign"] = replace(maps["foreign"], provenance={"warnings": ["at 4.0 s: lost"]})
+    said = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making()).warnings
+    assert said[-3:] == [
+        "here, there: 3 scans are stamped earlier than the scan before",
+        "there: at 3.0 s: lost",
+        "foreign: at 4.0 s: lost",
+    ]
+
+
 def test_what_was_odd_is_told_of_a_merged_map_too(maps):
     first = merge({name: maps[name] for name in ("here", "there")}, CONFIG).merged
     assert first is not None

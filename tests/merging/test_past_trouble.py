@@ -30,6 +30,12 @@ def test_each_drive_of_a_merge_keeps_its_trouble():
     assert warnings_of(again) == ["ab: a: a gap"]
 
 
+def test_what_befell_several_of_a_merge_is_told_once():
+    merged = {"merged_from": {"a": part(1, ONE), "b": part(1, OTHER), "c": part(1, ONE)}}
+    assert warnings_of(merged) == ["a, c: a gap"]
+    assert warnings_of({"merged_from": {"x": part(3, merged), "y": part(3, merged)}}) == ["x, y: a, c: a gap"]
+
+
 def test_a_single_drive_has_its_own():
     assert incidents_of(map_of(1, ONE)) == [JUMPED]
     assert incidents_of(map_of(0, ONE)) == []
