@@ -29,6 +29,22 @@ class ClockFinding(NamedTuple):
     warning: str | None
 
 
+def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> tuple[float, float]:
+    """Return what stamps would lag behind the bag's clock, had scans and odometry that have none been stamped [s].
+
+    A simulation's clock is zero until it is heard of, and then far from the recorder's. Where neither has a stamp the
+    bag's clock counts.
+
+    Parameters
+    ----------
+    scan_lags, odometry_lags
+        Bag time minus stamp of the first messages that have one [s].
+    """
+    scan_lag, odometry_lag = (float(np.median(lags)) if len(lags) else None for lags in (scan_lags, odometry_lags))
+    either = next((lag for lag in (scan_lag, odometry_lag) if lag is not None), 0.0)
+    return (either if scan_lag is None else scan_lag, either if odometry_lag is None else odometry_lag)
+
+
 def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> ClockFinding:
     """Find a constant fault between the stamps of scans and of odometry, by the bag's own clock.
 

@@ -1,5 +1,6 @@
 """The tree of frames in a recording, and which of them are the odometry frame and the robot."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -77,12 +78,12 @@ class FrameGraph:
         self.edges: dict[tuple[str, str], Edge] = {}
 
     def add(self, parent: str, child: str, pose: SE3, static: bool, lag: float) -> None:
-        """Take in one transform."""
+        """Take in one transform; its lag is nan where its stamp is unset."""
         key = (plain(parent), plain(child))
         edge = self.edges.setdefault(key, Edge(*key, static, pose))
         edge.count += 1
         edge.moves = edge.moves or any(abs(a - b) > 1e-6 for a, b in zip(pose, edge.first, strict=True))
-        if len(edge.lags) < _KEPT_LAGS:
+        if len(edge.lags) < _KEPT_LAGS and math.isfinite(lag):
             edge.lags.append(lag)
 
     def frames(self) -> list[str]:

@@ -111,10 +111,10 @@ class _Pass:
         elif message.content is None:
             return
         elif message.msgtype in TF_TYPES:
-            for item in transforms_of(message.content, message.bag_time):
+            for item in transforms_of(message.content, message.bag_time - self._plan.unset_lags[1]):
                 self._motion.add_transform(item.parent, item.child, item.stamp, item.pose)
         elif isinstance(self._motion, TopicMotion):
-            pose = pose_of(message.content, message.bag_time)
+            pose = pose_of(message.content, message.bag_time - self._plan.unset_lags[1])
             if pose is not None:
                 self._motion.add(pose.stamp, pose.pose)
 
@@ -128,7 +128,7 @@ class _Pass:
             self._counts.scans_read += 1
             self._counts.drop("other_frame")
             return
-        raw = scan_of(message.content, message.bag_time)
+        raw = scan_of(message.content, message.bag_time - self._plan.unset_lags[0])
         stamp = self._clock.corrected(raw.stamp, message.bag_time)
         if stamp != raw.stamp:
             raw = raw._replace(stamp=stamp)

@@ -1,4 +1,7 @@
-"""Decoded ROS messages as this project's types."""
+"""Decoded ROS messages as this project's types.
+
+Of each the caller says what counts for a stamp that is unset, that is zero.
+"""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -16,16 +19,16 @@ class StampedTransform(NamedTuple):
     pose: SE3
 
 
-def stamp_of(header: Any, bag_time: float) -> float:
-    """Return a header's stamp [s]; the bag time where a recorder left it at zero."""
+def stamp_of(header: Any, unset: float) -> float:
+    """Return a header's stamp [s], or what counts for it where it was left at zero."""
     stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
-    return float(stamp) if stamp > 0.0 else bag_time
+    return float(stamp) if stamp > 0.0 else unset
 
 
-def scan_of(message: Any, bag_time: float) -> RawScan:
+def scan_of(message: Any, unset: float) -> RawScan:
     """Read a LaserScan."""
     return RawScan(
-        stamp_of(message.header, bag_time),
+        stamp_of(message.header, unset),
         float(message.angle_min),
         float(message.angle_increment),
         float(message.range_min),
@@ -35,20 +38,20 @@ def scan_of(message: Any, bag_time: float) -> RawScan:
     )
 
 
-def transforms_of(message: Any, bag_time: float) -> Iterator[StampedTransform]:
+def transforms_of(message: Any, unset: float) -> Iterator[StampedTransform]:
     """Read a TFMessage, leaving out what is no motion."""
     for item in message.transforms:
         t, q = item.transform.translation, item.transform.rotation
         pose = SE3.from_values(t.x, t.y, t.z, q.x, q.y, q.z, q.w)
         if pose is not None:
-            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header, bag_time), pose)
+            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header, unset), pose)
 
 
-def pose_of(message: Any, bag_time: float) -> StampedTransform | None:
+def pose_of(message: Any, unset: float) -> StampedTransform | None:
     """Read an Odometry or PoseWithCovarianceStamped; None where it is no motion."""
     p, q = message.pose.pose.position, message.pose.pose.orientation
     pose = SE3.from_values(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
     child = getattr(message, "child_frame_id", "")
     if pose is None:
         return None
-    return StampedTransform(message.header.frame_id, child, stamp_of(message.header, bag_time), pose)
+    return StampedTransform(message.header.frame_id, child, stamp_of(message.header, unset), pose)

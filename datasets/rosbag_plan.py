@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, replace
 
 from datasets.beam_angles import angle_warning
-from datasets.clock import ClockFinding, compare_clocks
+from datasets.clock import ClockFinding, compare_clocks, lags_of_unset
 from datasets.errors import DatasetError
 from datasets.frames import Frames, Step, find_robot_frame
 from datasets.motion import Mounting
@@ -43,6 +43,8 @@ class Plan:
         T_robot_sensor to be used instead of it.
     clock
         How the clocks of scans and odometry compare.
+    unset_lags
+        Bag time minus what counts for the stamps of scans and of odometry where they are unset [s].
     doubts
         What had to be chosen although tf says two things, in sentences.
     """
@@ -57,6 +59,7 @@ class Plan:
     to_sensor: list[Step] | None
     sensor_pose: SE2 | None
     clock: ClockFinding
+    unset_lags: tuple[float, float] = (0.0, 0.0)
     doubts: tuple[str, ...] = ()
 
     def topics_to_read(self) -> tuple[str, ...]:
@@ -94,7 +97,10 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
             survey.sensor_frame,
             "where the PR2 carries it" if sensor_pose else "at the robot's centre",
         )
-    clock = _compared(survey, options, frames, topics, source)
+    odometry_lags = _odometry_lags(survey, frames, topics, source)
+    clock = compare_clocks(survey.scan_lags, odometry_lags)
+    if options.clock_offset is not None:
+        clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
     doubts = _doubts(survey, frames, to_sensor if sensor_pose is None else None)
@@ -103,7 +109,10 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     stretched = angle_warning(len(survey.first_scan.ranges), survey.first_scan.angle_increment)
     if stretched and options.angle_step_deg is None:
         logger.warning("%s: %s", files.paths[0], stretched)
-    return Plan(files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock, doubts)
+    unset = lags_of_unset(survey.scan_lags, odometry_lags)
+    return Plan(
+        files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts
+    )
 
 
 def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:
@@ -124,14 +133,14 @@ def _take(survey: Survey, message: Message) -> None:
     if message.content is None:
         return
     if message.msgtype in TF_TYPES:
-        for item in transforms_of(message.content, message.bag_time):
+        for item in transforms_of(message.content, math.nan):
             lag = message.bag_time - item.stamp
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
     elif message.msgtype == SCAN_TYPE:
-        scan = scan_of(message.content, message.bag_time)
+        scan = scan_of(message.content, math.nan)
         survey.add_scan(message.content.header.frame_id, scan, message.bag_time)
     else:
-        pose = pose_of(message.content, message.bag_time)
+        pose = pose_of(message.content, math.nan)
         if pose is not None:
             survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp)
 
@@ -180,16 +189,10 @@ def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None)
     return tuple(said)
 
 
-def _compared(
-    survey: Survey, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics, source: str
-) -> ClockFinding:
-    """Compare the clocks, unless their difference was given."""
-    lags: list[float] = []
+def _odometry_lags(survey: Survey, frames: Frames | None, topics: ChosenTopics, source: str) -> list[float]:
+    """Return bag time minus stamp of the first messages of odometry [s]."""
     if source == "tf" and frames is not None:
-        lags = next((step.edge.lags for step in frames.to_robot if not step.edge.is_fixed), [])
-    elif source == "topic" and topics.odometry[0] in survey.pose_topics:
-        lags = survey.pose_topics[topics.odometry[0]].lags
-    found = compare_clocks(survey.scan_lags, lags)
-    if options.clock_offset is not None:
-        return ClockFinding(options.clock_offset, found.steady_lag, None)
-    return found
+        return next((step.edge.lags for step in frames.to_robot if not step.edge.is_fixed), [])
+    if source == "topic" and topics.odometry[0] in survey.pose_topics:
+        return survey.pose_topics[topics.odometry[0]].lags
+    return []

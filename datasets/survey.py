@@ -49,17 +49,18 @@ class Survey:
     started_at: float | None = None
 
     def add_scan(self, frame: str, scan: RawScan, bag_time: float) -> None:
-        """Take in a scan."""
+        """Take in a scan; its stamp is nan where it is unset."""
         if self.sensor_frame is None:
             self.sensor_frame, self.first_scan = plain(frame), scan
         if len(self.ranges) < _KEPT_SCANS:
             self.ranges.append(np.array(scan.ranges))
-            self.scan_lags.append(bag_time - scan.stamp)
-            self.scan_stamps.append(scan.stamp)
+            is_set = math.isfinite(scan.stamp)
+            self.scan_lags += [bag_time - scan.stamp] * is_set
+            self.scan_stamps.append(scan.stamp if is_set else bag_time)
 
     def add_pose(self, topic: str, frame: str, robot: str, lag: float) -> None:
-        """Take in a message of an odometry topic."""
-        self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.append(lag)
+        """Take in a message of an odometry topic; its lag is nan where its stamp is unset."""
+        self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.extend([lag] * math.isfinite(lag))
 
     def frames(self) -> Frames | None:
         """Return the frames chosen so far."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from datasets.clock import compare_clocks
+from datasets.clock import compare_clocks, lags_of_unset
 
 rng = np.random.default_rng(0)
 
@@ -46,3 +46,10 @@ def test_what_varies_is_said_and_not_corrected(lags):
 def test_too_little_to_tell():
     assert compare_clocks([82.0] * 3, [0.0] * 100) == (0.0, None, None)
     assert compare_clocks([82.0] * 30, [0.0] * 3) == (0.0, 82.0, None)
+
+
+def test_unset_stamps_count_as_the_others_lag():
+    assert lags_of_unset([], []) == (0.0, 0.0)
+    assert lags_of_unset([5.0, 5.2, 9.0], []) == (5.2, 5.2)
+    assert lags_of_unset([], [7.0]) == (7.0, 7.0)
+    assert lags_of_unset([5.0], [7.0]) == (5.0, 7.0)

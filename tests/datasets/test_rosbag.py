@@ -382,3 +382,19 @@ def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
         far = "the laser sits 30 m from the robot's centre" in caplog.text
         assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
         assert recording.description["sensor_pose_known"] is far
+
+
+@pytest.mark.parametrize("source", ["tf", "topic"])
+def test_stamps_that_a_simulation_leaves_at_zero_until_it_hears_its_clock(script, tmp_path, source):
+    for k in range(80):
+        bag_time, stamp = 1000.0 + 0.1 * k, 20.0 + 0.1 * k if k >= 10 else 0.0
+        pose = SE2(0.1 * k, 0.0, 0.0)
+        if source == "tf":
+            script.tf(stamp, "odom", "base_link", pose, bag_time=bag_time)
+        else:
+            script.odometry(stamp, pose, bag_time=bag_time)
+        script.scan(stamp, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=bag_time + 0.001)
+    readings = list(open_recording([script.write(tmp_path / "run.bag")]))
+    assert len(readings) == 80
+    assert [reading.scan.stamp for reading in readings] == pytest.approx([20.0 + 0.1 * k for k in range(80)], abs=0.01)
+    assert [r.T_odom_robot.x for r in readings] == pytest.approx([0.1 * k for k in range(80)], abs=0.01)
