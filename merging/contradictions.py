@@ -16,15 +16,18 @@ _ONE_WALL, _ONE_WALL_M = 2, 0.2
 round each by half a cell, and noise moves hits into the next. A door is wider than twice as much."""
 
 
-def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
+def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapping[str, float]) -> Merge:
     """Return a merge whose conflict is only where another map calls a wall free and has none within two cells.
 
-    What is fused stays as it is.
+    What is fused stays as it is. A map of reliability 0 neither has walls nor denies any, as it has no part in the
+    conflict either; with any other, what is free in a map stays free, and a wall a wall.
 
     Parameters
     ----------
     merge, maps
         What became of which maps.
+    reliability
+        Probability that a map, by name, is to be believed; 1 for those not named.
     """
     if merge.fusion is None:
         return merge
@@ -33,7 +36,7 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap]) -> Merge:
     across = np.arange(-cells, cells + 1)
     reach = (np.hypot(across[:, None], across) <= cells).astype(np.uint8)
     wall, denied = np.zeros((2, canvas.rows, canvas.cols), dtype=np.bool_)
-    for name in merge.poses:
+    for name in (name for name in merge.poses if reliability.get(name, 1.0) > 0.0):
         layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]

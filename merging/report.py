@@ -45,7 +45,7 @@ def write_report(
         If the folder cannot be written.
     """
     maps = {**maps, **merge.straightened}
-    merge = without_rounding(merge, maps)
+    merge = without_rounding(merge, maps, config.reliability)
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     areas: dict[str, float] = {}
     if merge.fusion is not None:

@@ -17,11 +17,12 @@ def walled(*cols, rows=10, shift=0, resolution=0.1):
     return TbmMap(grid)
 
 
-def merged(**maps):
+def merged(reliability=None, **maps):
     """Return what without_rounding leaves of the conflict of maps that are not moved."""
-    fusion = fuse([one.grid for one in maps.values()])
+    trusts = reliability or {}
+    fusion = fuse([one.grid for one in maps.values()], reliabilities=[trusts.get(name, 1.0) for name in maps])
     merge = Merge(TbmMap(fusion.grid), dict.fromkeys(maps, SE2.identity()), {}, {}, fusion)
-    return fusion, without_rounding(merge, maps).fusion
+    return fusion, without_rounding(merge, maps, trusts).fusion
 
 
 @pytest.mark.parametrize("apart", [0, 1, 2])
@@ -54,6 +55,24 @@ def test_one_map_that_denies_a_wall_is_enough():
     assert after.conflict[5, 8] == before.conflict[5, 8]
 
 
+@pytest.mark.parametrize("trust", [0.0, 0.01, 1.0])
+def test_a_map_that_nobody_believes_denies_no_wall(trust):
+    maps = {"a": walled(8), "b": walled(9), "c": walled()}
+    before, after = merged({"c": trust}, **maps)
+    assert before.conflict[5, 8] > 0.5
+    assert after.conflict[5, 8] == (before.conflict[5, 8] if trust > 0.0 else 0.0)
+
+
+@pytest.mark.parametrize("trust", [0.0, 0.01])
+def test_a_map_that_nobody_believes_has_no_wall_to_be_denied(trust):
+    """What is as free as occupied is no wall, though what is free contradicts it."""
+    torn = walled()
+    torn.grid.masses[:, 8] = (0.0, 0.4, 0.4, 0.2)
+    before, after = merged({"c": trust}, a=torn, b=walled(), c=walled(8))
+    assert before.conflict[5, 8] > 0.3
+    assert after.conflict[5, 8] == (before.conflict[5, 8] if trust > 0.0 else 0.0)
+
+
 def test_what_is_outside_a_map_is_denied_by_nobody():
     _, after = merged(a=walled(2, 8), b=walled(1, shift=10))  # whose wall is at column 11
     assert after.conflict[:, :10].max() == 0.0
@@ -62,4 +81,4 @@ def test_what_is_outside_a_map_is_denied_by_nobody():
 
 def test_nothing_merged_has_nothing_to_be_shown():
     refused = Merge(None, {}, {}, {"a": "alone"}, None)
-    assert without_rounding(refused, {}) is refused
+    assert without_rounding(refused, {}, {}) is refused

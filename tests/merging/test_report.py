@@ -59,6 +59,17 @@ def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tm
         assert (tmp_path / "bent" / name).read_bytes() == (tmp_path / "as-merged" / name).read_bytes()
 
 
+def test_a_map_that_nobody_believes_contradicts_nobody(maps, tmp_path):
+    """Laid on another floor's map, it would deny the walls that fall into the next cells of each other."""
+    told = {"known_poses": {"foreign": (0.0, 0.0, 0.0)}, "reliability": {"foreign": 0.0}}
+    alone = {name: maps[name] for name in ("here", "there")}
+    conflict_m2 = []
+    for given, config in ((alone, CONFIG), (maps, CONFIG.model_copy(update=told))):
+        write_report(tmp_path, merge(given, config), given, config)
+        conflict_m2.append(json.loads((tmp_path / "report.json").read_text())["fusion"]["conflict_m2"])
+    assert conflict_m2[1] == pytest.approx(conflict_m2[0])
+
+
 def keys_in(value):
     """All names in a report, however deep."""
     if isinstance(value, dict):
