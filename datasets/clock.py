@@ -64,7 +64,8 @@ def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -
     offset = float(scan_lag - odometry_lag)
     if abs(offset) < 1.0:
         return ClockFinding(0.0, steady_lag, None)
-    fact = f"stamps of the scans lag {offset:.2f} s behind those of the odometry"
+    apart = f"lag {offset:.2f} s behind" if offset > 0.0 else f"are {-offset:.2f} s ahead of"
+    fact = f"stamps of the scans {apart} those of the odometry"
     if abs(offset) < LATENCY_LIMIT_S:
         return ClockFinding(0.0, steady_lag, f"{fact}; taken for latency: pass --clock-offset if a clock is wrong")
     if scan_steady and odometry_high - odometry_low < STEADY_WITHIN_S:

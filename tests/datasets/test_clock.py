@@ -53,3 +53,10 @@ def test_unset_stamps_count_as_the_others_lag():
     assert lags_of_unset([5.0, 5.2, 9.0], []) == (5.2, 5.2)
     assert lags_of_unset([], [7.0]) == (7.0, 7.0)
     assert lags_of_unset([5.0], [7.0]) == (5.0, 7.0)
+
+
+@pytest.mark.parametrize(("fault", "words"), [(2.5, "lag 2.5"), (-2.5, "are 2.5")])
+def test_a_clock_that_is_ahead_is_not_said_to_lag(fault, words):
+    warning = compare_clocks([fault] * 20, [0.0] * 20).warning
+    assert warning is not None
+    assert warning.startswith(f"stamps of the scans {words}0 s {'behind' if fault > 0 else 'ahead of'} those of the ")
