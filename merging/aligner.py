@@ -134,6 +134,8 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
 
 def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
     """Align by the most likely of all rotations and shifts."""
+    if source.wall_m > target.wall_m:  # the search is not the same both ways; who is named first must not matter
+        return _by_correlation(source, target, config).reversed()
     found = Alignment("correlation", accepted=False, reason="no rotation and shift brings the walls together")
     candidates = find_candidates(target, source, config)
     if not candidates:

@@ -100,6 +100,11 @@ class Structure:
             float(g.origin_y),
         )
 
+    @property
+    def wall_m(self) -> float:
+        """Length of all walls, by how much they count [m]."""
+        return float(self.weights.sum()) * self.geometry.resolution
+
     @cached_property
     def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:
         """The surface cells as they are, no less for being movable, and the indices (K,) of those that are."""

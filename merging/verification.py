@@ -96,7 +96,7 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
     """Compare two maps under each of some alignments; see `examine`."""
     means = np.mean(_sums(target, source, motions, config, lambda one: _walls_of(one, None)), axis=0)
     things = np.mean(_sums(target, source, motions, config, _things_of), axis=0)
-    larger_m = max(float(one.weights.sum()) * one.geometry.resolution for one in (target, source))
+    larger_m = max(target.wall_m, source.wall_m)
     return [
         _evidence(target, source, motion, walls, movable, larger_m, config)
         for motion, walls, movable in zip(motions, means, things, strict=True)

@@ -61,9 +61,12 @@ class Trial:
         target, source = (view_of(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source))
         if target is None or source is None:
             return None
-        found = find_candidates(target.structure, source.structure, config)
-        decoys = find_decoys(target.structure, source.structure, config)
-        right, near = (np.array([of(motion) for motion, _ in found], np.bool_) for of in (pair.is_right, pair.is_near))
+        maps = target.structure, source.structure
+        turned = maps[1].wall_m > maps[0].wall_m  # as the aligner does
+        found = find_candidates(*(maps[::-1] if turned else maps), config)
+        decoys = find_decoys(*(maps[::-1] if turned else maps), config)
+        motions = [motion.inverse() if turned else motion for motion, _ in found]
+        right, near = (np.array([of(motion) for motion in motions], np.bool_) for of in (pair.is_right, pair.is_near))
         return cls(pair.name, [evidence for _, evidence in found], decoys, right, near, weight)
 
     def judged(self, model: ConfidenceModel) -> Judgement:

@@ -84,6 +84,17 @@ def test_maps_of_other_cell_sizes_are_found(rooms):
     assert degrees < 0.6
 
 
+def test_who_is_named_first_does_not_matter(rooms):
+    motion = SE2(7.7, 2.1, -2.2)
+    part, whole = TbmMap(left_part(rooms(3), 0.6)), TbmMap(warp(rooms(3), motion, rooms(3).geometry))
+    forth, back = align(whole, part), align(part, whole)
+    assert forth.accepted
+    assert back == forth.reversed()
+    assert error_of(back.T_target_source, motion.inverse(), rooms(3))[0] < 0.1
+    unlike, other = TbmMap(left_part(rooms(1), 0.5)), TbmMap(rooms(2))
+    assert align(unlike, other) == align(other, unlike).reversed()
+
+
 def test_a_real_map_is_found_in_its_turned_half(real_map):
     motion = SE2(12.0, -3.0, math.radians(-77.0))
     turned = warp(left_part(real_map.cropped_to_known(), 0.6), motion, real_map.geometry)
