@@ -217,7 +217,7 @@ def test_a_clock_fault_is_found_and_corrected(script, expected_pose, tmp_path, c
     for reading in readings:
         assert_close(reading.T_odom_robot, expected_pose(reading.scan.stamp + fault))
     assert recording.description["clock_offset_s"] == pytest.approx(fault, abs=1e-6)
-    assert f"lag {fault:.2f} s behind" in caplog.text
+    assert (f"lag {fault:.2f} s behind" if fault > 0.0 else f"are {-fault:.2f} s ahead of") in caplog.text
     assert "a clock fault, corrected" in caplog.text
 
 
