@@ -13,7 +13,7 @@ from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.options import RecordingOptions
 from datasets.pairing import EXTRAPOLATION_LIMIT_S, Pairing
 from datasets.recording import Recording
-from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
+from datasets.rosbag_files import ECHOES_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Message
 from datasets.rosbag_messages import pose_of, scan_of, transforms_of
 from datasets.rosbag_plan import Plan, plan_reading
 from datasets.salvaged_bag import UNTOLD
@@ -106,7 +106,7 @@ class _Pass:
 
     def _take(self, message: Message) -> None:
         """Hand a message to where it belongs."""
-        if message.msgtype == SCAN_TYPE:
+        if message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
             self._take_scan(message)
         elif message.content is None:
             return

@@ -17,6 +17,7 @@ from datasets.salvaged_bag import BagConnection, Loss
 logger = logging.getLogger(__name__)
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+ECHOES_TYPE = "sensor_msgs/msg/MultiEchoLaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")

@@ -6,6 +6,8 @@ Of each the caller says what counts for a stamp that is unset, that is zero.
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from datasets.scan_intake import RawScan
 from datasets.se3 import SE3
 
@@ -26,14 +28,18 @@ def stamp_of(header: Any, unset: float) -> float:
 
 
 def scan_of(message: Any, unset: float) -> RawScan:
-    """Read a LaserScan."""
+    """Read a LaserScan, or of a MultiEchoLaserScan the first echoes, nan where a beam has none."""
+    ranges = message.ranges
+    if not isinstance(ranges, np.ndarray):
+        first = [beam.echoes[0] if len(beam.echoes) else np.nan for beam in ranges]
+        ranges = np.array(first, dtype=np.float32)
     return RawScan(
         stamp_of(message.header, unset),
         float(message.angle_min),
         float(message.angle_increment),
         float(message.range_min),
         float(message.range_max),
-        message.ranges,
+        ranges,
         float(message.time_increment),
     )
 

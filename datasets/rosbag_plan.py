@@ -11,7 +11,7 @@ from datasets.frames import Frames, Step, find_robot_frame
 from datasets.motion import Mounting
 from datasets.options import RecordingOptions
 from datasets.profiles import STATA_SENSOR_POSE, with_profile
-from datasets.rosbag_files import SCAN_TYPE, TF_TYPES, BagFiles, Message
+from datasets.rosbag_files import ECHOES_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Message
 from datasets.rosbag_messages import pose_of, scan_of, transforms_of
 from datasets.rosbag_topics import ChosenTopics, choose_topics, is_static
 from datasets.survey import Survey
@@ -136,7 +136,7 @@ def _take(survey: Survey, message: Message) -> None:
         for item in transforms_of(message.content, math.nan):
             lag = message.bag_time - item.stamp
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
-    elif message.msgtype == SCAN_TYPE:
+    elif message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
         scan = scan_of(message.content, math.nan)
         survey.add_scan(message.content.header.frame_id, scan, message.bag_time)
     else:

@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
-from datasets.rosbag_files import ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Topic
+from datasets.rosbag_files import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Topic
 from datasets.same_robot import is_plain_odom, nearness_to, of_same_robot
+
+_CLOUD_TYPES = ("sensor_msgs/msg/PointCloud", "sensor_msgs/msg/PointCloud2")
 
 
 class ChosenTopics(NamedTuple):
@@ -46,20 +48,28 @@ def is_static(topic: str) -> bool:
 def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     """Return the one topic of scans."""
     if options.scan_topic is not None:
-        topic = _named(files, options.scan_topic, (SCAN_TYPE,), "--scan-topic")
+        topic = _named(files, options.scan_topic, (SCAN_TYPE, ECHOES_TYPE), "--scan-topic")
         if not topic.messages:
             raise DatasetError(f"{_names(files)}: {topic.name} holds no messages: choose another with --scan-topic")
         return topic.name
-    scans = files.of_type(SCAN_TYPE)
+    # What has several echoes is mostly there as LaserScan, too.
+    scans = files.of_type(SCAN_TYPE) or files.of_type(ECHOES_TYPE)
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
         return filled[0].name
     if filled:
         listed = ", ".join(f"{topic.name} ({topic.messages} scans)" for topic in filled)
-        raise DatasetError(f"{_names(files)} has several LaserScan topics: {listed}: choose one with --scan-topic")
+        kind = scans[0].msgtype.rsplit("/", 1)[-1]
+        raise DatasetError(f"{_names(files)} has several {kind} topics: {listed}: choose one with --scan-topic")
     if scans:
         listed = ", ".join(topic.name for topic in scans)
         raise DatasetError(f"{_names(files)}: {listed} holds no messages: there is nothing to map")
+    if clouds := files.of_type(*_CLOUD_TYPES):
+        listed = ", ".join(topic.name for topic in clouds)
+        raise DatasetError(
+            f"{_names(files)} has no LaserScan topic, and point clouds ({listed}) are not read: "
+            "make scans of them with pointcloud_to_laserscan, and record those"
+        )
     listed = ", ".join(sorted(files.topics)) or "no topics at all"
     raise DatasetError(f"{_names(files)} has no LaserScan topic; it has {listed}: choose another recording")
 
@@ -77,7 +87,7 @@ def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[
 
 def _other_scans(files: BagFiles, scan: str) -> list[str]:
     """Return the topics of scans that are not read."""
-    return [topic.name for topic in files.of_type(SCAN_TYPE) if topic.messages and topic.name != scan]
+    return [topic.name for topic in files.of_type(SCAN_TYPE, ECHOES_TYPE) if topic.messages and topic.name != scan]
 
 
 def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:

@@ -1,5 +1,8 @@
 """Which topics are read, and what is said when that is not clear."""
 
+import math
+
+import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
@@ -30,7 +33,9 @@ def test_no_scan_topic(script, tmp_path):
 def test_wrong_topics(script, tmp_path):
     script.drive(100.0, 103.0).scan(101.0)
     bag = script.in_time_order().write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"/tf is a tf2_msgs/msg/TFMessage, not a sensor_msgs/msg/LaserScan"):
+    with pytest.raises(
+        DatasetError, match=r"/tf is a tf2_msgs/msg/TFMessage, not a sensor_msgs/msg/LaserScan or sensor_msgs/msg/Multi"
+    ):
         choose(bag, scan_topic="/tf")
     with pytest.raises(DatasetError, match=r"has no topic /nope; it has /scan: choose with --scan-topic"):
         choose(bag, scan_topic="/nope")
@@ -66,3 +71,67 @@ def test_several_odometry_topics(script, tmp_path):
     with pytest.raises(DatasetError, match=r"several Odometry topics: /a, /b: choose one with --odometry-topic"):
         choose(bag, odometry="topic")
     assert next(iter(choose(bag, odometry_topic="b"))).T_odom_robot == pytest.approx(SE2(2.0, 0.0, 0.0))
+
+
+def with_echoes(script, stamp, topic="/echoes", number=1):
+    def build(types):
+        return types["sensor_msgs/msg/MultiEchoLaserScan"](
+            header=types["std_msgs/msg/Header"](
+                stamp=types["builtin_interfaces/msg/Time"](int(stamp), round(stamp % 1 * 1e9)), frame_id="laser"
+            ),
+            angle_min=-0.5,
+            angle_max=0.5,
+            angle_increment=0.5,
+            time_increment=0.0,
+            scan_time=0.1,
+            range_min=0.1,
+            range_max=30.0,
+            ranges=[
+                types["sensor_msgs/msg/LaserEcho"](np.array(echoes, np.float32))
+                for echoes in ([number, 7.0], [], [2.0])
+            ],
+            intensities=[],
+        )
+
+    script.messages.append((stamp, topic, "sensor_msgs/msg/MultiEchoLaserScan", build))
+
+
+def test_of_several_echoes_the_first_is_read(script, tmp_path):
+    for k in range(30):
+        script.odometry(100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0))
+        with_echoes(script, 100.0 + 0.1 * k, number=1.0 + k)
+    readings = list(choose(script.write(tmp_path / "echoes", "sqlite3")))
+    assert len(readings) == 30
+    assert readings[3].scan.ranges == pytest.approx([4.0, math.nan, 2.0], nan_ok=True)
+
+
+def test_scans_go_before_echoes_that_are_asked_for_by_name(script, tmp_path):
+    for k in range(30):
+        script.odometry(100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0)).scan(100.0 + 0.1 * k, (1.0, 5.0, 1.0 + k))
+        with_echoes(script, 100.0 + 0.1 * k, "/echoes", 1.0 + k)
+    bag = script.write(tmp_path / "both", "mcap")
+    assert next(iter(choose(bag))).scan.ranges[1] == pytest.approx(5.0)
+    assert math.isnan(next(iter(choose(bag, scan_topic="/echoes"))).scan.ranges[1])
+
+
+def test_several_topics_of_echoes_are_listed(script, tmp_path):
+    with_echoes(script, 100.0, "/horizontal")
+    with_echoes(script, 100.1, "/vertical")
+    bag = script.write(tmp_path / "echoes", "sqlite3")
+    with pytest.raises(
+        DatasetError, match=r"has several MultiEchoLaserScan topics: /horizontal \(1 scans\), /vertical"
+    ):
+        choose(bag)
+
+
+def test_point_clouds_alone_are_refused_with_what_makes_scans_of_them(script, tmp_path):
+    def build(types):
+        header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 0), "lidar")
+        return types["sensor_msgs/msg/PointCloud2"](header, 1, 0, [], False, 12, 0, np.zeros(0, np.uint8), True)
+
+    script.messages.append((1.0, "/points", "sensor_msgs/msg/PointCloud2", build))
+    bag = script.write(tmp_path / "cloud", "mcap")
+    with pytest.raises(
+        DatasetError, match=r"point clouds \(/points\) are not read: make scans of them with pointcloud_to"
+    ):
+        choose(bag)
