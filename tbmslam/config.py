@@ -40,8 +40,9 @@ class MapConfig(FrozenConfig):
         description="limit on the grid's size: a map drawn at the end gets coarser cells instead, one that grows while "
         "it is written ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
     )
+    # A beam that speaks a little for both contradicts itself, and many that agree would fill a cell with conflict.
     sensor_model: SensorModelConfig = SensorModelConfig(
-        hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
+        hit_probability=1.0, hit_quality=0.274, miss_probability=0.0, miss_quality=0.096, wall_blur=0.0
     )
     insertion: InsertionConfig = InsertionConfig(once_per_scan=True)
     keep_conflict: bool = Field(True, description="keep the conflict of hits and misses as the fourth mass")
@@ -132,7 +133,13 @@ PRESETS: Mapping[str, SlamConfig] = {
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
         laser_fit=LaserFitConfig(enabled=False),
-        map=MapConfig(max_cells=200_000_000),
+        # Particles are weighed by what cells say, and lean on what a beam says for both.
+        map=MapConfig(
+            max_cells=200_000_000,
+            sensor_model=SensorModelConfig(
+                hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
+            ),
+        ),
         continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),
     ),

@@ -18,9 +18,9 @@ from tbmslam.se2 import FloatArray
 class SensorModelConfig(FrozenConfig):
     """How much a beam is believed; qualities count where evidence is combined conjunctively."""
 
-    hit_probability: float = Field(0.95, gt=0, lt=1, description="probability of occupied in the cell a beam ends in")
+    hit_probability: float = Field(0.95, gt=0, le=1, description="probability of occupied in the cell a beam ends in")
     hit_quality: float = Field(0.04, gt=0, lt=1, description="mass that one hit commits; the rest stays unknown")
-    miss_probability: float = Field(0.01, gt=0, lt=1, description="probability of occupied in a cell a beam passes")
+    miss_probability: float = Field(0.01, ge=0, lt=1, description="probability of occupied in a cell a beam passes")
     miss_quality: float = Field(0.003, gt=0, lt=1, description="mass that one passage commits")
     wall_blur: float = Field(0.3, ge=0, description="length before a hit over which passage turns into wall [m]")
     combination: Literal["conjunctive", "mean"] = Field(

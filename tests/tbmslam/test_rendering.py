@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tbmslam.belief import CONFLICT, FREE
 from tbmslam.config import MapConfig
 from tbmslam.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.keyframes import Keyframes
@@ -68,3 +69,16 @@ def test_scans_are_drawn_some_at_a_time(drive, monkeypatch):
     at_once = render([drive, drive], MapConfig())
     monkeypatch.setattr("tbmslam.rendering._SCANS_AT_ONCE", 4)
     np.testing.assert_array_equal(render([drive, drive], MapConfig()).masses, at_once.masses)
+
+
+def test_scans_that_agree_leave_no_conflict_however_many():
+    """And those that do not, as of a door that was shut, do."""
+    open_door = LaserScan(0.0, -0.1, 0.02, 0.1, 9.0, np.full(11, 4.0))
+    shut_door = LaserScan(0.0, -0.1, 0.02, 0.1, 9.0, np.full(11, 2.0))
+    poses = [SE2(0.0, 0.0, 0.0)] * 400
+    grid = render([Keyframes.from_scans([open_door] * 400, poses, [MOUNT] * 400)], MapConfig(resolution=0.1))
+    assert grid.masses[..., CONFLICT].max() == 0.0
+    assert grid.masses[..., FREE].max() > 0.999
+    scans = [open_door] * 20 + [shut_door] * 5
+    grid = render([Keyframes.from_scans(scans, poses[:25], [MOUNT] * 25)], MapConfig(resolution=0.1))
+    assert grid.masses[..., CONFLICT].max() > 0.5
