@@ -76,7 +76,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _check(parser, options, given)
     except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
         parser.error(f"the maps cannot be listed: {error}")
-    logging.basicConfig(level=logging.INFO if options.verbose else logging.WARNING, format="%(name)s: %(message)s")
+    if options.verbose:
+        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    else:  # who reads a warning about a map has no use for the name of a module
+        logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return ended(
         "merge",
         lambda: _run(parser, options, arguments),

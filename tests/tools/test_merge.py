@@ -72,6 +72,15 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
     assert f"nothing merged; the reasons are in {tmp_path / 'report.html'}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("options", "begin"), [([], "%(message)s"), (["-v"], "%(name)s: %(message)s")])
+def test_warnings_name_modules_only_for_those_who_want_to_know(monkeypatch, capsys, options, begin):
+    formats = []
+    monkeypatch.setattr(merge.logging, "basicConfig", lambda **given: formats.append(given["format"]))
+    assert merge.main(["--print-config", *options]) == 0
+    assert formats == [begin]
+    assert "[merging" in capsys.readouterr().out
+
+
 def test_a_map_that_is_given_twice_is_told(folders, tmp_path, caplog):
     merge.main([str(folders / "empty"), str(folders / "empty" / "map.npz"), "-o", str(tmp_path / "merged")])
     assert "map.npz: is given twice, and counts as two robots that saw the same" in caplog.text
