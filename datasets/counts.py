@@ -3,7 +3,13 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from tbmslam.monitoring.incidents import Incident, Incidents
+from tbmslam.se2 import FloatArray
+
+CODE_BEAMS, CODE_SHARE, CODE_SCANS, CODE_WIDTH, CODE_NEAREST = 20, 0.005, 5, 3, 3.0
+"""Of a range that says "nothing came back": least beams, share of all, scans, beams a scan, and its length [m]."""
 
 
 class Span(NamedTuple):
@@ -61,6 +67,8 @@ class ReadingCounts:
         What went wrong, and when.
     doubtful_sweeps
         Scans that state more time between beams than they can have taken; their beams count as of one moment.
+    farthest_m, farthest_beams, farthest_scans
+        The longest range that counted as a hit [m], how many beams ended exactly there, and in how many scans.
     pauses
         Every gap: the stamp of the scan before it, and how long it lasted [s].
     """
@@ -82,6 +90,9 @@ class ReadingCounts:
     lost_seconds: float = 0.0
     incidents: Incidents = field(default_factory=Incidents)
     doubtful_sweeps: int = 0
+    farthest_m: float = 0.0
+    farthest_beams: int = 0
+    farthest_scans: int = 0
     pauses: list[tuple[float, float]] = field(default_factory=list)
 
     def drop(self, reason: str) -> None:
@@ -92,6 +103,26 @@ class ReadingCounts:
         """Count beams by what became of them."""
         if number:
             self.beams[fate] = self.beams.get(fate, 0) + number
+
+    def add_farthest(self, ranges: FloatArray) -> None:
+        """Take in where the beams (N,) of a scan ended [m]; what is not finite ended nowhere."""
+        top = float(np.max(ranges, where=np.isfinite(ranges), initial=0.0))
+        if top < self.farthest_m or top == 0.0:
+            return
+        if top > self.farthest_m:
+            self.farthest_m, self.farthest_beams, self.farthest_scans = top, 0, 0
+        self.farthest_beams += int(np.count_nonzero(ranges == top))
+        self.farthest_scans += 1
+
+    def likely_code(self) -> float | None:
+        """Return the range by which the laser seems to say that nothing came back, though it counted as a hit [m].
+
+        As at the beginning of a recording, where it is looked for and may not occur, a code is the longest of all
+        ranges, exact, held by several beams of a scan, and by many of all.
+        """
+        is_frequent = self.farthest_beams >= max(CODE_BEAMS, CODE_SHARE * self.beams.get("hit", 0))
+        is_wide = self.farthest_scans >= CODE_SCANS and self.farthest_beams >= CODE_WIDTH * self.farthest_scans
+        return self.farthest_m if is_frequent and is_wide and self.farthest_m > CODE_NEAREST else None
 
     def add_gap(self, stamp: float, seconds: float) -> None:
         """Count a pause between two scans, the first of which has a stamp [s]."""
@@ -148,6 +179,8 @@ class ReadingCounts:
             oddities.append(gaps_in_words(self.pauses_in(None)))
         if self.lost_scans:
             oddities.append(f"about {self.lost_scans} scans, {self.lost_seconds:.1f} s, lost in a damaged file")
+        if (code := self.likely_code()) is not None:
+            oddities.append(f"{self.farthest_beams} beams of exactly {code:.6g} m (try --no-return-code {code:.6g})")
         if oddities:
             lines.append("odd: " + ", ".join(oddities))
         return "\n".join(lines)

@@ -59,6 +59,11 @@ def _counted(counts: ReadingCounts) -> list[str]:
         )
         if number
     ]
+    if (code := counts.likely_code()) is not None:
+        said.append(
+            f"{counts.farthest_beams} beams end at exactly {code:.6g} m, the longest range of all, as if that said "
+            f"that nothing came back: try --no-return-code {code:.6g}"
+        )
     if counts.beam_count_changes:
         said.append(f"the number of beams changed {counts.beam_count_changes} times")
     if counts.lost_scans:

@@ -82,6 +82,7 @@ class ScanIntake:
             return None
         low, high = self._rules.limits(raw.range_min, raw.range_max)
         ranges = clean_ranges(raw.ranges, low, high, self._rules, self._counts)
+        self._counts.add_farthest(ranges)
         ranges, low, high = self._rules.shifted(ranges, low, high)
         if np.count_nonzero(np.isnan(ranges)) == len(ranges):  # true of no beams at all, too
             self._counts.drop("empty")

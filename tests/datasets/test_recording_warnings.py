@@ -95,3 +95,13 @@ def test_a_moment_is_of_the_part_whose_end_it_is():
         1,
         0,
     ]
+
+
+def test_a_code_that_was_taken_for_a_wall_is_told_with_the_option():
+    made = recording(beams={"hit": 1000}, farthest_m=8.0, farthest_beams=40, farthest_scans=10)
+    said = (
+        "40 beams end at exactly 8 m, the longest range of all, as if that said that nothing came back: "
+        "try --no-return-code 8"
+    )
+    assert recording_warnings(made) == [said]
+    assert "odd: 40 beams of exactly 8 m (try --no-return-code 8)" in made.counts.summary()

@@ -81,3 +81,27 @@ def test_memory_of_stamps_is_bounded():
     for k in range(1000):
         intake.take(raw(0.1 * k))
     assert len(intake._seen) <= 64
+
+
+def surroundings(number, code, seed=0):
+    """Return scans of walls 2 to 5 m away, in the later half of which four beams end at what may be a code."""
+    random = np.random.default_rng(seed)
+    scans = [random.uniform(2.0, 5.0, 40) for _ in range(number)]
+    for scan in scans[number // 2 :]:
+        scan[10:14] = code() if callable(code) else code
+    return [raw(0.1 * k, ranges=scan) for k, scan in enumerate(scans)]
+
+
+def test_a_code_that_comes_late_is_noticed():
+    _, counts = take(*surroundings(40, 8.0))
+    assert counts.likely_code() == 8.0
+    assert (counts.farthest_beams, counts.farthest_scans) == (80, 20)
+
+
+def test_what_is_no_code_is_not_taken_for_one():
+    random = np.random.default_rng(1)
+    far = [take(*surroundings(40, lambda: random.normal(8.0, 0.01, 4)))[1]]  # a wall
+    far += [take(*surroundings(40, 2.0))[1]]  # not the longest
+    far += [take(*surroundings(6, 8.0))[1]]  # too few
+    far += [take(*surroundings(40, np.inf))[1]]  # known as what it is
+    assert [counts.likely_code() for counts in far] == [None] * 4
