@@ -51,8 +51,8 @@ def mount_doubt(keyframes: Keyframes, odometry: FloatArray, config: MountCheckCo
     sensors = keyframes.all_sensor_poses()
     if _is_turned_over(*turns(keyframes.stamps, odometry, sensors), config):
         return (
-            "the scans turn left where the odometry turns right, the map is a mirror image: "
-            "try --upside-down, or --no-upside-down where tf says that the laser hangs so"
+            "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
+            "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
         )
     place = sensor_place(keyframes.stamps, odometry, sensors, config.parts, config.motions)
     if place is None or not 1.0 / (1.0 + config.scale) <= place.scale <= 1.0 + config.scale:

@@ -269,7 +269,7 @@ def test_a_laser_that_hangs_upside_down_unsaid_is_told(drive_in):
     slam.finish()
     told = [incident.what for incident in slam.incidents if incident.all_along]
     assert len(told) == 1
-    assert told[0].startswith("the scans turn left where the odometry turns right, the map is a mirror image: ")
+    assert told[0].startswith("the scans turn left where the odometry turns right: the laser hangs upside down, and")
 
 
 def test_a_scan_that_is_no_keyframe_costs_what_docs_scaling_says(drive_in):

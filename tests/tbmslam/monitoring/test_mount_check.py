@@ -90,8 +90,8 @@ def mirrored(generator, turning=0.5):
 def test_a_laser_that_hangs_upside_down_unsaid(generator):
     said = doubt(TRUE, generator, mirrored(generator))
     assert said == (
-        "the scans turn left where the odometry turns right, the map is a mirror image: "
-        "try --upside-down, or --no-upside-down where tf says that the laser hangs so"
+        "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
+        "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
     )
 
 
