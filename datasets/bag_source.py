@@ -33,6 +33,8 @@ class BagSource:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.damage: str | None = None
+        self.span: tuple[int, int] | None = None
+        """Times of the first and the last message [ns]; None where damage leaves them unknown."""
         self._salvaged: SalvagedBag | None = None
         self._parts: list[BagSource] = []
         self._idle: OpenBag | None = None
@@ -46,7 +48,7 @@ class BagSource:
         try:
             check_files(path)  # sqlite reads zeros where a file is cut off
             self._idle = OpenBag(path, self.is_ros1)
-            self.connections = self._idle.connections
+            self.connections, self.span = self._idle.connections, self._idle.span
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
             self._salvage(error)
 

@@ -50,6 +50,8 @@ class OpenBag:
     ----------
     connections
         Its topics.
+    span
+        Times of its first and its last message [ns].
     """
 
     def __init__(self, path: Path, is_ros1: bool) -> None:
@@ -58,6 +60,7 @@ class OpenBag:
         if isinstance(self._reader, rosbag1.Reader):
             _keep_chunks(self._reader)
         self.connections = [_plain(connection) for connection in self._reader.connections]
+        self.span = self._reader.start_time, self._reader.end_time
 
     def close(self) -> None:
         """Close the file, if it is not closed already."""

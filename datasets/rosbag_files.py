@@ -13,6 +13,7 @@ from rosbags.typesys.store import Typestore
 from datasets.bag_source import BagSource
 from datasets.errors import DatasetError
 from datasets.salvaged_bag import BagConnection, Loss
+from datasets.same_time import check_for_robots
 
 logger = logging.getLogger(__name__)
 
@@ -70,6 +71,17 @@ class BagFiles:
     def of_type(self, *msgtypes: str) -> list[Topic]:
         """Return the topics of some message types, sorted by name."""
         return sorted(topic for topic in self.topics.values() if topic.msgtype in msgtypes)
+
+    def check_for_robots(self, scan_topic: str) -> None:
+        """Refuse files that hold different scans from the same time.
+
+        Raises
+        ------
+        DatasetError
+            They are of several robots.
+        """
+        if len(self._sources) > 1:
+            check_for_robots(self._sources, scan_topic)
 
     def messages(self, topics: Collection[str], steered_by: str) -> Iterator[Message]:
         """Yield the messages of some topics in the order of the recording.

@@ -82,6 +82,7 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
         asked = replace(asked, odometry="topic")
     options = with_profile(asked, files.topics)
     topics = choose_topics(files, options)
+    files.check_for_robots(topics.scan)
     survey = _surveyed(files, topics, options)
     if survey.first_scan is None:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
