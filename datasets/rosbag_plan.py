@@ -144,6 +144,8 @@ def _take(survey: Survey, message: Message) -> None:
         pose = pose_of(message.content, math.nan)
         if pose is not None:
             survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp)
+        else:
+            survey.no_motions[message.topic] += 1
 
 
 def _source(
@@ -159,7 +161,14 @@ def _source(
             "pass --odom-frame and --robot-frame, or --odometry topic"
         )
     if options.odometry != "none" and topics.odometry:
-        return "topic"
+        topic = topics.odometry[0]
+        if topic in survey.pose_topics or not survey.no_motions[topic]:  # it may begin late
+            return "topic"
+        fact = f"{files.paths[0]}: poses of {topic} are no motions (quaternions of zeros, or no numbers)"
+        if options.odometry == "topic":
+            raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
+        logger.warning("%s; going on without odometry", fact)
+        return "none"
     if options.odometry == "auto":
         logger.warning("%s: neither tf nor a topic holds odometry; going on without it", files.paths[0])
     return "none"

@@ -1,6 +1,7 @@
 """What the beginning of a recording tells: frames, clocks and the codes of the laser."""
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +42,8 @@ class Survey:
     options: RecordingOptions
     graph: FrameGraph = field(default_factory=FrameGraph)
     pose_topics: dict[str, PoseTopic] = field(default_factory=dict)
+    no_motions: Counter[str] = field(default_factory=Counter)
+    """Messages of odometry topics that state no motion."""
     sensor_frame: str | None = None
     first_scan: RawScan | None = None
     ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)

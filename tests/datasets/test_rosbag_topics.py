@@ -135,3 +135,29 @@ def test_point_clouds_alone_are_refused_with_what_makes_scans_of_them(script, tm
         DatasetError, match=r"point clouds \(/points\) are not read: make scans of them with pointcloud_to"
     ):
         choose(bag)
+
+
+def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_path, caplog):
+    def nowhere(build):
+        def built(types):
+            message = build(types)
+            message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+            return message
+
+        return built
+
+    for k in range(60):
+        script.odometry(100.0 + 0.1 * k, SE2.identity()).scan(100.0 + 0.1 * k, (1.0, 2.0, 1.0 + k))
+    script.messages = [
+        (time, topic, kind, nowhere(build) if topic == "/odom" else build)
+        for time, topic, kind, build in script.messages
+    ]
+    bag = script.write(tmp_path / "run.bag")
+    readings = list(choose(bag))
+    assert len(readings) == 60
+    assert {reading.T_odom_robot for reading in readings} == {None}
+    assert "poses of /odom are no motions (quaternions of zeros, or no numbers); going on without" in caplog.text
+    with pytest.raises(
+        DatasetError, match=r"/odom are no motions .*: choose another with --odometry-topic, or pass --od"
+    ):
+        choose(bag, odometry="topic")
