@@ -39,11 +39,15 @@ demo: install
 	    --trajectories demo/maps/robot_0/trajectory.tum demo/bags/robot_0.truth.tum --picture demo/errors.png
 	@echo 'Now look at demo/merged/report.html; the building is demo/bags/world.png, errors are in demo/errors.png.'
 
-# The README's picture: the merged map, whose walls are whose, and where the robots contradict each other.
-docs/merged-office.png: demo
+# The README's picture: the merged map, whose walls are whose, and the boxes that stood elsewhere when another robot came.
+docs/merged-office.png: install
 	mkdir -p docs
+	$(BIN)/python tools/make_world.py --world office --seed 1 --robots 3 --fault furniture@0 -o demo/moved/bags
+	$(BIN)/python tools/build_maps.py $(addprefix demo/moved/bags/,$(addsuffix .bag,$(DEMO_ROBOTS))) --separate \
+	    -o demo/moved/maps
+	$(BIN)/python tools/merge.py $(addprefix demo/moved/maps/,$(DEMO_ROBOTS)) -o demo/moved/merged
 	$(BIN)/python -c "import cv2; \
-	panels = [cv2.imread(f'demo/merged/{name}.png') for name in ('pignistic', 'overlay', 'contradictions')]; \
+	panels = [cv2.imread(f'demo/moved/merged/{name}.png') for name in ('pignistic', 'overlay', 'contradictions')]; \
 	x, y, w, h = cv2.boundingRect((panels[0][..., 0] != 128).astype('uint8')); \
 	row = cv2.hconcat([panel[y : y + h, x : x + w] for panel in panels]); \
 	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"

@@ -1,4 +1,7 @@
-"""Where maps contradict each other, and not only fall into different cells: a wall between two cells is in both."""
+"""Where maps contradict each other: walls that stand in the midst of another map's free space.
+
+A wall between two cells is in both, and a beam that grazes a wall clears cells of it; neither is a contradiction.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,10 +20,11 @@ round each by half a cell, and noise moves hits into the next. A door is wider t
 
 
 def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapping[str, float]) -> Merge:
-    """Return a merge whose conflict is only where another map calls a wall free and has none within two cells.
+    """Return a merge whose conflict is only where another map calls all within two cells of a wall free.
 
-    What is fused stays as it is. A map of reliability 0 neither has walls nor denies any, as it has no part in the
-    conflict either; with any other, what is free in a map stays free, and a wall a wall.
+    Where a map ends there it says little: a beam that grazes a wall clears cells of it. What is fused stays as it is. A
+    map of reliability 0 neither has walls nor denies any, as it has no part in the conflict either; with any other,
+    what is free in a map stays free, and a wall a wall.
 
     Parameters
     ----------
@@ -43,6 +47,7 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapp
         walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
         free = layer.masses[..., FREE] > layer.masses[..., OCCUPIED]
         wall[window] |= walls
-        denied[window] |= free & (cv2.dilate(walls.astype(np.uint8), reach) == 0)
+        within = cv2.erode(free.astype(np.uint8), reach, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        denied[window] |= within > 0
     conflict = np.where(wall & denied, merge.fusion.conflict, np.float32(0.0))
     return replace(merge, fusion=replace(merge.fusion, conflict=conflict))

@@ -103,7 +103,7 @@ def _evidence(fusion: Fusion) -> list[Raster]:
             Switch(
                 _EVIDENCE,
                 "contradictions",
-                note="how much the maps contradict each other, walls two cells apart being one",
+                note="how much the maps contradict each other: walls with another map's free space all around",
             ),
             geometry,
             levels_of(conflict),
