@@ -20,6 +20,7 @@ from tbmslam.se2 import SE2
 logger = logging.getLogger(__name__)
 
 _MOST_STATIC = 2000
+_NEVER_ALL_BEYOND = 100.0  # where a robot drives on the floor, something is nearer [m]
 _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
 
 
@@ -86,6 +87,11 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     survey = _surveyed(files, topics, options)
     if survey.first_scan is None:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
+    if (near := survey.nearest_usual()) > _NEVER_ALL_BEYOND:
+        raise DatasetError(
+            f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, as if in millimetres: "
+            "record them in metres, or choose another --scan-topic"
+        )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
     robot_frame, to_sensor = _robot(survey, options, frames, topics)

@@ -14,6 +14,7 @@ from datasets.scan_intake import RawScan
 
 _KEPT_SCANS = 200
 _SCANS_NEEDED = 40
+_RANGES_NEEDED = 100
 _POSES_NEEDED = 10
 _SECONDS_NEEDED = 4.0
 _SECONDS_AT_MOST = 60.0
@@ -91,6 +92,11 @@ class Survey:
         steps = np.diff(self.scan_stamps)
         steps = steps[steps > 0.0]
         return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
+
+    def nearest_usual(self) -> float:
+        """Return the length [m] that nine of ten ranges exceed, each counted once as it may be a code; 0: unknown."""
+        values = np.unique(np.concatenate([scan[np.isfinite(scan) & (scan > 0.0)] for scan in self.ranges]))
+        return float(np.percentile(values, 10)) if len(values) >= _RANGES_NEEDED else 0.0
 
     def range_rules(self) -> RangeRules:
         """Return how ranges are to be read, with a no-return code found in the data."""

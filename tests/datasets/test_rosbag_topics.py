@@ -161,3 +161,18 @@ def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_p
         DatasetError, match=r"/odom are no motions .*: choose another with --odometry-topic, or pass --od"
     ):
         choose(bag, odometry="topic")
+
+
+def test_ranges_in_millimetres_are_refused(script, tmp_path):
+    random = np.random.default_rng(0)
+    for k in range(60):
+        script.scan(100.0 + 0.1 * k, 1000.0 * random.uniform(0.4, 8.0, 40), limits=(20.0, 30000.0))
+    message = r"nine of ten ranges of /scan are beyond \d{3,4} m, as if in millimetres: record them in metres, or"
+    with pytest.raises(DatasetError, match=message):
+        choose(script.write(tmp_path / "run.bag"))
+
+
+def test_codes_alone_are_no_millimetres(script, tmp_path):
+    for k in range(60):
+        script.scan(100.0 + 0.1 * k, [65533.0, 65535.0] * 10 + [3.0 + 0.01 * k])
+    assert len(list(choose(script.write(tmp_path / "run.bag")))) == 60
