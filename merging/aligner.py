@@ -165,12 +165,22 @@ def _judged(
     accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
     ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
     covariance = covariance_of(*maps, motion, limits.limits(), config.exactness)
+    mirrored = 0.0 if accepted else max(confidences(decoys, [evidence for _, evidence in candidates]), default=0.0)
+    reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)
     return replace(
         found.at(motion, evidence, confidence, covariance),
         accepted=accepted,
         ambiguous=ambiguous,
-        reason=_reason(found, confidence, evidence, others if ambiguous else [], limits),
+        reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
         alternatives=tuple(others),
+    )
+
+
+def _mirrored(confidence: float) -> str:
+    """Ask what makes a map fit as its own mirror image, which is no place of it."""
+    return (
+        f"; mirrored it would fit, with confidence {confidence:.3f}: "
+        "is one map's picture flipped, or was a laser mounted upside down?"
     )
 
 

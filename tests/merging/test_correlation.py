@@ -109,6 +109,17 @@ def test_another_building_is_refused(rooms):
     assert not align(TbmMap(rooms(1)), TbmMap(rooms(2)), MergeConfig(method="correlation")).accepted
 
 
+def test_a_map_that_fits_mirrored_is_refused_and_told(rooms):
+    part = left_part(rooms(3), 0.7)
+    flipped = TbmMap(TbmGrid(part.geometry, np.ascontiguousarray(part.masses[:, ::-1])))
+    for alignment in (align(TbmMap(rooms(3)), flipped), align(flipped, TbmMap(rooms(3)))):
+        assert not alignment.accepted
+        assert "; mirrored it would fit, with confidence " in alignment.reason
+        assert alignment.reason.endswith("is one map's picture flipped, or was a laser mounted upside down?")
+    assert "mirrored" not in align(TbmMap(rooms(1)), TbmMap(rooms(2))).reason
+    assert "mirrored" not in align(TbmMap(rooms(3)), TbmMap(part)).reason
+
+
 def test_a_room_that_looks_the_same_turned_is_ambiguous():
     """A rectangle fits itself twice; which way round cannot be known."""
     grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 140, 220))
