@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from datasets.counts import CODE_BEAMS, CODE_NEAREST, CODE_SCANS, CODE_SHARE, CODE_WIDTH, ReadingCounts
+from datasets.counts import ReadingCounts, is_like_a_code
 from tbmslam.se2 import FloatArray
 
 # Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
@@ -132,6 +132,5 @@ def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] =
     holding = sum(bool((scan == top).any()) for scan in values)
     beside = numbers[:-1][distinct[:-1] > 0.9 * top]
     usual = float(beside.mean()) if len(beside) else 1.0
-    often = number >= max(CODE_BEAMS, CODE_SHARE * numbers.sum()) and holding >= CODE_SCANS
-    often = often and number >= CODE_WIDTH * holding
-    return float(top) if often and number >= 10.0 * usual and top > CODE_NEAREST else None
+    is_code = is_like_a_code(float(top), int(number), holding, int(numbers.sum()))
+    return float(top) if is_code and number >= 10.0 * usual else None

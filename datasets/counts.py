@@ -8,8 +8,23 @@ import numpy as np
 from tbmslam.monitoring.incidents import Incident, Incidents
 from tbmslam.se2 import FloatArray
 
-CODE_BEAMS, CODE_SHARE, CODE_SCANS, CODE_WIDTH, CODE_NEAREST = 20, 0.005, 5, 3, 3.0
+_CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5, 3, 3.0
 """Of a range that says "nothing came back": least beams, share of all, scans, beams a scan, and its length [m]."""
+
+
+def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
+    """Return whether the longest range [m] is held by so many beams, and of each scan, that it may be a code.
+
+    Parameters
+    ----------
+    range_m, beams, scans
+        The range, how many beams hold exactly it, and in how many scans.
+    all_beams
+        How many beams there are in all.
+    """
+    is_frequent = beams >= max(_CODE_BEAMS, _CODE_SHARE * all_beams)
+    is_wide = scans >= _CODE_SCANS and beams >= _CODE_WIDTH * scans
+    return is_frequent and is_wide and range_m > _CODE_NEAREST
 
 
 class Span(NamedTuple):
@@ -120,9 +135,8 @@ class ReadingCounts:
         As at the beginning of a recording, where it is looked for and may not occur, a code is the longest of all
         ranges, exact, held by several beams of a scan, and by many of all.
         """
-        is_frequent = self.farthest_beams >= max(CODE_BEAMS, CODE_SHARE * self.beams.get("hit", 0))
-        is_wide = self.farthest_scans >= CODE_SCANS and self.farthest_beams >= CODE_WIDTH * self.farthest_scans
-        return self.farthest_m if is_frequent and is_wide and self.farthest_m > CODE_NEAREST else None
+        is_code = is_like_a_code(self.farthest_m, self.farthest_beams, self.farthest_scans, self.beams.get("hit", 0))
+        return self.farthest_m if is_code else None
 
     def add_gap(self, stamp: float, seconds: float) -> None:
         """Count a pause between two scans, the first of which has a stamp [s]."""
