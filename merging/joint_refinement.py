@@ -96,8 +96,9 @@ def refine_jointly(
     if config.adjustment.enabled:
         scans = [track.hits.scans for track in tracks]
         moved = adjust(moved, scans, chain, found, config.robust_width, config.adjustment)
-    corrected = {name: _corrected(name, maps[name], tracks, starts, moved, poses[name]) for name in poses}
-    corrected = {name: frame.map_there(one) for name, one in corrected.items()}
+    corrected = {
+        name: frame.map_there(_corrected(name, maps[name], tracks, starts, moved, pose)) for name, pose in poses.items()
+    }
     straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("%d closures between robots moved keyframes by %.3f m", len(closures), moved_m)

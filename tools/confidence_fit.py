@@ -61,10 +61,10 @@ class Trial:
         target, source = (view_of(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source))
         if target is None or source is None:
             return None
-        maps = target.structure, source.structure
-        turned = maps[1].wall_m > maps[0].wall_m  # as the aligner does
-        found = find_candidates(*(maps[::-1] if turned else maps), config)
-        decoys = find_decoys(*(maps[::-1] if turned else maps), config)
+        turned = source.structure.wall_m > target.structure.wall_m  # as the aligner does
+        staying, moving = (source, target) if turned else (target, source)
+        found = find_candidates(staying.structure, moving.structure, config)
+        decoys = find_decoys(staying.structure, moving.structure, config)
         motions = [motion.inverse() if turned else motion for motion, _ in found]
         right, near = (np.array([of(motion) for motion in motions], np.bool_) for of in (pair.is_right, pair.is_near))
         return cls(pair.name, [evidence for _, evidence in found], decoys, right, near, weight)
