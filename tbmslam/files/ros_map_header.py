@@ -14,6 +14,7 @@ from tbmslam.se2 import SE2, wrap_angle
 
 Mode = Literal["trinary", "scale", "raw"]
 _MAX_BYTES = 1 << 16
+_MAX_CELL_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,10 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
     resolution = _number(path, "resolution", values["resolution"])
     if resolution <= 0.0:
         raise MapFileError(f"{path}: the resolution must be positive, it says {resolution}: correct it")
+    if resolution > _MAX_CELL_M:
+        raise MapFileError(
+            f"{path}: cells of {resolution:g} m show no walls: the resolution is in metres, 0.05 for 5 cm: correct it"
+        )
     negate, mode = values["negate"], values.get("mode", "trinary")
     if negate not in (0, 1):  # yaml's true and false are equal to them
         raise MapFileError(f"{path}: negate must be 0 or 1, it is {reprlib.repr(negate)}: correct it")

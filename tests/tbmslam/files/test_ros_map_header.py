@@ -57,6 +57,7 @@ def test_a_relative_path_to_the_yaml_is_kept(tmp_path, monkeypatch):
         *(({key: None}, f"lacks {key}: add it") for key in GOOD),
         ({"resolution": "0"}, "the resolution must be positive, it says 0.0"),
         ({"resolution": "-1"}, "the resolution must be positive, it says -1.0"),
+        ({"resolution": "5"}, "cells of 5 m show no walls: the resolution is in metres, 0.05 for 5 cm: correct it"),
         ({"resolution": ".nan"}, "resolution must hold finite numbers, it says nan"),
         ({"resolution": "fine"}, "resolution must hold finite numbers, it says 'fine'"),
         ({"resolution": "true"}, "resolution must hold finite numbers, it says True"),
