@@ -8,10 +8,10 @@ from merging.candidates import Candidate, find_candidates, refine_all
 from merging.confidence import confidences
 from merging.config import MergeConfig, VerificationConfig
 from merging.consensus import find_consensus
-from merging.decoys import find_decoys
 from merging.exactness import covariance_of
 from merging.features import Features, describe, match
 from merging.in_words import evidence_in_words
+from merging.judging import judge
 from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine
 from merging.warping import at_resolution, check_cell_size
@@ -128,8 +128,7 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
         return replace(found, reason=f"{fits}, {limit}: is the resolution of a map wrong?")
     motion = refine_all(target.structure, source.structure, [consensus.T_target_source], config)[0]
     evidence = examine(target.structure, source.structure, motion, config.verification)
-    decoys = find_decoys(target.structure, source.structure, config)
-    return _judged(found, [(motion, evidence)], decoys, (target.structure, source.structure), config)
+    return _judged(found, [(motion, evidence)], (target.structure, source.structure), config)
 
 
 def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
@@ -140,19 +139,15 @@ def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -
     candidates = find_candidates(target, source, config)
     if not candidates:
         return found
-    return _judged(found, candidates, find_decoys(target, source, config), (target, source), config)
+    return _judged(found, candidates, (target, source), config)
 
 
 def _judged(
-    found: Alignment,
-    candidates: list[Candidate],
-    decoys: list[Evidence],
-    maps: tuple[Structure, Structure],
-    config: MergeConfig,
+    found: Alignment, candidates: list[Candidate], maps: tuple[Structure, Structure], config: MergeConfig
 ) -> Alignment:
     """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
     limits = config.verification
-    likely = confidences([evidence for _, evidence in candidates], decoys)
+    likely, decoys = judge(*maps, [evidence for _, evidence in candidates], config)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [

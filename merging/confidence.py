@@ -17,97 +17,44 @@ repetitiveness are measured by their own chance in this way. `tools/calibrate_me
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
 import numpy as np
 
+from merging.measures import MEASURES, by_chance, doubtful_m, measured
 from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
-
-
-@dataclass(frozen=True)
-class Measure:
-    """Something that the score weighs.
-
-    Parameters
-    ----------
-    sign
-        Whether it can only speak for (1) or against (-1) a place.
-    unit
-        How much of it is little.
-    of
-        How much of it there is.
-    """
-
-    sign: int
-    unit: float
-    of: Callable[[Evidence], float]
-
-
-def _doubtful_m(evidence: Evidence) -> float:
-    """Return the length of wall that does not agree."""
-    return evidence.compared_wall_m - evidence.agreed_wall_m + evidence.unseen_wall_m
-
-
-def _beyond_chance(evidence: Evidence) -> float:
-    """Return the share of the walls that agrees, less the share that does not: by chance about half of them do."""
-    agreed, doubtful = evidence.agreed_wall_m, _doubtful_m(evidence)
-    return max(agreed - doubtful, 0.0) / (agreed + doubtful + 0.5)
-
-
-_CHANCE_DOUBTFUL = 0.3
-"""So large a share of the walls does not agree at the best false places of self-similar buildings; elsewhere more."""
-
-
-def _surprise(evidence: Evidence) -> float:
-    """Return how unlikely so few doubtful walls are by chance: a length of wall times the information of each metre.
-
-    It grows with the walls, whereas logarithms of lengths hardly tell a large place that fits well from others.
-    """
-    doubtful = _doubtful_m(evidence)
-    length = evidence.agreed_wall_m + doubtful
-    if doubtful >= _CHANCE_DOUBTFUL * length:
-        return 0.0
-    share = doubtful / length
-    for_doubtful = share * math.log(share / _CHANCE_DOUBTFUL) if share > 0.0 else 0.0
-    return length * (for_doubtful + (1.0 - share) * math.log((1.0 - share) / (1.0 - _CHANCE_DOUBTFUL)))
-
-
-MEASURES = {
-    "agreeing wall": Measure(1, 1.0, lambda e: e.agreed_wall_m),
-    "other wall": Measure(-1, 1.0, lambda e: e.compared_wall_m - e.agreed_wall_m),
-    "agreeing pieces": Measure(1, 1.0, lambda e: e.pieces.agreeing),
-    "wall against sliding": Measure(1, 1.0, lambda e: e.weakest_wall_m),
-    "corners beyond chance": Measure(1, 1.0, lambda e: e.pieces.corners * _beyond_chance(e)),
-    "overlap beyond chance": Measure(1, 5.0, lambda e: e.overlap_m2 * _beyond_chance(e)),
-    "surprise": Measure(1, 1.0, _surprise),
-}
-"""What the score weighs, in m and m^2. How near the agreeing walls lie is left out: it tells how maps were bent, not
-where they belong. Where much overlaps, much agrees by chance."""
 
 SIGNS = {
     "log of all walls": -1,
     "agreement": 1,
     "log of corners": 1,
     "log of wall seen through": -1,
-    "agreement of things": 1,
+    "log of misfit over chance": -1,
+    "agreement of things beyond chance": 1,
 }
 """What the logit weighs beside the margin, and whether it can only speak for (1) or against (-1) a candidate.
 
-The larger the maps, the more places there are for chance; logarithms are of one plus the number. A wall seen through
-tells the most: at their true place hardly any two maps have one, and at the best of the false ones most do. Where what
-people move agrees, two robots were there in one hour; where it does not, nothing follows.
+The larger the maps, the more places there are for chance; logarithms of lengths and numbers are of one more. A wall
+seen through tells the most: at their true place hardly any two maps have one, and at the best of the false ones most
+do. Where walls agree by chance they lie as far apart as chance and the roughness of the walls have it, which the other
+places of the same two maps tell. Where what people move agrees, and nowhere else as well, two robots were there in one
+hour.
 """
 FEATURES = tuple(SIGNS)
-_CHANCE = 2
-"""So many of the best places may be the truth or symmetrical to it; the next is what chance brings about."""
 _LITTLE_M = 0.25
 """So much wall seen through is little [m]."""
 _FEW_THINGS_M = 2.0
 """Of things with outlines shorter than this together nobody can say a share [m]."""
+_MOST_MISFIT = (0.5, 0.3)
+"""Less, and more, than so much, logarithms, is as much."""
+_AS_LARGE = 0.7
+"""A mirror image with such a share of a place's agreeing wall is as large a coincidence."""
+_TOLD_M = 2.0
+"""Where less wall than this agrees, how near it lies tells nothing [m]."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
 
@@ -147,7 +94,7 @@ class ConfidenceModel:
         """Return the probability (K,) of each candidate of a pair; together 1 at the most."""
         own = measured(candidates)
         margins = own @ self.score - by_chance(own, measured(decoys), self.score) @ self.score
-        logits = np.append(features(candidates) @ self.weights + margins + self.bias, 0.0)
+        logits = np.append(features(candidates, decoys) @ self.weights + margins + self.bias, 0.0)
         shares = np.exp(logits - logits.max())
         return np.asarray(shares[:-1] / shares.sum())
 
@@ -160,39 +107,45 @@ def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> l
     return [float(one) for one in _shipped().probabilities(candidates, decoys)]
 
 
-def measured(places: Sequence[Evidence]) -> FloatArray:
-    """Return the numbers (K, M) that the score weighs, in the order of `MEASURES`."""
-    rows = [[math.log1p(max(one.of(e), 0.0) / one.unit) for one in MEASURES.values()] for e in places]
-    return np.array(rows, dtype=np.float64).reshape(-1, len(MEASURES))
+def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
+    """Return the numbers (K, F) of the candidates that the logit weighs, in the order of `FEATURES`."""
+    rows = [_features(e, [*candidates[:i], *candidates[i + 1 :]], decoys) for i, e in enumerate(candidates)]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 
-def by_chance(candidates: FloatArray, decoys: FloatArray, score: FloatArray) -> FloatArray:
-    """Return the measures (M,) of the best that chance achieves in a pair; zeros where it achieves nothing.
-
-    Parameters
-    ----------
-    candidates, decoys
-        Measures (K, M) of the places where the source may lie, and (D, M) of places of its mirror image.
-    score
-        The score's weights (M,).
-    """
-    ranked = np.argsort(-(candidates @ score), kind="stable")
-    rivals = np.vstack((np.zeros((1, len(MEASURES))), decoys, candidates[ranked[_CHANCE : _CHANCE + 1]]))
-    return np.asarray(rivals[int((rivals @ score).argmax())])
-
-
-def features(candidates: Sequence[Evidence]) -> FloatArray:
-    """Return the numbers (K, F) that the logit weighs, in the order of `FEATURES`."""
-    return np.array([_features(evidence) for evidence in candidates], dtype=np.float64).reshape(-1, len(FEATURES))
-
-
-def _features(evidence: Evidence) -> list[float]:
+def _features(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[Evidence]) -> list[float]:
     # Half a metre more than there is: of a few cells of wall nobody can say a share.
-    agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + _doubtful_m(evidence) + 0.5)
+    agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + doubtful_m(evidence) + 0.5)
     corners = math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS))
     seen_through = math.log1p(evidence.seen_through_m / _LITTLE_M)
-    things = evidence.agreed_things_m / (evidence.compared_things_m + _FEW_THINGS_M)
-    return [math.log1p(evidence.larger_wall_m), agreement, corners, seen_through, things]
+    misfit = min(max(_misfit(evidence, others, decoys), -_MOST_MISFIT[0]), _MOST_MISFIT[1])
+    things = _agreement_of_things(evidence) - max(map(_agreement_of_things, [*others, *decoys]), default=0.0)
+    return [math.log1p(evidence.larger_wall_m), agreement, corners, seen_through, misfit, things]
+
+
+def _misfit(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[Evidence]) -> float:
+    """Return the logarithm of how far apart the agreeing walls lie, as many times as by chance.
+
+    By chance it is as at half of the other places, as rough as these maps are and as much as they bent; less where so
+    large a part of the mirror image lies nearer.
+    """
+    here = _told_rmse(evidence)
+    elsewhere = [rmse for one in [*others, *decoys] if (rmse := _told_rmse(one)) is not None]
+    if here is None or not elsewhere:
+        return 0.0
+    large = [one for one in decoys if one.agreed_wall_m >= _AS_LARGE * evidence.agreed_wall_m]
+    mirrored = [rmse for one in large if (rmse := _told_rmse(one)) is not None]
+    return math.log(here / min(float(np.median(elsewhere)), *mirrored, math.inf))
+
+
+def _told_rmse(evidence: Evidence) -> float | None:
+    """Return how far apart the agreeing walls lie [m]; None where they are too short to tell."""
+    return evidence.rmse_m if evidence.rmse_m and evidence.agreed_wall_m > _TOLD_M else None
+
+
+def _agreement_of_things(evidence: Evidence) -> float:
+    """Return the share of what people move that agrees."""
+    return evidence.agreed_things_m / (evidence.compared_things_m + _FEW_THINGS_M)
 
 
 @cache

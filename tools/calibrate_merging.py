@@ -12,6 +12,7 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import sys
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
+    from tbmslam.worker_pool import WorkerPool
     from tools.confidence_fit import Trial
 
 EXAMPLES = """examples:
@@ -44,11 +46,14 @@ STRANGERS_SEED = 1
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
-    args = _parser().parse_args(argv)
+    grammar = _parser()
+    args = grammar.parse_args(argv)
+    if args.workers < 1:
+        grammar.error(f"--workers must be positive, got {args.workers}")
     return ended("calibrate_merging", lambda: _run(args), debug=args.debug)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Grammar:
     grammar = Grammar(
         prog="calibrate_merging", description=__doc__, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -67,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="where the fitted model goes")
     grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
+    grammar.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 
@@ -74,23 +80,26 @@ def _parser() -> argparse.ArgumentParser:
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.files.atomic_file import write_bytes, write_text
+    from tbmslam.worker_pool import worker_pool
     from tools.calibration_plot import draw_calibration
     from tools.calibration_table import BINS, calibration_table, worth
     from tools.confidence_fit import fit_model, held_out
 
     config = MergeConfig()
-    by_folder = {folder: trials_of(folder, config) for folder in args.pairs}
-    by_folder |= {folder: trials_of(folder, config, SIMULATED) for folder in args.simulated}
-    if args.strangers:
-        by_folder[Path("strangers")] = strangers(args.strangers, config)
-    trials = [trial for folder in by_folder.values() for trial in folder]
-    judged = held_out(trials)
+    with worker_pool(args.workers) as pool:
+        by_folder = {folder: trials_of(folder, config, pool) for folder in args.pairs}
+        by_folder |= {folder: trials_of(folder, config, pool, SIMULATED) for folder in args.simulated}
+        if args.strangers:
+            by_folder[Path("strangers")] = strangers(args.strangers, config, pool)
+        asked = {folder: trials_of(folder, config, pool) for folder in args.ask}
+        trials = [trial for folder in by_folder.values() for trial in folder]
+        judged = held_out(trials, pool)
     in_order = iter(judged)
     for folder, its in by_folder.items():
         print(f"{folder}, buildings left out of the fit\n{worth(list(islice(in_order, len(its))))}\n")
     model = fit_model(trials)
-    for folder in args.ask:
-        others = [one.judged(model) for one in trials_of(folder, config)]
+    for folder, its in asked.items():
+        others = [one.judged(model) for one in its]
         print(f"{folder}, no part in the fit\n{worth(others)}\n\n{calibration_table(others, BINS)}\n")
     print(f"all that were left out\n{calibration_table(judged, BINS)}")
     if args.plot:
@@ -99,7 +108,7 @@ def _run(args: argparse.Namespace) -> None:
         write_text(args.out, model.as_json())
 
 
-def trials_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "list[Trial]":
+def trials_of(folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0) -> "list[Trial]":
     """Return the candidates of every pair in a folder, each of which counts for a weight.
 
     Raises
@@ -107,26 +116,36 @@ def trials_of(folder: Path, config: "MergeConfig", weight: float = 1.0) -> "list
     PairFileError
         If a file there is no pair of maps, or there is none.
     """
+    from tools.pair_files import PairFileError
+
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise PairFileError(f"{folder}: no .npz pair of maps there")
+    return [one for one in pool.map(partial(_trial_of, config=config, weight=weight), paths) if one is not None]
+
+
+def _trial_of(path: Path, config: "MergeConfig", weight: float) -> "Trial | None":
     from tools.confidence_fit import Trial
-    from tools.pair_files import PairFileError, load_pair
+    from tools.pair_files import load_pair
     from tools.pair_floors import shows_part
 
-    pairs = (load_pair(path) for path in sorted(folder.glob("*.npz")))
-    found = [Trial.of(pair, config, weight if shows_part(pair.name) else WHOLE * weight) for pair in pairs]
-    if not found:
-        raise PairFileError(f"{folder}: no .npz pair of maps there")
+    pair = load_pair(path)
+    return Trial.of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
+
+
+def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Trial]":
+    """Return the candidates of so many pairs that do not belong together."""
+    near = 24  # of these many share a building
+    found = pool.map(partial(_stranger, config=config), range(count), chunksize=near)
     return [one for one in found if one is not None]
 
 
-def strangers(count: int, config: "MergeConfig") -> "list[Trial]":
-    """Return the candidates of so many pairs that do not belong together."""
+def _stranger(number: int, config: "MergeConfig") -> "Trial | None":
     from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
     from tools.confidence_fit import Trial
 
-    kinds = UNKNOWN_TO_EACH_OTHER
-    pairs = (make_pair(kinds[i % len(kinds)], i // len(kinds), STRANGERS_SEED) for i in range(count))
-    found = (Trial.of(pair, config, SIMULATED) for pair in pairs)
-    return [one for one in found if one is not None]
+    turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
+    return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)
 
 
 if __name__ == "__main__":

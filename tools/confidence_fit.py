@@ -1,6 +1,7 @@
 """The confidence model, fitted on pairs of maps whose truth is known, and asked about pairs that it never met."""
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,9 +11,10 @@ from scipy import optimize
 
 from merging.aligner import view_of
 from merging.candidates import find_candidates
-from merging.confidence import MEASURES, SIGNS, ConfidenceModel, by_chance, features, measured
+from merging.confidence import SIGNS, ConfidenceModel, features
 from merging.config import MergeConfig
 from merging.decoys import find_decoys
+from merging.measures import MEASURES, by_chance, measured
 from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 from tools.calibration_table import Judgement
@@ -79,7 +81,7 @@ class Trial:
     @cached_property
     def numbers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Features (K, F) and measures (K, M) of the candidates, and measures (D, M) of the decoys."""
-        return features(self.candidates), measured(self.candidates), measured(self.decoys)
+        return features(self.candidates, self.decoys), measured(self.candidates), measured(self.decoys)
 
 
 def fit_model(trials: Sequence[Trial]) -> ConfidenceModel:
@@ -114,12 +116,12 @@ def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
     return -float(np.log(likely)), np.concatenate(([change.sum()], change @ own_features, change @ beyond))
 
 
-def held_out(trials: Sequence[Trial]) -> list[Judgement]:
+def held_out(trials: Sequence[Trial], pool: Executor) -> list[Judgement]:
     """Return what is said of each pair by a model that never met its building, or the first of its two."""
     shown = floors_of(one.name for one in trials)
     floors = sorted({floor for some in shown.values() for floor in some})
     parts = [set(floors[part::_MOST_PARTS]) for part in range(min(_MOST_PARTS, len(floors)))]
-    models = [fit_model([one for one in trials if not shown[one.name] & part]) for part in parts]
+    models = list(pool.map(fit_model, ([one for one in trials if not shown[one.name] & part] for part in parts)))
     judged = []
     for one in trials:
         first = min(shown[one.name], default=floors[0])

@@ -4,7 +4,8 @@ from importlib import resources
 
 import numpy as np
 
-from merging.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel, by_chance, confidences, features, measured
+from merging.confidence import FEATURES, SIGNS, ConfidenceModel, confidences, features
+from merging.measures import MEASURES
 from merging.pieces import Pieces
 from merging.verification import Evidence
 
@@ -20,6 +21,7 @@ CHANCE = replace(
 
 
 DECOYS = [CHANCE] * 3
+_MISFIT = FEATURES.index("log of misfit over chance")
 
 
 def test_what_beats_chance_is_believed():
@@ -68,7 +70,7 @@ def test_walls_that_contradict_tell_a_false_place():
         assert 1.0 - doubtful > 3.0 * (1.0 - alone)
 
 
-def test_things_that_agree_speak_for_a_place_and_their_absence_is_no_worse_than_things_moved():
+def test_things_that_agree_speak_for_a_place():
     shares = ((0.0, 0.0), (0.0, 9.0), (4.0, 9.0), (9.0, 9.0))
     none, moved, some, all_ = (
         confidences([replace(GOOD, agreed_things_m=agreed, compared_things_m=m), *[CHANCE] * 9], DECOYS)[0]
@@ -77,11 +79,45 @@ def test_things_that_agree_speak_for_a_place_and_their_absence_is_no_worse_than_
     assert none == moved < some < all_
 
 
-def test_a_large_overlap_half_of_which_agrees_speaks_for_nothing():
-    """So it is by chance: of a ring of rooms laid on its mirror image much agrees, and as much does not."""
-    ring = replace(GOOD, overlap_m2=500.0, compared_wall_m=160.0, agreed_wall_m=80.0, pieces=Pieces(90, 50, 180, 30))
-    found = dict(zip(MEASURES, measured([ring])[0], strict=True))
-    assert found["overlap beyond chance"] == found["corners beyond chance"] == found["surprise"] == 0.0
+def test_things_that_agree_elsewhere_as_well_say_nothing():
+    """Columns of a hall stand in rows, and lie on those of its mirror image."""
+    here = replace(GOOD, agreed_things_m=6.0, compared_things_m=8.0)
+    columns = replace(CHANCE, agreed_things_m=6.0, compared_things_m=8.0)
+    alone = confidences([here, *[CHANCE] * 9], DECOYS)[0]
+    for others, decoys in (([columns, *[CHANCE] * 8], DECOYS), ([CHANCE] * 9, [columns])):
+        assert features([here, *others], decoys)[0, FEATURES.index("agreement of things beyond chance")] == 0.0
+        assert confidences([here, *others], decoys)[0] < alone
+
+
+def test_walls_that_lie_nearer_than_elsewhere_speak_for_a_place():
+    """However rough walls are, and however much maps bent: it shows elsewhere too."""
+    misfits = [
+        features([replace(GOOD, rmse_m=rough * here), *[replace(CHANCE, rmse_m=rough * 0.06)] * 9], [])[0, _MISFIT]
+        for rough in (0.5, 1.0)
+        for here in (0.01, 0.045, 0.06, 0.072, 0.12)
+    ]
+    np.testing.assert_allclose(misfits, [-0.5, *np.log([0.75, 1.0, 1.2]), 0.3] * 2, atol=1e-12)
+    found = [confidences([replace(GOOD, rmse_m=m), *[CHANCE] * 9], DECOYS)[0] for m in (0.06, 0.08, 0.1)]
+    assert found == sorted(found, reverse=True)
+    assert found[0] > found[-1]
+
+
+def test_walls_that_lie_as_near_on_the_mirror_image_say_nothing_if_it_has_as_many():
+    def misfit(agreed_m: float, rmse_m: float) -> float:
+        mirrored = replace(GOOD, agreed_wall_m=agreed_m, rmse_m=rmse_m)
+        return float(features([replace(GOOD, rmse_m=0.05), *[CHANCE] * 9], [mirrored])[0, _MISFIT])
+
+    few, as_many = 0.6 * GOOD.agreed_wall_m, 0.8 * GOOD.agreed_wall_m
+    np.testing.assert_allclose(misfit(few, 0.05), np.log(0.05 / 0.08))
+    np.testing.assert_allclose(misfit(as_many, 0.05), 0.0)
+    np.testing.assert_allclose(misfit(as_many, 0.04), np.log(0.05 / 0.04))
+
+
+def test_how_near_walls_lie_says_nothing_where_there_is_little_of_them():
+    little = replace(CHANCE, agreed_wall_m=1.0)
+    for places, decoys in (([GOOD], []), ([GOOD, little], [little]), ([little, GOOD], [CHANCE])):
+        assert features(places, decoys)[0, _MISFIT] == 0.0
+    assert features([replace(GOOD, rmse_m=None), CHANCE], [])[0, _MISFIT] == 0.0
 
 
 def test_a_larger_overlap_that_fits_worse_does_not_hide_a_place_that_fits():
@@ -92,7 +128,7 @@ def test_a_larger_overlap_that_fits_worse_does_not_hide_a_place_that_fits():
     )  # fmt: skip
     mirrored = replace(
         true, overlap_m2=540.0, compared_wall_m=560.0, agreed_wall_m=415.0, unseen_wall_m=23.0, seen_through_m=13.0,
-        pieces=Pieces(420.0, 100.0, 565.0, 90.0),
+        rmse_m=0.04, pieces=Pieces(420.0, 100.0, 565.0, 90.0),
     )  # fmt: skip
     assert confidences([true, *[mirrored] * 9], [mirrored])[0] > 0.9
     assert max(confidences([mirrored] * 9, [mirrored])) < 0.1
@@ -106,7 +142,7 @@ def test_a_better_decoy_never_helps():
     ]
     found = [confidences([GOOD, *[CHANCE] * 9], [decoy])[0] for decoy in decoys]
     assert found == sorted(found, reverse=True)
-    assert found[-1] < 0.8 * found[0]
+    assert 1.0 - found[-1] > 100.0 * (1.0 - found[0])
 
 
 def test_nothing_found_is_no_probability():
@@ -115,20 +151,8 @@ def test_nothing_found_is_no_probability():
 
 
 def test_every_number_has_its_place():
-    assert features([GOOD, CHANCE]).shape == (2, len(FEATURES))
-    assert measured([GOOD, CHANCE]).shape == (2, len(MEASURES))
-    assert features([]).shape == (0, len(FEATURES))
-    assert measured([]).shape == (0, len(MEASURES))
-
-
-def test_chance_is_the_best_decoy_or_the_third_candidate():
-    score = np.ones(len(MEASURES))
-    good, chance = measured([GOOD]), measured([CHANCE])
-    nothing = np.zeros((0, len(MEASURES)))
-    np.testing.assert_array_equal(by_chance(good, nothing, score), 0.0)
-    np.testing.assert_array_equal(by_chance(good, chance, score), chance[0])
-    np.testing.assert_array_equal(by_chance(measured([GOOD, GOOD, CHANCE]), nothing, score), chance[0])
-    np.testing.assert_array_equal(by_chance(chance, np.vstack((chance, good)), score), good[0])
+    assert features([GOOD, CHANCE], DECOYS).shape == (2, len(FEATURES))
+    assert features([], DECOYS).shape == (0, len(FEATURES))
 
 
 def test_the_model_keeps_its_weights():

@@ -1,10 +1,12 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from merging.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel
+from merging.confidence import FEATURES, SIGNS, ConfidenceModel
+from merging.measures import MEASURES
 from merging.pieces import Pieces
 from merging.verification import Evidence
 from tools import confidence_fit
@@ -15,6 +17,11 @@ CHANCE = Evidence(
     weakest_wall_m=3.0, rmse_m=0.08, agreement=0.6, conflict=0.2, larger_wall_m=100.0, seen_through_m=0.5,
     agreed_things_m=1.0, compared_things_m=5.0, pieces=Pieces(12.0, 5.0, 22.0, 2.0),
 )  # fmt: skip
+
+
+def left_out(trials):
+    with ThreadPoolExecutor(2) as pool:
+        return held_out(trials, pool)
 
 
 def place(rng, *, true):
@@ -37,7 +44,7 @@ def trials(count=60):
 
 
 def test_the_fit_tells_true_places_from_false_ones():
-    judged = held_out(trials())
+    judged = left_out(trials())
     crops = [one for one in judged if one.name.startswith("crop")]
     assert sum(one.right for one in crops) > 0.95 * len(crops)
     assert np.mean([one.confidence for one in crops]) > 0.8
@@ -75,7 +82,7 @@ def test_a_pair_that_weighs_more_moves_the_fit_more():
 def test_a_fit_learns_from_what_lies_near_the_truth():
     near = [replace(one, right=np.zeros_like(one.right)) for one in trials()]
     assert fit_model(near).as_json() == fit_model(trials()).as_json()
-    assert not any(one.right for one in held_out(near))
+    assert not any(one.right for one in left_out(near))
 
 
 def test_nothing_found_is_judged_zero():

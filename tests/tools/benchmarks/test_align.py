@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
-from merging.confidence import FEATURES, MEASURES
+from merging.confidence import FEATURES
+from merging.measures import MEASURES
 from tbmslam.errors import TbmSlamError
 from tbmslam.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
@@ -136,9 +137,14 @@ def test_near_is_the_true_place_a_little_turned(folder):
 def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     other = tmp_path / "other"
     assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
-    model = tmp_path / "model.json"
-    assert calibrate_merging.main([str(folder), str(other), "-o", str(model)]) == 0
+    model, again = tmp_path / "model.json", tmp_path / "again.json"
+    what = [str(folder), "--simulated", str(other), "--strangers", "3"]
+    capsys.readouterr()
+    assert calibrate_merging.main([*what, "-o", str(model)]) == 0
     printed = capsys.readouterr().out
+    assert calibrate_merging.main([*what, "-o", str(again), "--workers", "1"]) == 0
+    assert again.read_text() == model.read_text()
+    assert capsys.readouterr().out == printed
     assert f"{folder}, buildings left out of the fit" in printed
     assert "all that were left out" in printed
     written = json.loads(model.read_text())
@@ -184,6 +190,12 @@ def test_a_floor_needs_a_name(capsys):
 def test_a_floor_that_is_not_there_is_an_error(tmp_path, capsys):
     assert make_map_pairs.main(["-o", str(tmp_path), "--floor", f"flat={tmp_path / 'no.npz'}"]) == 1
     assert "no.npz" in capsys.readouterr().err
+
+
+def test_the_fit_needs_a_process(capsys):
+    with pytest.raises(SystemExit):
+        calibrate_merging.main(["x", "--workers", "0"])
+    assert "--workers must be positive, got 0" in capsys.readouterr().err
 
 
 def test_nothing_to_fit_on_is_an_error(tmp_path, capsys):

@@ -1,0 +1,39 @@
+from dataclasses import replace
+
+import numpy as np
+
+from merging.measures import MEASURES, by_chance, measured
+from merging.pieces import Pieces
+from merging.verification import Evidence
+
+GOOD = Evidence(
+    overlap_m2=50.0, compared_wall_m=50.0, agreed_wall_m=44.0, conflicting_wall_m=2.0, unseen_wall_m=1.0,
+    weakest_wall_m=20.0, rmse_m=0.03, agreement=0.88, conflict=0.04, larger_wall_m=120.0, seen_through_m=0.0,
+    agreed_things_m=3.0, compared_things_m=6.0, pieces=Pieces(45.0, 2.0, 55.0, 20.0),
+)  # fmt: skip
+CHANCE = replace(
+    GOOD, compared_wall_m=13.0, agreed_wall_m=5.0, conflicting_wall_m=4.0, weakest_wall_m=1.5, agreement=0.38,
+    conflict=0.31, rmse_m=0.08, pieces=Pieces(6.0, 5.0, 20.0, 2.0),
+)  # fmt: skip
+
+
+def test_every_number_has_its_place():
+    assert measured([GOOD, CHANCE]).shape == (2, len(MEASURES))
+    assert measured([]).shape == (0, len(MEASURES))
+
+
+def test_a_large_overlap_half_of_which_agrees_speaks_for_nothing():
+    """So it is by chance: of a ring of rooms laid on its mirror image much agrees, and as much does not."""
+    ring = replace(GOOD, overlap_m2=500.0, compared_wall_m=160.0, agreed_wall_m=80.0, pieces=Pieces(90, 50, 180, 30))
+    found = dict(zip(MEASURES, measured([ring])[0], strict=True))
+    assert found["overlap beyond chance"] == found["corners beyond chance"] == found["surprise"] == 0.0
+
+
+def test_chance_is_the_best_decoy_or_the_third_candidate():
+    score = np.ones(len(MEASURES))
+    good, chance = measured([GOOD]), measured([CHANCE])
+    nothing = np.zeros((0, len(MEASURES)))
+    np.testing.assert_array_equal(by_chance(good, nothing, score), 0.0)
+    np.testing.assert_array_equal(by_chance(good, chance, score), chance[0])
+    np.testing.assert_array_equal(by_chance(measured([GOOD, GOOD, CHANCE]), nothing, score), chance[0])
+    np.testing.assert_array_equal(by_chance(chance, np.vstack((chance, good)), score), good[0])
