@@ -214,7 +214,7 @@ class VerificationConfig(FrozenConfig):
     see_through_m: Metres = 0.5
     front_m: Metres = 0.3
     other_weight: Annotated[float, Field(ge=0.0)] = 0.6
-    min_confidence: Share = 0.8
+    min_confidence: Share = 0.85
     min_overlap_m2: Annotated[float, Field(ge=0.0)] = 2.0
     min_ambiguous_wall_m: Annotated[float, Field(ge=0.0)] = 8.0
     min_ambiguous_agreement: Share = 0.7

@@ -10,7 +10,7 @@ from merging.config import GraphConfig
 from merging.exactness import Covariance, known_best_at
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
-_SURE, _DOUBTFUL = 0.999, 0.8
+_SURE, _DOUBTFUL = 0.999, 0.85
 """No alignment is believed more than this, and none that was refused."""
 
 
