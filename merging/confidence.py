@@ -135,7 +135,7 @@ def _misfit(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[Evi
         return 0.0
     large = [one for one in decoys if one.agreed_wall_m >= _AS_LARGE * evidence.agreed_wall_m]
     mirrored = [rmse for one in large if (rmse := _told_rmse(one)) is not None]
-    return math.log(here / min(float(np.median(elsewhere)), *mirrored, math.inf))
+    return math.log(here / min([float(np.median(elsewhere)), *mirrored]))
 
 
 def _told_rmse(evidence: Evidence) -> float | None:
