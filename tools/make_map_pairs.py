@@ -8,6 +8,7 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 import argparse
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,12 +24,14 @@ EXAMPLES = """examples:
       every kind of building with three seeds each: six overlaps, two far ends, other buildings, a mirrored one
   python tools/%(prog)s.py -o cut-anew --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/robot_0 --parts 3
       cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
+  python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
+      maps as of two years: each is bent by 0.3 m, and everything that people move stands elsewhere
 
 exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage, 130 interrupted
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
-_MOST_M2, _MOST_PARTS = 1e5, 1000
+_MOST_M2, _MOST_PARTS, _MOST_BEND_M = 1e5, 1000, 5.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -44,6 +47,8 @@ def main(argv: list[str] | None = None) -> int:
         )
     if min(args.seeds) < 0 or not 0 <= args.parts <= _MOST_PARTS or not args.largest > 0.0:
         grammar.error(f"--seeds must not be negative, --parts within 0 and {_MOST_PARTS}, --largest positive")
+    if args.bend is not None and not 0.0 < args.bend <= _MOST_BEND_M:
+        grammar.error(f"--bend must lie within 0 and {_MOST_BEND_M:g} m, got {args.bend:g}")
     if not all(1 <= percent <= 100 for percent in args.overlap):
         grammar.error(f"--overlap must lie within 1 and 100 percent, got {args.overlap}")
     return ended("make_map_pairs", lambda: _write(args), debug=args.debug)
@@ -71,12 +76,17 @@ def _parser() -> argparse.ArgumentParser:
         "--largest", type=float, default=float("inf"), metavar="M2", help="write no pair that knows more (no limit)"
     )
     what.add_argument("--overlap", nargs="+", type=int, default=PERCENT, metavar="PERCENT", help="of the two maps")
+    grammar.add_argument(
+        "--bend", type=float, metavar="M",
+        help="bend each map so far over tens of metres and move all things, as in another year (2 to 6 cm, and some)",
+    )  # fmt: skip
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 
 
 def _write(args: argparse.Namespace) -> None:
     from datasets.synthetic.floors import pairs_of, variants_of
+    from datasets.synthetic.map_distortion import Distortion
     from datasets.synthetic.map_pairs import building_of_area, building_of_world, room_of
 
     kinds = args.world or (() if args.floor or args.lattice else KINDS)
@@ -89,7 +99,9 @@ def _write(args: argparse.Namespace) -> None:
     if args.parts:
         buildings = [variant for building in buildings for variant in variants_of(building, args.parts)]
     count = 0
-    for pair in pairs_of(buildings, 1, [percent / 100.0 for percent in args.overlap]):
+    overlaps = [percent / 100.0 for percent in args.overlap]
+    draw = Distortion.draw if args.bend is None else partial(Distortion.of_another_year, bend_m=args.bend)
+    for pair in pairs_of(buildings, 1, overlaps, draw):
         if pair.known_m2 <= args.largest:
             pair.save(args.out)
             count += 1

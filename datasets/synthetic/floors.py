@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
+from datasets.synthetic.map_distortion import Distortion, Draw
 from datasets.synthetic.map_pairs import (
     OVERLAPS,
     Building,
@@ -53,16 +54,18 @@ def variants_of(floor: Building, parts: int) -> list[Building]:
     return found
 
 
-def pairs_of(buildings: Sequence[Building], seed: int, overlaps: Sequence[float] = OVERLAPS) -> Iterator[MapPair]:
+def pairs_of(
+    buildings: Sequence[Building], seed: int, overlaps: Sequence[float] = OVERLAPS, draw: Draw = Distortion.draw
+) -> Iterator[MapPair]:
     """Return pairs of every building: cut at overlaps, its two ends, itself mirrored, and two other buildings."""
     for index, building in enumerate(buildings):
-        yield from cut_pairs(building, seed + index, overlaps)
-        yield disjoint_pair(building, seed + index)
-        yield foreign_pair(building, mirrored(building), seed + index)
+        yield from cut_pairs(building, seed + index, overlaps, draw)
+        yield disjoint_pair(building, seed + index, draw)
+        yield foreign_pair(building, mirrored(building), seed + index, draw)
         for step in (1, len(buildings) // 2):
             other = buildings[(index + step) % len(buildings)]
             if other.resolution == building.resolution and not _same_place(building.name, other.name):
-                yield foreign_pair(building, other, seed + index + step)
+                yield foreign_pair(building, other, seed + index + step, draw)
 
 
 def _same_place(first: str, second: str) -> bool:

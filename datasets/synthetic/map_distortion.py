@@ -1,7 +1,8 @@
 """How mapping spoils a map: bent, ragged, incomplete, cluttered."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import cv2
@@ -23,6 +24,8 @@ _FARTHEST_M = 0.5
 """What is farther from everything known is not bent into it [m]."""
 _MARGIN = 12
 """Unknown cells around a spoilt map."""
+_MOST_BENDS = 4.0
+"""No point is displaced by more root mean squares than this."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,12 @@ class Distortion:
             blobs=float(rng.uniform(0.5, 4.0)),
             speckle=float(rng.uniform(0.0005, 0.004)),
         )
+
+    @classmethod
+    def of_another_year(cls, rng: np.random.Generator, bend_m: float) -> "Distortion":
+        """Return one for maps made long after each other, or by other means: bent over rooms, and all things moved."""
+        usual = cls.draw(rng)
+        return replace(usual, bend_m=bend_m, bend_wave_m=float(rng.uniform(20.0, 50.0)), moved=1.0)
 
     def spoil(self, part: Occupancy, resolution: float, rng: np.random.Generator) -> tuple[Occupancy, SE2]:
         """Return a map of a part of a building as a robot might have made it.
@@ -143,13 +152,15 @@ class Distortion:
         points = np.asarray(np.column_stack((cols, rows)) + 0.5, dtype=np.float64) * resolution
         turn = SE2(0.0, 0.0, self.turn)
         moved = turn.apply(points)
-        low = moved.min(axis=0) - _MARGIN * resolution
-        shape = np.ceil((moved.max(axis=0) - low) / resolution).astype(int) + _MARGIN
+        farthest_m = max(_FARTHEST_M, _MOST_BENDS * self.bend_m)
+        margin = max(_MARGIN, math.ceil(_MOST_BENDS * self.bend_m / resolution))
+        low = moved.min(axis=0) - margin * resolution
+        shape = np.ceil((moved.max(axis=0) - low) / resolution).astype(int) + margin
         T_map_building = SE2(-float(low[0]), -float(low[1]), 0.0) @ turn
         y, x = np.mgrid[0 : shape[1], 0 : shape[0]]
         centres = np.asarray(np.stack((x, y), axis=-1).reshape(-1, 2) + 0.5, dtype=np.float64) * resolution
         read = T_map_building.inverse().apply(centres)
-        reach = math.ceil(_FARTHEST_M / resolution)
+        reach = math.ceil(farthest_m / resolution)
         near = np.flatnonzero(_read(_widened(marks > 0, reach), read / resolution + reach))
         read = read[near] + self._displacements(read[near], points, rng)
         bent = np.zeros(len(centres), dtype=np.uint8)
@@ -170,6 +181,10 @@ class Distortion:
         mean = there.mean(axis=0)
         size = float(np.sqrt(((there - mean) ** 2).sum(axis=1).mean()))
         return np.asarray((field(points) - mean) * (self.bend_m / max(size, 1e-9)))
+
+
+Draw = Callable[[np.random.Generator], Distortion]
+"""How a map is spoilt, drawn for each anew."""
 
 
 def _read(image: Marks, points: FloatArray) -> Marks:

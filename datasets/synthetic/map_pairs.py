@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.corridor_lattice import CorridorLattice
-from datasets.synthetic.map_distortion import Distortion
+from datasets.synthetic.map_distortion import Distortion, Draw
 from datasets.synthetic.world import World
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.files.atomic_file import replacing
@@ -130,25 +130,27 @@ def mirrored(building: Building) -> Building:
     return Building(f"{building.name}mir", building.occupancy[:, ::-1].copy(), building.resolution)
 
 
-def cut_pairs(building: Building, seed: int, overlaps: Sequence[float] = OVERLAPS) -> Iterator[MapPair]:
+def cut_pairs(
+    building: Building, seed: int, overlaps: Sequence[float] = OVERLAPS, draw: Draw = Distortion.draw
+) -> Iterator[MapPair]:
     """Cut pairs of maps of one building: two robots exploring it from far ends until they share so much."""
     for overlap in overlaps:
         rng = np.random.default_rng([seed, round(1000 * overlap)])
         part_a, part_b = _parts(building, overlap, rng)
         name = f"crop_{building.name}_{seed}_{round(100 * overlap):03d}"
-        yield _spoilt_pair(name, building, part_a, part_b, overlap, rng)
+        yield _spoilt_pair(name, building, (part_a, part_b), overlap, rng, draw)
 
 
-def disjoint_pair(building: Building, seed: int) -> MapPair:
+def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
     """Return maps of two ends of a building that share nothing: alike in style, and not the same place."""
     rng = np.random.default_rng([seed, 1])
     part_a, part_b = _parts(building, 0.0, rng)
     name = f"negs_{building.name}_{seed}"
-    pair = _spoilt_pair(name, building, part_a, part_b, 0.0, rng)
+    pair = _spoilt_pair(name, building, (part_a, part_b), 0.0, rng, draw)
     return MapPair(name, pair.occ_a, pair.occ_b, pair.resolution, None, 0.0)
 
 
-def foreign_pair(first: Building, second: Building, seed: int) -> MapPair:
+def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
     """Return maps of two buildings.
 
     Raises
@@ -161,17 +163,22 @@ def foreign_pair(first: Building, second: Building, seed: int) -> MapPair:
     rng = np.random.default_rng([seed, 2])
     part_a, _ = _parts(first, float(rng.choice(OVERLAPS)), rng)
     part_b, _ = _parts(second, float(rng.choice(OVERLAPS)), rng)
-    occ_a, _ = Distortion.draw(rng).spoil(part_a, first.resolution, rng)
-    occ_b, _ = Distortion.draw(rng).spoil(part_b, second.resolution, rng)
+    occ_a, _ = draw(rng).spoil(part_a, first.resolution, rng)
+    occ_b, _ = draw(rng).spoil(part_b, second.resolution, rng)
     return MapPair(f"negd_{first.name}_{second.name}_{seed}", occ_a, occ_b, first.resolution, None, 0.0)
 
 
 def _spoilt_pair(
-    name: str, building: Building, part_a: Occupancy, part_b: Occupancy, overlap: float, rng: np.random.Generator
+    name: str,
+    building: Building,
+    parts: tuple[Occupancy, Occupancy],
+    overlap: float,
+    rng: np.random.Generator,
+    draw: Draw,
 ) -> MapPair:
     """Turn and spoil two parts given in the building's frame."""
-    occ_a, T_a_building = Distortion.draw(rng).spoil(part_a, building.resolution, rng)
-    occ_b, T_b_building = Distortion.draw(rng).spoil(part_b, building.resolution, rng)
+    occ_a, T_a_building = draw(rng).spoil(parts[0], building.resolution, rng)
+    occ_b, T_b_building = draw(rng).spoil(parts[1], building.resolution, rng)
     return MapPair(name, occ_a, occ_b, building.resolution, T_a_building @ T_b_building.inverse(), overlap)
 
 

@@ -1,6 +1,10 @@
 import pytest
 
+from merging.config import MergeConfig
+from merging.structure import Structure
+from merging.verification import examine
 from tools.make_map_pairs import main
+from tools.pair_files import load_pair
 
 
 @pytest.mark.parametrize(
@@ -17,6 +21,8 @@ from tools.make_map_pairs import main
         (["--parts", "1000000"], "--parts within 0 and 1000"),
         (["--largest", "nan"], "--largest positive"),
         (["--overlap", "50", "101"], "--overlap must lie within 1 and 100 percent, got [50, 101]"),
+        (["--bend", "0"], "--bend must lie within 0 and 5 m, got 0"),
+        (["--bend", "nan"], "--bend must lie within 0 and 5 m, got nan"),
         (["-o", ""], "an empty text names no file"),
     ],
 )
@@ -34,3 +40,19 @@ def test_a_floor_that_is_not_there_is_one_line_and_exit_1(tmp_path, capsys):
     assert said.startswith("make_map_pairs: ")
     assert "does not exist" in said
     assert said.count("\n") == 1
+
+
+def test_pairs_of_another_year_are_the_same_places_bent_more(tmp_path):
+    for name, more in (("usual", []), ("bent", ["--bend", "0.4"])):
+        out = ["-o", str(tmp_path / name), "--world", "apartment", "--seeds", "3", "--area", "60", "--overlap", "100"]
+        assert main([*out, *more]) == 0
+    usual, bent = (load_pair(next((tmp_path / name).glob("crop_*.npz"))) for name in ("usual", "bent"))
+    apart = agreement(usual), agreement(bent)
+    assert apart[0] > 0.75
+    assert apart[1] < apart[0] - 0.15
+
+
+def agreement(pair):
+    config = MergeConfig()
+    structures = [Structure.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
+    return examine(*structures, pair.T_target_source, config.verification).agreement
