@@ -7,14 +7,14 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from merging.aligner import align
     from merging.alignment import Alignment
     from merging.config import MergeConfig
     from merging.merger import Merge, merge
+    from merging.two_maps import align
 
 __all__ = ["Alignment", "Merge", "MergeConfig", "align", "merge"]
 
-_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "aligner", "merge": "merger"}
+_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "two_maps", "merge": "merger"}
 
 
 def __getattr__(name: str) -> object:

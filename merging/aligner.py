@@ -1,4 +1,4 @@
-"""Two maps, and where one lies in the other's frame."""
+"""Two maps as wholes, and where one lies in the other's frame."""
 
 from dataclasses import dataclass, replace
 
@@ -61,14 +61,13 @@ def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
     return resolution
 
 
-def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
-    """Find where a source map lies in a target map's frame, without any initial guess.
+def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
+    """Find where a source map lies in a target map's frame as a whole; see `merging.two_maps.align`.
 
     Parameters
     ----------
     target, source
-        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size. Of two
-        maps alone this is the first look only: `merging.merge` looks again at what it leaves apart.
+        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size.
     config
         How; the defaults where None.
 

@@ -72,6 +72,8 @@ class Alignment:
         Probability that the transform is right: of alignments given 0.9, nine in ten are.
     covariance
         How exact it is if it is right; see `merging.exactness`. None where the method does not tell.
+    bent_m
+        How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are.
     ambiguous
         Whether it was refused because the maps fit well in several places.
     alternatives
@@ -95,6 +97,7 @@ class Alignment:
     weakest_wall_m: float = 0.0
     confidence: float = 0.0
     covariance: Covariance | None = None
+    bent_m: float = 0.0
     ambiguous: bool = False
     alternatives: tuple[Alternative, ...] = ()
     evidence: Evidence | None = None

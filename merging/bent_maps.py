@@ -10,7 +10,7 @@ import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from merging.aligner import align
+from merging.aligner import align_whole
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
@@ -155,7 +155,7 @@ def _aligned_again(joint: JointRefinement | None, config: MergeConfig) -> Alignm
     """Align two maps that were straightened where one is thought to lie; elsewhere is a refusal."""
     if joint is None:
         return Alignment("correlation", accepted=False, reason="the drives cannot be straightened together there")
-    found = align(joint.maps[_TARGET], joint.maps[_SOURCE], config)
+    found = align_whole(joint.maps[_TARGET], joint.maps[_SOURCE], config)
     where = found.T_target_source
     if found.accepted and (where is None or not is_same_place(SE2.identity(), where, config.graph, found.covariance)):
         return replace(found, accepted=False, reason="straightened there, the maps are aligned elsewhere")

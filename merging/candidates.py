@@ -39,10 +39,10 @@ def best_of(proposals: list[SE2], target: Structure, source: Structure, config: 
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
     slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
     supports = support_m(target, source, slid, config.verification, how.some_walls)
-    best = _elsewhere(slid, supports, source, config.correlation.semifinalists)
+    best = elsewhere(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
     supports = support_m(target, source, finalists, config.verification, how.many_walls)
-    finalists = _elsewhere(finalists, supports, source, config.correlation.finalists)
+    finalists = elsewhere(finalists, supports, source, config.correlation.finalists)
     return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
 
 
@@ -54,8 +54,8 @@ def refine_all(target: Structure, source: Structure, motions: list[SE2], config:
     return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
 
 
-def _elsewhere(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
-    """Return the best motions, none of which puts the source where a better one puts it already."""
+def elsewhere(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
+    """Return so many of the best motions, none of which puts the source where a better one puts it already."""
     middle = np.append(source.points.mean(axis=0), 0.0)
     centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), middle)
     return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]

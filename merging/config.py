@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
-from merging.bending_config import JointConfig, NearConfig, StretchConfig
+from merging.bending_config import BentLookConfig, JointConfig, NearConfig, StretchConfig
 from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
@@ -348,6 +348,7 @@ class MergeConfig(FrozenConfig):
     exactness: ExactnessConfig = ExactnessConfig()
     graph: GraphConfig = GraphConfig()
     known: KnownPoseConfig = KnownPoseConfig()
+    bent: BentLookConfig = BentLookConfig()
     near: NearConfig = NearConfig()
     joint: JointConfig = JointConfig()
     stretches: StretchConfig = StretchConfig()

@@ -15,7 +15,7 @@ from merging.candidates import find_candidates
 from merging.config import MergeConfig
 from merging.structure import Structure
 from merging.verification import Evidence
-from tbmslam.grid import GridGeometry
+from tbmslam.grid import GridGeometry, TbmGrid
 
 Cell = TypeVar("Cell", bound=np.generic)
 
@@ -46,6 +46,12 @@ def mirror_image(structure: Structure) -> Structure:
         distances_m=_flipped(structure.distances_m),
         nearest=_flipped(structure.nearest),
     )
+
+
+def mirrored(grid: TbmGrid) -> TbmGrid:
+    """Return a grid as a mirror along its y axis shows it."""
+    g = grid.geometry
+    return TbmGrid(g._replace(origin_x=-(g.origin_x + g.cols * g.resolution)), _flipped(grid.masses))
 
 
 def _flipped(cells: npt.NDArray[Cell]) -> npt.NDArray[Cell]:

@@ -84,6 +84,18 @@ def seen_from(covariance: Covariance, T_here_there: SE2) -> Covariance:
     return _rows(adjoint @ np.array(covariance) @ adjoint.T)
 
 
+def bent_by(covariance: Covariance, apart_m: float, apart_rad: float) -> Covariance:
+    """Return the covariance of an alignment whose parts lie apart from where it has them, root mean squares [m], [rad].
+
+    It grows where it is known best.
+    """
+    x, y = known_best_at(covariance)
+    there = np.array(seen_from(covariance, SE2(-x, -y, 0.0))) + np.diag(
+        [apart_m**2 / 2.0, apart_m**2 / 2.0, apart_rad**2]
+    )
+    return seen_from(_rows(there), SE2(x, y, 0.0))
+
+
 def known_best_at(covariance: Covariance) -> tuple[float, float]:
     """Return the point (x, y) of the source whose place is known best, which an error of the turn does not move [m].
 

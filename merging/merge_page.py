@@ -121,7 +121,11 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
         if confidence < _DOUBTFUL
     ]
     if merge.merged is not None and merge.joint is None:
-        said.append("maps were laid as they are, not straightened together: where one is bent, walls come out double")
+        said.append(
+            f"{' and '.join(merge.straightened)} was bent to fit: which of the maps is bent in truth nobody can tell"
+            if merge.straightened
+            else "maps were laid as they are, not straightened together: where one is bent, walls come out double"
+        )
     if merge.fusion is not None:
         said += [
             f"maps contradict each other over {place.area_m2:.2f} m² near x {place.x:.1f} m, y {place.y:.1f} m"

@@ -2,18 +2,22 @@
 
 import itertools
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
+from merging.bent_joins import look_closer, straightened_by
+from merging.bent_look import BentLook
 from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
+from merging.findings import Findings
 from merging.fusion import Fusion
 from merging.joint_refinement import JointRefinement
 from merging.known_poses import place_known
 from merging.map_graph import Group, groups_of
-from merging.merged_group import merge_group
+from merging.merged_group import MergedGroup, merge_group
 from merging.near_look import look_near
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -79,8 +83,8 @@ def merge(
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
     order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by, and
-    those that fit nowhere as a whole are tried once more in stretches of their drives.
+    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by; those
+    that fit nowhere as a whole are tried once more in stretches of their drives, and then bent.
 
     Parameters
     ----------
@@ -105,53 +109,80 @@ def merge(
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_known(maps, config)
     unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
-    alignments = known.alignments | align_all(maps, config, workers, watch, scheduler, unknown)
-    groups = _grouped(maps, alignments, config, watch, known.poses)
-    near = look_near(maps, groups, alignments, config, workers, watch, scheduler)
-    judged_by, placed, straightened = dict(near.grids), list[Pair](), dict[str, TbmMap]()
-    if near.alignments:
-        alignments |= near.alignments
-        groups = _grouped(maps, alignments, config, watch, known.poses)
+    first = known.alignments | align_all(maps, config, workers, watch, scheduler, unknown)
+    found = Findings.of(maps, first, partial(_grouped, list(maps), config, watch, known.poses))
+    near = look_near(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
+    found = found.with_aligned(near.alignments, near.grids)
+    found, joined = _with_bent_maps(found, config, workers, watch, scheduler)
+    closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch)
+    if closer:
+        found = _with_looks(found, closer)
+        joined = _joined(found, config, watch)
+    return _merged(found, joined)
+
+
+def _grouped(
+    names: Sequence[str],
+    config: MergeConfig,
+    watch: Watch,
+    known: Mapping[str, SE2],
+    alignments: Mapping[Pair, Alignment],
+) -> list[Group]:
+    with watch.during("grouping"):
+        return groups_of(names, alignments, config.graph, known)
+
+
+def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
+    """Add what was found of maps that were bent, and keep them so."""
+    found = found.with_aligned({pair: look.alignment for pair, look in looks.items()})
+    for pair, (name, straightened) in straightened_by(looks, found.maps, found.groups).items():
+        found = found.with_straightened(name, straightened).judged_as_they_are(pair)
+    return found
+
+
+def _with_bent_maps(
+    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
+) -> tuple[Findings, MergedGroup | None]:
+    """Add maps in stretches of their drives, one after the other; return the largest group as one map, too."""
+    placed = list[Pair]()
     while True:
-        joined = merge_group(maps, groups[0], config, watch) if len(groups[0]) > 1 else None
-        bent = place_bent_map(maps, groups, joined, config, workers, watch, scheduler, placed)
+        joined = _joined(found, config, watch)
+        bent = place_bent_map(found.maps, found.groups, joined, config, workers, watch, scheduler, placed)
         if bent is None:
-            break
-        where, found = bent
-        placed.append(where)
-        straightened[where[1]] = found.straightened
-        maps = {**maps, **straightened}
-        pair, alignment, grids = _in_order(list(maps), where, found)
-        alignments[pair], judged_by[pair] = alignment, grids
-        groups = _grouped(maps, alignments, config, watch, known.poses)
+            return found, joined
+        placed.append(bent[0])
+        found = _with_bent(found, *bent)
+
+
+def _joined(found: Findings, config: MergeConfig, watch: Watch) -> MergedGroup | None:
+    return merge_group(found.maps, found.groups[0], config, watch) if len(found.groups[0]) > 1 else None
+
+
+def _with_bent(found: Findings, where: Pair, bent: BentMap) -> Findings:
+    """Add a map that was placed in stretches of its drive."""
+    found = found.with_straightened(where[1], bent.straightened)
+    pair, alignment, grids = _in_order(list(found.maps), where, bent)
+    return found.with_aligned({pair: alignment}, {pair: grids})
+
+
+def _merged(found: Findings, joined: MergedGroup | None) -> Merge:
     if joined is None:
-        left_out = {name: _why_alone(name, alignments) for name in maps}
-        return Merge(None, {}, alignments, left_out, None, judged_by=judged_by)
-    group = groups[0]
-    left_out = {name: _why_left_out(name, group, alignments) for name in maps if name not in group.poses}
+        left_out = {name: _why_alone(name, found.alignments) for name in found.maps}
+        return Merge(None, {}, found.alignments, left_out, None, judged_by=found.judged_by)
+    group = found.groups[0]
+    left_out = {name: _why_left_out(name, group, found.alignments) for name in found.maps if name not in group.poses}
     return Merge(
         joined.merged,
         joined.poses,
-        alignments,
+        found.alignments,
         left_out,
         joined.fusion,
         joined.joint,
         group.used,
         group.outvoted,
-        judged_by,
-        {name: one for name, one in straightened.items() if name in joined.poses},
+        found.judged_by,
+        {name: one for name, one in found.straightened.items() if name in joined.poses},
     )
-
-
-def _grouped(
-    maps: Mapping[str, TbmMap],
-    alignments: Mapping[Pair, Alignment],
-    config: MergeConfig,
-    watch: Watch,
-    known: Mapping[str, SE2],
-) -> list[Group]:
-    with watch.during("grouping"):
-        return groups_of(list(maps), alignments, config.graph, known)
 
 
 def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:

@@ -112,12 +112,13 @@ def draw_conflict(fusion: Fusion) -> Image:
 
 
 def _refinement(merge: Merge) -> dict[str, object] | None:
-    """Tell whether the maps were only laid onto each other, or their drives straightened together."""
+    """Tell whether maps were only laid onto each other, or their drives straightened together, and which were bent."""
     if merge.merged is None:
         return None
+    bent = list(merge.straightened)
     if merge.joint is None:
-        return {"kind": "rigid"}
-    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m}
+        return {"kind": "rigid", "bent": bent}
+    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m, "bent": bent}
 
 
 def _areas(fusion: Fusion) -> dict[str, float]:

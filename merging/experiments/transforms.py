@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from merging.aligner import align
 from merging.config import MergeConfig
 from merging.consensus import find_consensus
 from merging.experiments.detectors import RANSAC_PIXELS
 from merging.experiments.map_pair import MapPair
 from merging.features import describe_all, match
+from merging.two_maps import align
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 

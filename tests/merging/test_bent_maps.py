@@ -2,7 +2,8 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.drives import plan_drives
-from merging import MergeConfig, align, merge
+from merging import MergeConfig, merge
+from merging.aligner import align_whole
 from merging.bent_maps import place_bent
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -22,14 +23,14 @@ def straight_and_bent():
 
 def test_a_map_too_bent_to_fit_as_a_whole_is_placed_in_stretches(straight_and_bent):
     straight, bent = straight_and_bent
-    whole = align(straight, bent)
+    whole = align_whole(straight, bent)
     assert not whole.accepted, whole.reason
     found = place_bent(straight, bent, MergeConfig())
     assert found is not None
     assert found.alignment.accepted
     assert "stretches of the drive" in found.alignment.reason
     assert found.alignment.confidence >= 0.7
-    assert align(*map(TbmMap, found.grids)).agreement == pytest.approx(found.alignment.agreement, abs=0.05)
+    assert align_whole(*map(TbmMap, found.grids)).agreement == pytest.approx(found.alignment.agreement, abs=0.05)
 
     result = merge({"b": bent, "a": straight})  # the one whose frame counts is the bent one
     assert list(result.poses) == ["b", "a"]
@@ -39,7 +40,7 @@ def test_a_map_too_bent_to_fit_as_a_whole_is_placed_in_stretches(straight_and_be
         own = {"a": straight, "b": bent}[name].grid.geometry
         assert shown.geometry[1:3] == pytest.approx(own[1:3], abs=3.0)  # but straight
     assert result.alignments["b", "a"].agreement > whole.agreement + 0.1
-    straightened = align(result.joint.maps["a"], result.joint.maps["b"])
+    straightened = align_whole(result.joint.maps["a"], result.joint.maps["b"])
     assert straightened.agreement > 0.8
     assert straightened.T_target_source == pytest.approx(SE2.identity(), abs=0.05)
 
@@ -61,5 +62,6 @@ def test_maps_without_keyframes_or_with_one_stretch_are_not_tried(straight_and_b
 
 def test_it_can_be_switched_off(straight_and_bent):
     straight, bent = straight_and_bent
-    result = merge({"a": straight, "b": bent}, MergeConfig.model_validate({"stretches": {"enabled": False}}))
+    off = {"stretches": {"enabled": False}, "bent": {"enabled": False}}
+    result = merge({"a": straight, "b": bent}, MergeConfig.model_validate(off))
     assert result.merged is None

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from merging.config import MergeConfig, StructureConfig
-from merging.decoys import find_decoys, mirror_image
+from merging.decoys import find_decoys, mirror_image, mirrored
 from merging.structure import Structure
 from merging.warping import warp
-from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 
 CONFIG = MergeConfig()
@@ -15,16 +14,9 @@ def structure(grid):
     return Structure.from_grid(grid, StructureConfig())
 
 
-def flipped(grid):
-    """The grid that a mirror shows, in the frame in which `mirror_image` puts it."""
-    g = grid.geometry
-    geometry = g._replace(origin_x=-(g.origin_x + g.cols * g.resolution))
-    return TbmGrid(geometry, np.ascontiguousarray(grid.masses[:, ::-1]))
-
-
 def test_a_mirror_image_is_what_the_mirrored_grid_looks_like(rooms):
     grid = rooms(1)
-    seen, expected = mirror_image(structure(grid)), structure(flipped(grid))
+    seen, expected = mirror_image(structure(grid)), structure(mirrored(grid))
     assert seen.geometry == expected.geometry
     np.testing.assert_array_equal(seen.free, expected.free)
     np.testing.assert_allclose(seen.distances_m, expected.distances_m, atol=1e-6)
@@ -54,7 +46,7 @@ def test_twice_mirrored_is_the_map_itself(rooms):
 def test_the_mirror_image_of_a_mirrored_building_fits(rooms):
     grid = rooms(1)
     other = warp(grid, SE2(2.0, -1.0, 0.4), grid.geometry)
-    stranger = structure(flipped(other))
+    stranger = structure(mirrored(other))
     alike = max(decoy.agreed_wall_m for decoy in find_decoys(structure(grid), stranger, CONFIG))
     chance = max(decoy.agreed_wall_m for decoy in find_decoys(structure(grid), structure(other), CONFIG))
     assert alike > 2.0 * chance

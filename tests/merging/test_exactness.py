@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merging.config import ExactnessConfig, StructureConfig, VerificationConfig
-from merging.exactness import covariance_of, deviations, known_best_at, seen_from
+from merging.exactness import bent_by, covariance_of, deviations, known_best_at, seen_from
 from merging.structure import Structure
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
@@ -59,6 +59,17 @@ def test_where_no_wall_agrees_nothing_is_known_but_that_it_was_found():
     place_m, turn = deviations(exact(one, SE2(500.0, 0.0, 0.0)))
     assert place_m == pytest.approx(math.sqrt(2.0) * math.hypot(CONFIG.place_m, CONFIG.bend_m))
     assert turn == pytest.approx(math.hypot(CONFIG.turn_rad, CONFIG.bend_rad))
+
+
+def test_a_bent_map_lies_nowhere_as_exactly():
+    one = exact(hall(20.0), SE2(500.0, 0.0, 0.0))
+    for frame in (SE2.identity(), SE2(300.0, -20.0, 1.0)):
+        there = seen_from(one, frame)
+        place_m, turn = deviations(there)
+        bent = bent_by(there, 0.4, 0.03)
+        assert deviations(bent) == pytest.approx((math.hypot(place_m, 0.4), math.hypot(turn, 0.03)))
+        assert known_best_at(bent) == pytest.approx(known_best_at(there))
+    assert np.allclose(bent_by(one, 0.0, 0.0), one)
 
 
 def test_walls_that_count_nothing_tell_nothing():

@@ -42,6 +42,8 @@ class PairResult:
         Of its best place, where there is a truth.
     surprise
         Mean square of these errors in the standard deviations that the aligner states, 1 where it states them rightly.
+    bent_m
+        How far one of the maps was bent to fit [m].
     cpu_s
         Processor time for both maps and their alignment [s].
     """
@@ -55,6 +57,7 @@ class PairResult:
     translation_error_m: float | None
     rotation_error_deg: float | None
     surprise: float | None
+    bent_m: float
     cpu_s: float
     reason: str
 
@@ -101,7 +104,7 @@ def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:
 
 def measure(path: Path, method: str) -> PairResult:
     """Align one pair."""
-    from merging.aligner import align
+    from merging import align
     from merging.baselines import howard
     from merging.config import MergeConfig
     from tools.benchmarks.pair_encounters import encounters_of
@@ -128,6 +131,7 @@ def measure(path: Path, method: str) -> PairResult:
         translation_error_m=errors[0],
         rotation_error_deg=errors[1],
         surprise=_surprise(found, pair.T_target_source),
+        bent_m=found.bent_m,
         cpu_s=cpu_s,
         reason=found.reason,
     )
@@ -150,7 +154,8 @@ def summary(results: Sequence[PairResult], method: str) -> str:
         f"Accepted and right. Median error of these {number(_median(metres), 3)} m, {number(_median(degrees), 2)} deg. "
         + (f"In the standard deviations stated, their errors are {_rms(surprises):.2f}. " if surprises else "")
         + f"CPU seconds a pair: median {number(_median(cpu), 2)}, most {max(cpu):.2f}. "
-        f"Refused as ambiguous: {sum(r.ambiguous for r in results)}."
+        f"Refused as ambiguous: {sum(r.ambiguous for r in results)}. "
+        f"Accepted once one map was bent: {sum(r.accepted and r.bent_m > 0.0 for r in results)}."
     )
     return text_table(head, [[method, str(len(results)), *cells, str(wrong), false]]) + "\n" + notes
 

@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
 
 
 def result(overlap, confidence, right, accepted):
-    return PairResult("pair", overlap, accepted, right, False, confidence, 0.02, 0.1, 4.0, 0.3, "because")
+    return PairResult("pair", overlap, accepted, right, False, confidence, 0.02, 0.1, 4.0, 0.0, 0.3, "because")
 
 
 def test_the_table_counts_right_wrong_and_negatives():

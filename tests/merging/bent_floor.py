@@ -1,0 +1,28 @@
+"""Two maps of one floor, each bent by itself, as a floor is mapped in two years."""
+
+from functools import cache
+
+import numpy as np
+
+from datasets.synthetic.map_distortion import Distortion
+from datasets.synthetic.map_pairs import building_of_world
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tests.merging.conftest import grid_of_occupancy
+
+
+@cache
+def bent_maps(kind: str, bend_m: float = 0.6) -> tuple[TbmMap, TbmMap, SE2]:
+    """Return a target and a source of a building of some kind, and T_target_source before any bending."""
+    floor = building_of_world(kind, 3, 0.1)
+    made, frames = list[TbmMap](), list[SE2]()
+    for number in range(2):
+        distortion = Distortion(
+            turn=0.4 + 1.1 * number, bend_m=bend_m, bend_wave_m=40.0, raggedness=0.3, missing=0.05, moved=1.0,
+            clutter=2.0, blobs=1.0, speckle=0.001,
+        )  # fmt: skip
+        occupancy, T_map_building = distortion.spoil(floor.occupancy, floor.resolution, np.random.default_rng(number))
+        origin = (5.0 * number, -3.0 * number)
+        made.append(TbmMap(grid_of_occupancy(occupancy, floor.resolution, origin)))
+        frames.append(SE2(*origin, 0.0) @ T_map_building)
+    return made[0], made[1], frames[0] @ frames[1].inverse()

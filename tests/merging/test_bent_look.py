@@ -1,0 +1,147 @@
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.drives import plan_drives
+from merging import MergeConfig, align, merge
+from merging.aligner import align_whole
+from merging.alignment import Alignment
+from merging.bent_joins import look_closer, straightened_by
+from merging.bent_look import look_bent
+from merging.exactness import deviations
+from merging.map_graph import Group
+from merging.structure import Structure
+from merging.verification import examine
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+from tests.merging.bent_floor import bent_maps
+from tests.merging.driven_map import map_of
+from tools.benchmarks.strangers import make_pair
+
+REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere")
+OFF = MergeConfig.model_validate({"bent": {"enabled": False}})
+
+
+def errors(motion, true, one):
+    """How far a motion puts the middle of a map from where it belongs, and how far turned."""
+    middle = np.array([np.mean(one.grid.geometry.bounds()[i::2]) for i in range(2)])
+    apart = np.hypot(*(motion.apply(middle) - true.apply(middle)))
+    return apart, abs((true.inverse() @ motion).theta)
+
+
+def agreement(target, source, motion):
+    """The share of the walls that agree under a motion."""
+    config = MergeConfig()
+    structures = [Structure.from_grid(one.grid, config.structure) for one in (target, source)]
+    return examine(*structures, motion, config.verification).agreement
+
+
+def test_maps_that_fit_nowhere_as_they_are_are_aligned_once_one_is_bent():
+    target, source, true = bent_maps("store")
+    whole = align_whole(target, source)
+    assert not whole.accepted, whole.reason
+    found = align(target, source)
+    assert found.accepted
+    assert found.reason.startswith("bent by 0.")
+    apart_m, apart_rad = errors(found.T_target_source, true, source)
+    assert apart_m < 0.5
+    assert apart_rad < np.radians(2.0)
+    assert deviations(found.covariance)[0] > 0.1  # a bent map lies nowhere exactly
+
+
+def test_who_is_named_first_does_not_matter():
+    target, source, _ = bent_maps("office")
+    forth, back = align(target, source), align(source, target)
+    assert forth.confidence == back.confidence
+    assert forth.T_target_source.inverse() == pytest.approx(back.T_target_source, abs=1e-9)
+
+
+def test_the_source_is_straightened_onto_the_target():
+    target, source, true = bent_maps("office")
+    rigid = merge({"a": target, "b": source}, OFF)
+    assert rigid.merged is None
+    result = merge({"a": target, "b": source})
+    assert set(result.straightened) == {"b"}
+    assert errors(result.poses["b"], true, source)[0] < 0.5
+    straight = align_whole(target, result.straightened["b"])
+    assert straight.accepted
+    assert straight.agreement == pytest.approx(result.alignments["a", "b"].agreement, abs=0.02)
+    assert straight.agreement > agreement(target, source, result.poses["b"]) + 0.2
+    assert errors(straight.T_target_source, result.poses["b"], source)[0] < 0.2
+    assert result.judged_by["a", "b"][0] is target.grid
+    assert result.judged_by["a", "b"][1] is result.straightened["b"].grid
+
+
+def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none():
+    target, source, _ = bent_maps("store")
+    look = look_bent(target, source, MergeConfig())
+    groups = [Group({"a": SE2.identity(), "b": look.alignment.T_target_source}, (("a", "b"),))]
+    driven = replace(
+        source, drives=(Drive("robot", Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])),)
+    )
+    name, straight = straightened_by({("a", "b"): look}, {"a": target, "b": driven}, groups)["a", "b"]
+    assert name == "a"
+    again = align_whole(straight, source)
+    assert again.accepted
+    assert errors(again.T_target_source, look.alignment.T_target_source, source)[0] < 0.2
+
+
+def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
+    world = make_world("office", 3)
+    drives = plan_drives(world, 2, length=75.0, overlap=0.9, seed=1)
+    straight, bent = map_of(world, drives[0], 0.0), map_of(world, drives[1], 0.004, SE2(3.0, -2.0, 0.7))
+    only_bent = MergeConfig.model_validate({"stretches": {"enabled": False}, "near": {"enabled": False}})
+    result = merge({"a": straight, "b": bent}, only_bent)
+    assert set(result.straightened) == {"b"}
+    where = result.alignments["a", "b"].T_target_source
+    assert agreement(straight, bent, where) < 0.6
+    assert agreement(straight, result.straightened["b"], where) > 0.8
+    assert result.joint is not None
+
+
+def test_maps_of_two_buildings_are_not_aligned_so_either():
+    target, _, _ = bent_maps("office")
+    other, _, _ = bent_maps("store")
+    assert look_bent(target, other, MergeConfig()) is None
+
+
+def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
+    corridor = make_pair("self-similar", 1, 9)
+    assert look_bent(corridor.target, corridor.source, MergeConfig()) is None
+    monkeypatch.setattr("merging.bent_look._among_bent", lambda *_: 1.0)
+    assert look_bent(corridor.target, corridor.source, MergeConfig()) is not None
+
+
+def test_empty_maps_and_those_without_walls_are_not_tried():
+    target, source, _ = bent_maps("store")
+    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
+    bare = TbmMap(TbmGrid(empty.grid.geometry, np.tile(np.float32([0.0, 1.0, 0.0, 0.0]), (300, 300, 1))))
+    for other in (empty, bare):
+        assert look_bent(target, other, MergeConfig()) is None
+        assert look_bent(other, source, MergeConfig()) is None
+    assert look_bent(target, source, OFF) is None
+
+
+def test_any_number_of_workers_finds_the_same():
+    target, source, _ = bent_maps("store")
+    maps = {"a": target, "b": source, "c": bent_maps("halls")[0]}
+    groups = [Group({name: SE2.identity()}) for name in maps]
+    refused = dict.fromkeys(itertools.combinations(maps, 2), REFUSED)
+    one, two = (look_closer(maps, groups, refused, MergeConfig(), workers) for workers in (1, 2))
+    assert list(one) == list(two) == [("a", "b")]
+    assert one["a", "b"].alignment == two["a", "b"].alignment
+
+
+def test_maps_that_are_joined_or_accepted_already_are_not_tried():
+    target, source, _ = bent_maps("store")
+    maps, pair = {"a": target, "b": source}, ("a", "b")
+    together, apart = [Group(dict.fromkeys("ab", SE2.identity()))], [Group({name: SE2.identity()}) for name in "ab"]
+    assert look_closer(maps, together, {pair: REFUSED}, MergeConfig()) == {}
+    assert look_closer(maps, apart, {pair: replace(REFUSED, accepted=True)}, MergeConfig()) == {}
+    assert look_closer(maps, apart, {pair: REFUSED}, OFF) == {}
