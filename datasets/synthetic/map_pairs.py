@@ -15,9 +15,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.corridor_lattice import CorridorLattice
-from datasets.synthetic.map_distortion import Distortion, Draw
+from datasets.synthetic.map_distortion import Distortion, Draw, Spoilt
 from datasets.synthetic.world import World
 from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.files.atomic_file import replacing
 from tbmslam.se2 import SE2
 
@@ -26,6 +27,8 @@ Occupancy = npt.NDArray[np.int8]
 OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 """Shares of the smaller map's free cells that both maps know."""
 
+_STRAIGHT_M = 0.1
+"""Of maps that bend more it matters where a rigid motion is to fit: where both saw the building [m]."""
 _COARSE = 4
 """Ways through a building are measured in blocks of so many cells."""
 
@@ -163,9 +166,8 @@ def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Dist
     rng = np.random.default_rng([seed, 2])
     part_a, _ = _parts(first, float(rng.choice(OVERLAPS)), rng)
     part_b, _ = _parts(second, float(rng.choice(OVERLAPS)), rng)
-    occ_a, _ = draw(rng).spoil(part_a, first.resolution, rng)
-    occ_b, _ = draw(rng).spoil(part_b, second.resolution, rng)
-    return MapPair(f"negd_{first.name}_{second.name}_{seed}", occ_a, occ_b, first.resolution, None, 0.0)
+    a, b = (draw(rng).spoil(part, first.resolution, rng) for part in (part_a, part_b))
+    return MapPair(f"negd_{first.name}_{second.name}_{seed}", a.occupancy, b.occupancy, first.resolution, None, 0.0)
 
 
 def _spoilt_pair(
@@ -177,9 +179,18 @@ def _spoilt_pair(
     draw: Draw,
 ) -> MapPair:
     """Turn and spoil two parts given in the building's frame."""
-    occ_a, T_a_building = draw(rng).spoil(parts[0], building.resolution, rng)
-    occ_b, T_b_building = draw(rng).spoil(parts[1], building.resolution, rng)
-    return MapPair(name, occ_a, occ_b, building.resolution, T_a_building @ T_b_building.inverse(), overlap)
+    distortions = list[Distortion]()
+    spoilt = list[Spoilt]()
+    for part in parts:
+        distortions.append(draw(rng))
+        spoilt.append(distortions[-1].spoil(part, building.resolution, rng))
+    a, b = spoilt
+    T_a_b = a.T_map_building @ b.T_map_building.inverse()
+    common = np.argwhere((parts[0] >= 0) & (parts[1] >= 0))
+    if max(one.bend_m for one in distortions) > _STRAIGHT_M and len(common):
+        points = (common[:, ::-1].astype(np.float64) + 0.5) * building.resolution
+        T_a_b = fit_rigid(a.laid(points), b.laid(points))[0]
+    return MapPair(name, a.occupancy, b.occupancy, building.resolution, T_a_b, overlap)
 
 
 def _parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:

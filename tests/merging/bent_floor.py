@@ -21,8 +21,8 @@ def bent_maps(kind: str, bend_m: float = 0.6) -> tuple[TbmMap, TbmMap, SE2]:
             turn=0.4 + 1.1 * number, bend_m=bend_m, bend_wave_m=40.0, raggedness=0.3, missing=0.05, moved=1.0,
             clutter=2.0, blobs=1.0, speckle=0.001,
         )  # fmt: skip
-        occupancy, T_map_building = distortion.spoil(floor.occupancy, floor.resolution, np.random.default_rng(number))
+        spoilt = distortion.spoil(floor.occupancy, floor.resolution, np.random.default_rng(number))
         origin = (5.0 * number, -3.0 * number)
-        made.append(TbmMap(grid_of_occupancy(occupancy, floor.resolution, origin)))
-        frames.append(SE2(*origin, 0.0) @ T_map_building)
+        made.append(TbmMap(grid_of_occupancy(spoilt.occupancy, floor.resolution, origin)))
+        frames.append(SE2(*origin, 0.0) @ spoilt.T_map_building)
     return made[0], made[1], frames[0] @ frames[1].inverse()

@@ -1,6 +1,9 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
+from datasets.synthetic.map_distortion import Distortion
 from datasets.synthetic.map_pairs import (
     Building,
     building_of_area,
@@ -63,3 +66,21 @@ def test_a_floor_has_the_size_that_was_asked_for():
     assert {-1, 0, 100} == set(np.unique(floor.occupancy))
     free = (floor.occupancy == 0).mean()
     assert 0.15 < free < 0.6  # corridors and niches between blocks of rock
+
+
+def test_the_truth_of_maps_that_bend_is_where_they_fit_what_both_saw(small):
+    bend = partial(Distortion.of_another_year, bend_m=0.3)
+    pair = next(iter(cut_pairs(small, 1, (0.5,), bend)))
+    assert common_share(pair) == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_point_lies_where_it_was_read(small):
+    rng = np.random.default_rng(3)
+    floor = np.zeros_like(small.occupancy)
+    row, col = (size // 2 for size in floor.shape)
+    floor[row - 2 : row + 3, col - 2 : col + 3] = 100
+    exact = Distortion(0.7, 0.3, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    spoilt = exact.spoil(floor, small.resolution, rng)
+    seen = np.argwhere(spoilt.occupancy > 50).mean(axis=0)[::-1]
+    there = spoilt.laid((np.array([[col, row]]) + 0.5) * small.resolution)[0]
+    np.testing.assert_allclose((seen + 0.5) * small.resolution, there, atol=0.7 * small.resolution)
