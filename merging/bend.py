@@ -83,6 +83,17 @@ class Bend:
         middles = np.array([m.apply(middle) for middle, m in zip(self.middles, self.motions, strict=True)])
         return Bend(middles, [motion.inverse() for motion in self.motions], self.reach_m)
 
+    def then(self, bend: "Bend") -> "Bend":
+        """Return where its points belong once the target is bent, too."""
+        motions = [bend.motion_at(m.apply(middle)) @ m for middle, m in zip(self.middles, self.motions, strict=True)]
+        return Bend(self.middles, motions, self.reach_m)
+
+    def seen_from(self, T_target_other: SE2, T_source_new: SE2) -> "Bend":
+        """Return the same of another target, and of the map in another frame of its own."""
+        here = T_target_other.inverse()
+        motions = [here @ motion @ T_source_new for motion in self.motions]
+        return Bend(T_source_new.inverse().apply(self.middles), motions, self.reach_m)
+
     def straightened(self, grid: TbmGrid, T_target_source: SE2) -> TbmGrid:
         """Return the map in its own frame once it is bent so that a rigid motion lays it onto the target."""
         T_source_target = T_target_source.inverse()

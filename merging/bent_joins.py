@@ -1,21 +1,14 @@
-"""Maps that no alignment joined: each two get another look, one of them bent, and it stays so in the merged map."""
+"""Maps that no alignment joined: each two get another look, one of them bent."""
 
-import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-import numpy as np
-
 from merging.alignment import Alignment, Pair
-from merging.bend import Bend
 from merging.bent_look import BentLook, look_bent
 from merging.config import MergeConfig
 from merging.map_graph import Group
-from merging.redrawing import redraw
-from tbmslam.drive_correction import with_keyframes_at
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 from tbmslam.worker_pool import worker_pool
 
@@ -78,35 +71,3 @@ def _look(pair: Pair, grids: Mapping[str, TbmMap], config: MergeConfig) -> BentL
     if found is not None:
         logger.info("%s in %s: accepted: %s", pair[1], pair[0], found.alignment.reason)
     return found
-
-
-def straightened_by(
-    looks: Mapping[Pair, BentLook], maps: Mapping[str, TbmMap], groups: Sequence[Group]
-) -> dict[Pair, tuple[str, TbmMap]]:
-    """Return for each pair that counts in a group which of its maps is to be bent, and it, bent, in its own frame.
-
-    It is the source, but for one that carries keyframes where the target does not: drives tell how they bent. A map is
-    bent once.
-    """
-    bent = dict[str, Pair]()
-    for pair in dict.fromkeys(itertools.chain.from_iterable(group.used for group in groups)):
-        if pair in looks:
-            rigid = [name for name in reversed(pair) if not maps[name].drives]
-            bent.setdefault((rigid or [pair[1]])[0], pair)
-    return {
-        pair: (name, _straightened(maps[name], looks[pair], is_source=name == pair[1])) for name, pair in bent.items()
-    }
-
-
-def _straightened(one: TbmMap, look: BentLook, *, is_source: bool) -> TbmMap:
-    motion = look.alignment.T_target_source or SE2.identity()
-    bend, motion = (look.bend, motion) if is_source else (look.bend.inverse(), motion.inverse())
-    drives = tuple(_bent(drive, bend, motion.inverse()) for drive in one.drives)
-    grid = redraw([drive.keyframes for drive in drives], one) if drives else bend.straightened(one.grid, motion)
-    return TbmMap(grid, drives, one.provenance)
-
-
-def _bent(drive: Drive, bend: Bend, T_source_target: SE2) -> Drive:
-    """Return a drive with each keyframe where the bent map has it."""
-    poses = [T_source_target @ bend.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
-    return with_keyframes_at(drive, np.array(poses).reshape(-1, 3))

@@ -8,7 +8,7 @@ from functools import partial
 
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
-from merging.bent_joins import look_closer, straightened_by
+from merging.bent_joins import look_closer
 from merging.bent_look import BentLook
 from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
@@ -19,6 +19,7 @@ from merging.known_poses import place_known
 from merging.map_graph import Group, groups_of
 from merging.merged_group import MergedGroup, merge_group
 from merging.near_look import look_near
+from merging.straightened_maps import straightened_by
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -134,9 +135,13 @@ def _grouped(
 
 def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
     """Add what was found of maps that were bent, and keep them so."""
+    before = found.groups
     found = found.with_aligned({pair: look.alignment for pair, look in looks.items()})
-    for pair, (name, straightened) in straightened_by(looks, found.maps, found.groups).items():
-        found = found.with_straightened(name, straightened).judged_as_they_are(pair)
+    for name, straightened in straightened_by(looks, found.maps, found.groups, before).items():
+        found = found.with_straightened(name, straightened)
+    for pair in looks:
+        if any(pair in group.used for group in found.groups):
+            found = found.judged_as_they_are(pair)
     return found
 
 

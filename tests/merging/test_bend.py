@@ -56,6 +56,20 @@ def test_the_inverse_leads_back():
     np.testing.assert_allclose(bend.inverse().apply(there), bend.middles, atol=0.05)
 
 
+def test_one_bend_after_another():
+    first, second = bent(), bent(turn=-0.02, reach_m=5.0)
+    onward = Bend(MOTION.apply(second.middles), [m @ MOTION.inverse() for m in second.motions], second.reach_m)
+    points = np.array([[4.0, 4.0], [8.0, 6.0], [11.0, 8.0]])
+    np.testing.assert_allclose(first.then(onward).apply(points), onward.apply(first.apply(points)), atol=0.05)
+
+
+def test_a_bend_is_the_same_seen_from_other_frames():
+    bend, target, source = bent(), SE2(7.0, 1.0, 2.0), SE2(-3.0, 5.0, -1.0)
+    points = np.array([[4.0, 4.0], [8.0, 6.0], [20.0, 8.0]])
+    seen = bend.seen_from(target, source)
+    np.testing.assert_allclose(target.apply(seen.apply(source.inverse().apply(points))), bend.apply(points), atol=1e-9)
+
+
 def test_a_map_that_is_not_bent_stays_as_it_is(rooms):
     floor = rooms(1)
     same = Bend(MIDDLES, [MOTION] * 4, 4.0).straightened(floor, MOTION)

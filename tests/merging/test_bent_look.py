@@ -9,17 +9,15 @@ from datasets.synthetic.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.aligner import align_whole
 from merging.alignment import Alignment
-from merging.bent_joins import look_closer, straightened_by
+from merging.bent_joins import look_closer
 from merging.bent_look import look_bent
 from merging.exactness import deviations
 from merging.map_graph import Group
 from merging.structure import Structure
 from merging.verification import examine
 from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
@@ -76,20 +74,6 @@ def test_the_source_is_straightened_onto_the_target():
     assert errors(straight.T_target_source, result.poses["b"], source)[0] < 0.2
     assert result.judged_by["a", "b"][0] is target.grid
     assert result.judged_by["a", "b"][1] is result.straightened["b"].grid
-
-
-def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none():
-    target, source, _ = bent_maps("store")
-    look = look_bent(target, source, MergeConfig())
-    groups = [Group({"a": SE2.identity(), "b": look.alignment.T_target_source}, (("a", "b"),))]
-    driven = replace(
-        source, drives=(Drive("robot", Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])),)
-    )
-    name, straight = straightened_by({("a", "b"): look}, {"a": target, "b": driven}, groups)["a", "b"]
-    assert name == "a"
-    again = align_whole(straight, source)
-    assert again.accepted
-    assert errors(again.T_target_source, look.alignment.T_target_source, source)[0] < 0.2
 
 
 def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
