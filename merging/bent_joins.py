@@ -1,13 +1,16 @@
 """Maps that no alignment joined: each two get another look, one of them bent."""
 
+import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
 
 from merging.alignment import Alignment, Pair
 from merging.bent_look import BentLook, look_bent
+from merging.cluster_pairs import Packed, pack, unpack
 from merging.config import MergeConfig
 from merging.map_graph import Group
+from tbmslam.cluster import Cluster
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 from tbmslam.worker_pool import worker_pool
@@ -22,6 +25,7 @@ def look_closer(
     config: MergeConfig,
     workers: int = 1,
     watch: Watch | None = None,
+    scheduler: str | None = None,
 ) -> dict[Pair, BentLook]:
     """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
 
@@ -35,23 +39,26 @@ def look_closer(
         What was found so far.
     config
         How maps are bent and believed.
-    workers
-        Processes to share the work; every number finds the same.
-    watch
-        Who is told how far it is.
+    workers, watch, scheduler
+        See `merging.all_pairs.align_all`.
     """
     where = {name: number for number, group in enumerate(groups) for name in group.poses}
     pairs = [pair for pair, found in alignments.items() if where[pair[0]] != where[pair[1]] and not found.accepted]
-    grids = {name: TbmMap(one.grid) for name, one in maps.items()}
-    workers, watch = min(workers, len(pairs)), watch or Watch()
     if not (pairs and config.bent.enabled and config.method == "correlation"):
         return {}
-    if workers <= 1:
+    grids = {name: TbmMap(maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
+    workers, watch = min(workers, len(pairs)), watch or Watch()
+    if scheduler is not None:
+        looks = _on_cluster(pairs, grids, config, scheduler, watch)
+    elif workers <= 1:
         looks = [_look(pair, grids, config) for pair in watch.each(pairs, "bending", len(pairs), "pairs")]
     else:
         with worker_pool(workers, partial(_hire, grids, config)) as pool:
             looks = list(watch.each(pool.map(_look_here, pairs), "bending", len(pairs), "pairs"))
-    return {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
+    found = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
+    for (target, source), look in found.items():
+        logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
+    return found
 
 
 _here: list[tuple[Mapping[str, TbmMap], MergeConfig]] = []
@@ -67,7 +74,20 @@ def _look_here(pair: Pair) -> BentLook | None:
 
 
 def _look(pair: Pair, grids: Mapping[str, TbmMap], config: MergeConfig) -> BentLook | None:
-    found = look_bent(grids[pair[0]], grids[pair[1]], config)
-    if found is not None:
-        logger.info("%s in %s: accepted: %s", pair[1], pair[0], found.alignment.reason)
-    return found
+    return look_bent(grids[pair[0]], grids[pair[1]], config)
+
+
+def _on_cluster(
+    pairs: Sequence[Pair], grids: Mapping[str, TbmMap], config: MergeConfig, scheduler: str, watch: Watch
+) -> list[BentLook | None]:
+    with Cluster(scheduler) as cluster:
+        there = {name: cluster.submit(f"map {name}", _map_of, pack(one.grid)) for name, one in grids.items()}
+        submitted = [
+            cluster.submit(f"{source} bent in {target}", look_bent, there[target], there[source], config)
+            for target, source in pairs
+        ]
+        return list(watch.each(cluster.results(submitted), "bending", len(pairs), "pairs"))
+
+
+def _map_of(packed: Packed) -> TbmMap:
+    return TbmMap(unpack(packed))

@@ -115,7 +115,7 @@ def merge(
     near = look_near(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
     found = found.with_aligned(near.alignments, near.grids)
     found, joined = _with_bent_maps(found, config, workers, watch, scheduler)
-    closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch)
+    closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
     if closer:
         found = _with_looks(found, closer)
         joined = _joined(found, config, watch)

@@ -208,7 +208,9 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         help="have pairs aligned by an existing Dask cluster, e.g. tcp://10.0.0.1:8786",
     )
     finding.add_argument(
-        "--rigid", action="store_true", help="lay maps onto each other as they are; do not straighten drives together"
+        "--rigid",
+        action="store_true",
+        help="lay maps onto each other as they are: bend none, and do not straighten drives together",
     )
 
 
@@ -255,6 +257,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "reliability": dict(options.reliability) or None,
         "known_poses": _known_poses(parser, options.pose) or None,
         "joint": {"enabled": False} if options.rigid else None,
+        "bent": {"enabled": False} if options.rigid else None,
         "resolution": options.compare_at,
         "merged_resolution": options.resolution,
         "features": _given(keypoints=options.keypoints, ratio=options.ratio, descriptor=options.descriptor),

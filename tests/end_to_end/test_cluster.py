@@ -6,9 +6,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from merging.alignment import Alignment
+from merging.bent_joins import look_closer
+from merging.config import MergeConfig
+from merging.map_graph import Group
+from tbmslam.se2 import SE2
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
+from tests.merging.bent_floor import bent_maps
 from tests.tools.dask_cluster import DaskCluster
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,3 +61,15 @@ def test_a_killed_worker_changes_nothing(local, tmp_path):
         assert merging.wait() == 0
     assert results(tmp_path / "maps") == results(local / "maps")
     assert results(tmp_path / "merged") == results(local / "merged")
+
+
+def test_bent_maps_are_joined_alike(tmp_path):
+    target, source, _ = bent_maps("store")
+    maps, pair = {"a": target, "b": source}, ("a", "b")
+    groups = [Group({name: SE2.identity()}) for name in maps]
+    refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere")}
+    with DaskCluster(tmp_path, workers=1) as cluster:
+        there = look_closer(maps, groups, refused, MergeConfig(), scheduler=cluster.address)
+    here = look_closer(maps, groups, refused, MergeConfig())
+    assert there[pair].alignment == here[pair].alignment
+    np.testing.assert_array_equal(there[pair].bend.middles, here[pair].bend.middles)

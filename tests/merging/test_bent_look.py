@@ -112,12 +112,14 @@ def test_empty_maps_and_those_without_walls_are_not_tried():
     assert look_bent(target, source, OFF) is None
 
 
-def test_any_number_of_workers_finds_the_same():
+def test_any_number_of_workers_finds_the_same(caplog):
+    caplog.set_level("INFO", logger="merging.bent_joins")
     target, source, _ = bent_maps("store")
     maps = {"a": target, "b": source, "c": bent_maps("halls")[0]}
     groups = [Group({name: SE2.identity()}) for name in maps]
     refused = dict.fromkeys(itertools.combinations(maps, 2), REFUSED)
     one, two = (look_closer(maps, groups, refused, MergeConfig(), workers) for workers in (1, 2))
+    assert [record.message.partition(":")[0] for record in caplog.records] == ["b in a"] * 2
     assert list(one) == list(two) == [("a", "b")]
     assert one["a", "b"].alignment == two["a", "b"].alignment
 

@@ -119,6 +119,13 @@ def test_the_options_reach_the_merge(folders, tmp_path):
     assert config["consensus"]["min_inliers"] == 6
 
 
+def test_maps_laid_rigidly_are_not_bent_either(folders, tmp_path):
+    merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), "--rigid"])
+    config = json.loads((tmp_path / "report.json").read_text())["config"]
+    assert not config["bent"]["enabled"]
+    assert not config["joint"]["enabled"]
+
+
 @pytest.mark.parametrize(
     ("paths", "names"),
     [
