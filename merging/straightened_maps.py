@@ -13,7 +13,6 @@ from merging.alignment import Pair
 from merging.bend import Bend
 from merging.bent_look import BentLook
 from merging.map_graph import Group
-from merging.redrawing import redraw
 from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import Drive, TbmMap
@@ -93,9 +92,9 @@ def _along(
 
 
 def _straightened(one: TbmMap, bend: Bend) -> TbmMap:
-    drives = tuple(_bent(drive, bend) for drive in one.drives)
-    grid = redraw([drive.keyframes for drive in drives], one) if drives else bend.straightened(one.grid, SE2.identity())
-    return TbmMap(grid, drives, one.provenance)
+    """Bend a map's cells and its drives: what was merged before holds more than its keyframes saw."""
+    grid = bend.straightened(one.grid, SE2.identity())
+    return TbmMap(grid, tuple(_bent(drive, bend) for drive in one.drives), one.provenance)
 
 
 def _bent(drive: Drive, bend: Bend) -> Drive:

@@ -89,6 +89,15 @@ def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none(maps):
     assert math.dist(spot_of(bent["a"]), expected) < NEAR_M
 
 
+def test_a_map_that_holds_more_than_its_keyframes_saw_keeps_it(maps):
+    """As one merged of a drive's and a picture."""
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
+    all_driven = {name: driven(one) for name, one in maps.items()}
+    bent = straightened_by({("a", "b"): look("b")}, all_driven, [group], alone("ab"))
+    assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
+    assert bent["b"].grid.is_known().sum() == pytest.approx(maps["b"].grid.is_known().sum(), rel=0.1)
+
+
 @pytest.mark.parametrize("first", ["a", "b"])
 def test_maps_that_fit_as_they_are_stay_so(maps, first):
     """Two that were joined before, or told, are found beside a third whichever is named first."""
