@@ -67,7 +67,8 @@ def look_bent(target: TbmMap, source: TbmMap, config: MergeConfig) -> BentLook |
     if without_walls(*structures):
         return None
     moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # who is named first must not matter
-    found = _bent_onto(grids[1 - moving], structures[1 - moving], Bendable.of(grids[moving], config), config)
+    source_map = Bendable.of(grids[moving], config, structures[moving])
+    found = _bent_onto(grids[1 - moving], structures[1 - moving], source_map, config)
     return found if found is None or moving == 1 else BentLook(found.alignment.reversed(), found.bend.inverse())
 
 

@@ -122,7 +122,8 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
     ]
     if merge.merged is not None and merge.joint is None:
         said.append(
-            f"{' and '.join(merge.straightened)} was bent to fit: which of the maps is bent in truth nobody can tell"
+            f"{' and '.join(merge.straightened)} {'was' if len(merge.straightened) == 1 else 'were'} bent to fit: "
+            "which of the maps is bent in truth nobody can tell"
             if merge.straightened
             else "maps were laid as they are, not straightened together: where one is bent, walls come out double"
         )

@@ -37,13 +37,13 @@ class Bendable:
     rounds: Sequence[Sequence[Structure]]
 
     @classmethod
-    def of(cls, grid: TbmGrid, config: MergeConfig) -> "Bendable":
-        """Cut a grid into tiles."""
+    def of(cls, grid: TbmGrid, config: MergeConfig, structure: Structure | None = None) -> "Bendable":
+        """Cut a grid into tiles; its structure is found where it is not given."""
         how = config.bent
         large = tiles_of(grid, how.side_m, how.most, config.structure)
         small = tiles_of(grid, how.side_m / 2.0, 4 * how.most, config.structure)
         rounds = (large, small, small) if len(large) > 1 else (small, small)
-        return cls(grid, Structure.from_grid(grid, config.structure), rounds)
+        return cls(grid, structure or Structure.from_grid(grid, config.structure), rounds)
 
 
 @dataclass(frozen=True)

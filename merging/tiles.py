@@ -10,7 +10,7 @@ from merging.structure import Structure
 from tbmslam.grid import TbmGrid
 
 _LEAST_WALL = 0.5
-"""Tiles with less wall than this share of their side say nothing."""
+"""Tiles with less wall than this share of the side that was asked for say nothing."""
 
 
 def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -> list[Structure]:

@@ -63,6 +63,8 @@ def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tm
     assert told == as_merged
     page = (tmp_path / "bent" / "report.html").read_text()
     assert "there was bent to fit" in page
+    write_report(tmp_path / "both", replace(result, straightened=maps), maps, CONFIG)
+    assert f"{' and '.join(maps)} were bent to fit" in (tmp_path / "both" / "report.html").read_text()
     assert "there was bent to fit" not in (tmp_path / "as-merged" / "report.html").read_text()
 
 
