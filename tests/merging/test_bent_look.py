@@ -102,6 +102,21 @@ def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
     assert look_bent(corridor.target, corridor.source, MergeConfig()) is not None
 
 
+@pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
+def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, accepted, shift_m):
+    target, source, _ = bent_maps("store")
+    monkeypatch.setattr("merging.bent_look._among_bent", lambda *_: 1.0)
+
+    def aligned(here, there, config):
+        found = align_whole(here, there, config)
+        assert found.accepted
+        return replace(found, accepted=accepted, T_target_source=SE2(shift_m, 0.0, 0.0) @ found.T_target_source)
+
+    monkeypatch.setattr("merging.bent_look.align_whole", aligned)
+    found = look_bent(target, source, MergeConfig())
+    assert (found is not None) == (accepted and shift_m == 0.0)
+
+
 def test_empty_maps_and_those_without_walls_are_not_tried():
     target, source, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
