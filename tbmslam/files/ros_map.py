@@ -24,6 +24,9 @@ logger = logging.getLogger(__name__)
 MIN_BALANCE = 0.1
 """How far the masses of free and occupied must differ for a cell to be painted; see `ros_pixels`."""
 FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
+_OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
+_MENDED = 0.01
+"""So large a share of a map saver's picture may hold other greys, where a brush was drawn over it."""
 _OCCUPIED_THRESHOLD = 0.65
 _FREE_THRESHOLD = 0.196
 """nav2's own saver says 0.25, and then the pixel 205 of unknown cells, 50/255 = 0.19608, is free when read again."""
@@ -131,17 +134,18 @@ def occupancy_of_image(image: MapImage, header: RosMapHeader) -> npt.NDArray[np.
 
 
 def _frees_the_unknown(image: MapImage, header: RosMapHeader) -> bool:
-    """Tell whether a picture has the three values of map savers, and the thresholds take the unknown for free.
+    """Tell whether a picture has the values of map savers, and the thresholds take the unknown for free.
 
-    See slam_toolbox issue 587 and nav2 issue 5138.
+    See slam_toolbox issue 587 and nav2 issue 5138. Who mends a picture by hand paints white, and leaves a few greys.
     """
     if header.mode != "trinary" or header.negate or image.maximum != 255:
         return False
     if not header.free_threshold > (255 - UNKNOWN_PIXEL) / 255.0:
         return False
     sums, white = image.channel_sum(with_alpha=True)
-    values = {value * 255 // white if value * 255 % white == 0 else -1 for value in np.unique(sums).tolist()}
-    return UNKNOWN_PIXEL in values and values <= {FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL}
+    values, counts = np.unique(sums, return_counts=True)
+    of_savers = np.isin(values * 255, np.array(_OF_SAVERS) * white)
+    return bool((values * 255 == UNKNOWN_PIXEL * white).any() and counts[~of_savers].sum() <= _MENDED * counts.sum())
 
 
 def _occupancies(sums: npt.NDArray[np.int64], white: int, header: RosMapHeader) -> npt.NDArray[np.int8]:

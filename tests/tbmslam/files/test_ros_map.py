@@ -217,6 +217,9 @@ def test_a_coordinate_beyond_numbers_is_refused(tmp_path):
         ([[254, 205, 0]], "free_thresh: 0.25", True),
         ([[254, 205, 0]], "free_thresh: 0.196", False),  # nothing to mend
         ([[254, 205, 100]], "free_thresh: 0.25", False),  # no map saver's: greys mean what the thresholds say
+        ([[255, 205, 0]], "free_thresh: 0.25", True),  # painted white by hand
+        ([[205] * 99 + [20]], "free_thresh: 0.25", True),  # the edge of a brush
+        ([[205] * 98 + [20, 20]], "free_thresh: 0.25", False),
         ([[254, 254, 0]], "free_thresh: 0.25", False),
         ([[254, 205, 0]], "free_thresh: 0.25, negate: 1", False),
         ([[254, 205, 0]], "free_thresh: 0.25, mode: scale", False),
