@@ -31,7 +31,9 @@ exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wr
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
-_MOST_M2, _MOST_PARTS, _MOST_BEND_M = 1e5, 1000, 5.0
+_MOST_M2, _MOST_PARTS = 1e5, 1000
+_MOST_BEND_M = 2.0
+"""Bent by more than this over 20 m, where a point comes to lie is not found to a cell, and then floors fold."""
 
 
 def main(argv: list[str] | None = None) -> int:

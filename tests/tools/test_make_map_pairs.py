@@ -21,8 +21,9 @@ from tools.pair_files import load_pair
         (["--parts", "1000000"], "--parts within 0 and 1000"),
         (["--largest", "nan"], "--largest positive"),
         (["--overlap", "50", "101"], "--overlap must lie within 1 and 100 percent, got [50, 101]"),
-        (["--bend", "0"], "--bend must lie within 0 and 5 m, got 0"),
-        (["--bend", "nan"], "--bend must lie within 0 and 5 m, got nan"),
+        (["--bend", "0"], "--bend must lie within 0 and 2 m, got 0"),
+        (["--bend", "2.5"], "--bend must lie within 0 and 2 m, got 2.5"),
+        (["--bend", "nan"], "--bend must lie within 0 and 2 m, got nan"),
         (["-o", ""], "an empty text names no file"),
     ],
 )

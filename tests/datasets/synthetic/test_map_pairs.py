@@ -84,3 +84,13 @@ def test_a_point_lies_where_it_was_read(small):
     seen = np.argwhere(spoilt.occupancy > 50).mean(axis=0)[::-1]
     there = spoilt.laid((np.array([[col, row]]) + 0.5) * small.resolution)[0]
     np.testing.assert_allclose((seen + 0.5) * small.resolution, there, atol=0.7 * small.resolution)
+
+
+def test_where_a_point_lies_is_found_in_maps_bent_the_most():
+    floor = building_of_world("apartment", 1, 0.1)
+    points = (np.argwhere(floor.occupancy >= 0)[::50, ::-1] + 0.5) * floor.resolution
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        spoilt = Distortion.of_another_year(rng, 2.0).spoil(floor.occupancy, floor.resolution, rng)
+        read = spoilt.T_map_building.inverse().apply(spoilt.laid(points))
+        np.testing.assert_allclose(read + spoilt.displacements(read), points, atol=floor.resolution)
