@@ -79,22 +79,28 @@ paper: develop
 
 # The confidence model, anew from the recordings and map pairs in DATA, which are no part of the repository, and from simulated
 # buildings. Prints what the model is worth on each building when that was left out of the fit, and draws docs/confidence.png.
-# Takes about an hour of CPU time.
+# Takes about an hour and a half of CPU time.
 DATA ?= ../shared/data
 BUILDINGS := ex3 lab_f lab_ipa nlb simona uma vim23 vottero
+REAL = $(foreach one,$(BUILDINGS),$(subst _,-,$(one))=$(DATA)/map-pairs/crop_$(one)_100.npz) \
+    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
 confidence: develop
 	$(BIN)/python tools/build_maps.py $(DATA)/mit-csail/mit-csail.bag -o out/confidence/csail
 	$(BIN)/python tools/build_maps.py $(DATA)/intel/intel.bag --angle-step-deg 1.0 -o out/confidence/intel
 	$(BIN)/python tools/build_maps.py $(DATA)/aces/aces.bag --angle-step-deg 1.0 -o out/confidence/aces
-	$(BIN)/python tools/make_map_pairs.py -o out/confidence/real --parts 6 --overlap 50 35 25 15 --largest 600 --floor \
-	    $(foreach one,$(BUILDINGS),$(subst _,-,$(one))=$(DATA)/map-pairs/crop_$(one)_100.npz) \
-	    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/real --parts 6 --overlap 50 35 25 15 --largest 600 \
+	    --floor $(REAL)
 	$(BIN)/python tools/make_map_pairs.py -o out/confidence/simulated --seeds 900001 900002 900003 900004 --parts 2 \
 	    --overlap 50 25 15 --largest 900
 	$(BIN)/python tools/make_map_pairs.py -o out/confidence/simulated --lattice 2500 --seeds 900005 900006 --overlap 50 25
 	$(BIN)/python tools/make_map_pairs.py -o out/confidence/simulated --lattice 5600 --seeds 900007 900008 --overlap 50 25
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/bent --bend 0.15 --overlap 100 50 35 --floor $(REAL)
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/bent-more --bend 0.3 --overlap 100 50 35 --floor $(REAL)
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/bent-simulated --bend 0.15 --seeds 900011 --overlap 100 50 35
+	$(BIN)/python tools/make_map_pairs.py -o out/confidence/bent-simulated --bend 0.3 --seeds 900012 --overlap 100 50 35
 	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/real --simulated out/confidence/simulated \
-	    --strangers 1200 --plot docs/confidence.png -o merging/confidence_model.json
+	    --bent out/confidence/bent out/confidence/bent-more out/confidence/bent-simulated --strangers 1200 \
+	    --plot docs/confidence.png -o merging/confidence_model.json
 
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
 faults: develop

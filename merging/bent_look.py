@@ -9,21 +9,17 @@ mirror image.
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from merging.aligner import align_whole, comparison_resolution
 from merging.alignment import Alignment
 from merging.bend import Bend
-from merging.candidates import best_of, elsewhere, refine_all
+from merging.bent_places import BentPlaces, first_apart
 from merging.confidence import confidences
 from merging.config import MergeConfig
 from merging.correlation import propose
-from merging.decoys import mirrored
 from merging.exactness import bent_by
 from merging.offers import is_same_place
 from merging.straightening import Bendable, Straightened, straighten
 from merging.structure import Structure, without_walls
-from merging.verification import Evidence, examine
 from merging.warping import at_resolution
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -75,14 +71,15 @@ def look_bent(target: TbmMap, source: TbmMap, config: MergeConfig) -> BentLook |
 def _bent_onto(target: TbmGrid, fixed: Structure, source: Bendable, config: MergeConfig) -> BentLook | None:
     """Bend a map at the places that look best, until it is aligned at one."""
     proposals = propose(fixed, source.structure, config.correlation)
-    for place in _best(proposals, source.structure, config.bent.places):
+    for place in first_apart(proposals, source.structure, config.bent.places):
         laid = straighten(fixed, source, place, config)
         if laid is None:
             continue
         again = align_whole(TbmMap(target), TbmMap(laid.grid), config)
         if not _is_aligned(again, laid.motion, config):
             continue
-        confidence = _among_bent(fixed, source, laid, proposals, config)
+        among = BentPlaces.of(fixed, source, laid.motion, proposals, config)
+        confidence = confidences(among.evidence, among.decoys)[0]
         return BentLook(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
     return None
 
@@ -91,44 +88,9 @@ def _limit(config: MergeConfig) -> float:
     return config.verification.min_confidence
 
 
-def _best(proposals: list[SE2], source: Structure, count: int) -> list[SE2]:
-    """Return so many of the first proposals, none near a better one."""
-    return elsewhere(proposals, -np.arange(len(proposals), dtype=np.float64), source, count)
-
-
 def _is_aligned(found: Alignment, there: SE2, config: MergeConfig) -> bool:
     where = found.T_target_source
     return found.accepted and where is not None and is_same_place(there, where, config.graph, found.covariance)
-
-
-def _among_bent(
-    target: Structure, source: Bendable, laid: Straightened, proposals: list[SE2], config: MergeConfig
-) -> float:
-    """Return how likely a bent map lies where it does, beside rivals that were bent as well."""
-    mirror = Bendable.of(mirrored(source.grid), config)
-    decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation), config)
-    places = [laid.motion, *_rivals(target, source, proposals, config)]
-    distinct = _best(places, source.structure, len(places))
-    own, others = (
-        [_evidence(target, one, place, config) for place in some]
-        for one, some in ((source, distinct), (mirror, decoys))
-    )
-    return confidences(own, others)[0]
-
-
-def _rivals(target: Structure, source: Bendable, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
-    """Return the places that look best from afar, and those that fit best as they are."""
-    fitting = [place for place, _ in best_of(proposals, target, source.structure, config)]
-    some = [*_best(proposals, source.structure, config.bent.rivals), *fitting[: config.bent.rivals]]
-    return _best(some, source.structure, len(some))
-
-
-def _evidence(target: Structure, source: Bendable, place: SE2, config: MergeConfig) -> Evidence:
-    """Return what speaks for and against a place once the map is bent to fit there; as it is where it cannot be."""
-    bent = straighten(target, source, place, config)
-    structure = source.structure if bent is None else Structure.from_grid(bent.grid, config.structure)
-    motion = refine_all(target, structure, [place if bent is None else bent.motion], config)[0]
-    return examine(target, structure, motion, config.verification)
 
 
 def _answer(again: Alignment, laid: Straightened, confidence: float) -> Alignment:

@@ -17,7 +17,7 @@ repetitiveness are measured by their own chance in this way. `tools/calibrate_me
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -35,6 +35,8 @@ SIGNS = {
     "log of wall seen through": -1,
     "log of misfit over chance": -1,
     "agreement of things beyond chance": 1,
+    "log of corners over chance": 1,
+    "log of weighed corners over chance": 1,
 }
 """What the logit weighs beside the margin, and whether it can only speak for (1) or against (-1) a candidate.
 
@@ -42,7 +44,9 @@ The larger the maps, the more places there are for chance; logarithms of lengths
 seen through tells the most: at their true place hardly any two maps have one, and at the best of the false ones most
 do. Where walls agree by chance they lie as far apart as chance and the roughness of the walls have it, which the other
 places of the same two maps tell. Where what people move agrees, and nowhere else as well, two robots were there in one
-hour.
+hour. A corridor around a block is nearly its own mirror image, and in logarithms hardly more agrees where it lies than
+there; so many corners more than anywhere on the mirror image are none of chance all the same. They tell that two maps
+show one place, not which: where a corridor has a corner more, it may lie at any of its doors.
 """
 FEATURES = tuple(SIGNS)
 _LITTLE_M = 0.25
@@ -57,6 +61,8 @@ _TOLD_M = 2.0
 """Where less wall than this agrees, how near it lies tells nothing [m]."""
 _ENOUGH_CORNERS = 6.0
 """More corners than this make a place no likelier: however many there are, they may be those of equal rooms."""
+_COUNTED: Sequence[Callable[[Evidence], float]] = (lambda e: e.pieces.corners, MEASURES["corners beyond chance"].of)
+"""What is counted beyond the most that any place of the mirror image has: corners, and such by how well walls agree."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,13 @@ def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> l
 
 def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
     """Return the numbers (K, F) of the candidates that the logit weighs, in the order of `FEATURES`."""
-    rows = [_features(e, [*candidates[:i], *candidates[i + 1 :]], decoys) for i, e in enumerate(candidates)]
+    over_chance = [
+        math.log1p(max(max(map(of, candidates), default=0.0) - max(map(of, decoys), default=0.0), 0.0))
+        for of in _COUNTED
+    ]
+    rows = [
+        [*_features(e, [*candidates[:i], *candidates[i + 1 :]], decoys), *over_chance] for i, e in enumerate(candidates)
+    ]
     return np.array(rows, dtype=np.float64).reshape(-1, len(FEATURES))
 
 

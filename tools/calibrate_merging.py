@@ -64,6 +64,10 @@ def _parser() -> Grammar:
         help=f"more pairs to fit on, each of which counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument(
+        "--bent", nargs="*", type=path_argument, default=[], metavar="FOLDER",
+        help="more pairs to fit on, one map of each bent to fit, as such are judged; each counts like simulated ones",
+    )  # fmt: skip
+    grammar.add_argument(
         "--strangers", type=int, default=0, metavar="N",
         help=f"besides, so many pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
     )  # fmt: skip
@@ -89,6 +93,7 @@ def _run(args: argparse.Namespace) -> None:
     with worker_pool(args.workers) as pool:
         by_folder = {folder: trials_of(folder, config, pool) for folder in args.pairs}
         by_folder |= {folder: trials_of(folder, config, pool, SIMULATED) for folder in args.simulated}
+        by_folder |= {folder: trials_of(folder, config, pool, SIMULATED, bent=True) for folder in args.bent}
         if args.strangers:
             by_folder[Path("strangers")] = strangers(args.strangers, config, pool)
         asked = {folder: trials_of(folder, config, pool) for folder in args.ask}
@@ -108,8 +113,10 @@ def _run(args: argparse.Namespace) -> None:
         write_text(args.out, model.as_json())
 
 
-def trials_of(folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0) -> "list[Trial]":
-    """Return the candidates of every pair in a folder, each of which counts for a weight.
+def trials_of(
+    folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0, *, bent: bool = False
+) -> "list[Trial]":
+    """Return the candidates of every pair in a folder, each of which counts for a weight; bent to fit where wished.
 
     Raises
     ------
@@ -121,16 +128,18 @@ def trials_of(folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: f
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
-    return [one for one in pool.map(partial(_trial_of, config=config, weight=weight), paths) if one is not None]
+    try_it = partial(_trial_of, config=config, weight=weight, bent=bent)
+    return [one for one in pool.map(try_it, paths) if one is not None]
 
 
-def _trial_of(path: Path, config: "MergeConfig", weight: float) -> "Trial | None":
+def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
     from tools.confidence_fit import Trial
     from tools.pair_files import load_pair
     from tools.pair_floors import shows_part
 
     pair = load_pair(path)
-    return Trial.of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
+    of = Trial.of_bent if bent else Trial.of
+    return of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
 
 
 def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Trial]":

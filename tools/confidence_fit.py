@@ -10,11 +10,15 @@ import numpy.typing as npt
 from scipy import optimize
 
 from merging.aligner import view_of
+from merging.bent_places import BentPlaces
 from merging.candidates import find_candidates
 from merging.confidence import SIGNS, ConfidenceModel, features
 from merging.config import MergeConfig
+from merging.correlation import propose
 from merging.decoys import find_decoys
 from merging.measures import MEASURES, by_chance, measured
+from merging.straightening import Bendable, straighten
+from merging.structure import Structure, without_walls
 from merging.verification import Evidence
 from tbmslam.se2 import FloatArray
 from tools.calibration_table import Judgement
@@ -70,6 +74,23 @@ class Trial:
         motions = [motion.inverse() if turned else motion for motion, _ in found]
         right, near = (np.array([of(motion) for motion in motions], np.bool_) for of in (pair.is_right, pair.is_near))
         return cls(pair.name, [evidence for _, evidence in found], decoys, right, near, weight)
+
+    @classmethod
+    def of_bent(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
+        """Bend one map of a pair at the place that looks best and at its rivals; None where hardly any of it fits."""
+        structures = [Structure.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
+        if not all(one.grid.is_known().any() for one in (pair.target, pair.source)) or without_walls(*structures):
+            return None
+        moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as the aligner does
+        target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
+        source = Bendable.of(grid, config, structures[moving])
+        proposals = propose(target, source.structure, config.correlation)
+        laid = straighten(target, source, proposals[0], config)
+        if laid is None:
+            return None
+        places = BentPlaces.of(target, source, laid.motion, proposals, config)
+        near = np.array([pair.is_near(one if moving == 1 else one.inverse()) for one in places.motions], np.bool_)
+        return cls(pair.name, places.evidence, places.decoys, near, near, weight)
 
     def judged(self, model: ConfidenceModel) -> Judgement:
         """Return what a model says of it."""

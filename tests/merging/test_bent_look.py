@@ -98,14 +98,14 @@ def test_maps_of_two_buildings_are_not_aligned_so_either():
 def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
     corridor = make_pair("self-similar", 1, 9)
     assert look_bent(corridor.target, corridor.source, MergeConfig()) is None
-    monkeypatch.setattr("merging.bent_look._among_bent", lambda *_: 1.0)
+    monkeypatch.setattr("merging.bent_look.confidences", lambda *_: [1.0])
     assert look_bent(corridor.target, corridor.source, MergeConfig()) is not None
 
 
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
 def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, accepted, shift_m):
     target, source, _ = bent_maps("store")
-    monkeypatch.setattr("merging.bent_look._among_bent", lambda *_: 1.0)
+    monkeypatch.setattr("merging.bent_look.confidences", lambda *_: [1.0])
 
     def aligned(here, there, config):
         found = align_whole(here, there, config)

@@ -78,6 +78,17 @@ def test_things_that_agree_elsewhere_as_well_say_nothing():
         assert confidences([here, *others], decoys)[0] < alone
 
 
+def test_corners_beyond_the_mirror_image_s_speak_for_all_places():
+    """A corridor around a block is nearly its own mirror image, and yet more corners agree where it lies."""
+    mirrored = replace(GOOD, pieces=Pieces(40.0, 3.0, 55.0, 15.0))
+    told, alone = features([GOOD, CHANCE], [CHANCE, mirrored]), features([GOOD], [])
+    share = (44.0 - 7.0) / (44.0 + 7.0 + 0.5)  # of 44 m that agree and 7 m that do not, as far as beyond chance
+    for name, weight in (("log of corners over chance", 1.0), ("log of weighed corners over chance", share)):
+        number = FEATURES.index(name)
+        np.testing.assert_allclose(told[:, number], np.log1p(5.0 * weight))
+        np.testing.assert_allclose(alone[:, number], np.log1p(20.0 * weight))
+
+
 def test_walls_that_lie_nearer_than_elsewhere_speak_for_a_place():
     """However rough walls are, and however much maps bent: it shows elsewhere too."""
     misfits = [

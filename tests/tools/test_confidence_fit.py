@@ -5,12 +5,17 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
+from merging import MergeConfig
 from merging.confidence import FEATURES, SIGNS, ConfidenceModel
 from merging.measures import MEASURES
 from merging.pieces import Pieces
 from merging.verification import Evidence
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.tbm_map import TbmMap
+from tests.merging.bent_floor import bent_maps
 from tools import confidence_fit
 from tools.confidence_fit import Trial, fit_model, held_out
+from tools.pair_files import KnownPair
 
 CHANCE = Evidence(
     overlap_m2=30.0, compared_wall_m=20.0, agreed_wall_m=12.0, conflicting_wall_m=4.0, unseen_wall_m=1.0,
@@ -41,6 +46,27 @@ def trials(count=60):
     rng = np.random.default_rng(3)
     names = [f"crop_{'abcdef'[i % 6]}_{i}_050" if i % 3 else f"negs_{'abcdef'[i % 6]}_{i}" for i in range(count)]
     return [trial(rng, name, known=name.startswith("crop")) for name in names]
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_pair_of_bent_maps_is_judged_once_one_is_bent(swapped):
+    target, source, true = bent_maps("store")
+    pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
+    if swapped:
+        pair = KnownPair("crop_store_1_100", source, target, true.inverse(), 1.0)
+    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_bent))
+    assert bent.near[0]
+    assert bent.near.sum() == 1
+    assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
+    assert len(bent.candidates) <= 1 + 2 * MergeConfig().bent.rivals
+    assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
+
+
+def test_maps_of_which_hardly_any_fits_are_not_judged_bent():
+    target, _, _ = bent_maps("store")
+    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 30, 30)))
+    for other in (empty, bent_maps("office")[0]):
+        assert Trial.of_bent(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None
 
 
 def test_the_fit_tells_true_places_from_false_ones():

@@ -138,7 +138,7 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     other = tmp_path / "other"
     assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
     model, again = tmp_path / "model.json", tmp_path / "again.json"
-    what = [str(folder), "--simulated", str(other), "--strangers", "3"]
+    what = [str(folder), "--simulated", str(other), "--bent", str(other), "--strangers", "3"]
     capsys.readouterr()
     assert calibrate_merging.main([*what, "-o", str(model)]) == 0
     printed = capsys.readouterr().out
