@@ -149,6 +149,9 @@ class StretchConfig(FrozenConfig):
         So many stretches that agree are enough where none of them is accepted.
     drift, turn_drift
         How far two stretches may say that the map bent between them, by the way from one to the other [m/m, rad/m].
+    coincidence
+        Chance that a wrong place of one stretch is that of another, see `merging.offers.worth_of`: they show different
+        walls, and of maps that do the third lay alike on both in 0.7 % where it was laid wrongly.
     """
 
     enabled: bool = True
@@ -157,3 +160,4 @@ class StretchConfig(FrozenConfig):
     doubtful: Annotated[int, Field(ge=2)] = 3
     drift: Annotated[float, Field(ge=0.0)] = 0.03
     turn_drift: Annotated[float, Field(ge=0.0)] = 0.006
+    coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.005

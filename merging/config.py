@@ -258,7 +258,9 @@ class GraphConfig(FrozenConfig):
     min_wall_m
         With less agreeing wall than this a place that was refused confirms nothing [m].
     coincidence
-        Chance that a wrong place lies where others lead: what a confirmation is worth, see `merging.offers.worth_of`.
+        Chance that the wrong place of one pair is that of others too, whose maps show the same: what a confirmation is
+        worth, see `merging.offers.worth_of`. Of 10,000 threes of maps, two of them of one place, the third laid onto
+        one of these wrongly, it lay alike on the other in 30 %, and in 47 % where its confidence was above 0.1.
     min_support
         Least log odds at which maps are joined.
     deviation_m, deviation_rad
@@ -271,7 +273,7 @@ class GraphConfig(FrozenConfig):
     same_rad: Annotated[float, Field(gt=0.0)] = 0.06
     min_confidence: Share = 0.02
     min_wall_m: Metres = 1.0
-    coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.005
+    coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.4
     min_support: float = 2.19
     deviation_m: Metres = 0.05
     deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005

@@ -102,8 +102,9 @@ def _best_joint(links: _Links, first: int, second: int, config: GraphConfig) -> 
 def _supports(links: _Links, direct: slice, ways: tuple[_Indices, _Indices], config: GraphConfig) -> list[float]:
     """Return the log odds of each direct place: what leads to it, less what was accepted and leads elsewhere.
 
-    Chance seldom leads to one place twice; but where there are many maps, what hardly can be right leads there now and
-    then, so that it counts by how likely it is right.
+    Maps of one place are no witnesses of their own: what looks alike in one of them looks alike in all. So what leads
+    to a place as well adds little, the less, the less likely it is right; and refused places, which may all do so for
+    one reason, never add more than one that is sure.
     """
     there, onward = ways
     places, odds = links.motions[direct], links.odds[direct]
@@ -111,13 +112,16 @@ def _supports(links: _Links, direct: slice, ways: tuple[_Indices, _Indices], con
     way_odds = np.minimum(links.odds[there], links.odds[onward]) - math.log(2.0)
     same = _are_same(places, places, config)
     same_way = _are_same(places, compose(links.motions[there], links.motions[onward]), config)
-    worth = worth_of(links.probabilities[there] * links.probabilities[onward], config)
-    direct_worth = worth_of(links.probabilities[direct], config)
+    also = np.concatenate((links.probabilities[direct], links.probabilities[there] * links.probabilities[onward]))
+    worth, at_most = worth_of(also, config.coincidence), -math.log(config.coincidence)
     against, doubts = links.accepted[direct], way_odds > 0.0
+    sure = np.concatenate((against, links.accepted[there] & links.accepted[onward]))
     supports = []
     for row, row_ways in zip(same, same_way, strict=True):
         best = np.flatnonzero(row)[odds[row].argmax()]
-        further = direct_worth[row].sum() - direct_worth[best] + worth[row_ways].sum()
+        leading = np.concatenate((row, row_ways))
+        leading[best] = False
+        further = worth[leading & sure].sum() + min(worth[leading & ~sure].sum(), at_most)
         contrary = odds[~row & against].sum() + way_odds[~row_ways & doubts].sum()
         supports.append(float(odds[best] + further - contrary))
     return supports

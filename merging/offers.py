@@ -73,12 +73,17 @@ def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
     return [one for one in (best, *others) if one.accepted or one.wall_m >= config.min_wall_m]
 
 
-def worth_of(probability: FloatArray, config: GraphConfig) -> FloatArray:
+def worth_of(probability: FloatArray, coincidence: float) -> FloatArray:
     """Return the log odds that a place gains as something else, right with a probability, leads there too.
 
-    If it is right, it leads there for sure; if it is not, by chance, as all places of a pair are among some hundred.
+    Parameters
+    ----------
+    probability
+        How likely what leads there is right (N,); then it leads there for sure.
+    coincidence
+        How likely it leads there if both it and the place are wrong.
     """
-    return np.log1p(probability * (1.0 / config.coincidence - 1.0))
+    return np.log1p(probability * (1.0 / coincidence - 1.0))
 
 
 def _log_odds(confidence: float) -> float:

@@ -92,9 +92,9 @@ def elect(
     found
         The alignment of each with the target.
     graph
-        What a confirmation is worth and how much must speak for a place, as between maps.
+        How much must speak for a place, as between maps.
     config
-        How far stretches may differ, and how many doubtful ones are enough.
+        How far stretches may differ, what each that agrees is worth, and how many doubtful ones are enough.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def elect(
     """
     offers = [offers_of(("target", str(index)), one, graph) for index, one in enumerate(found)]
     places = [
-        _Place(_support(offer, agreeing, offers, graph), index, offer, agreeing)
+        _Place(_support(offer, agreeing, offers, config), index, offer, agreeing)
         for index, own in enumerate(offers)
         for offer in own
         for agreeing in [_agreeing(stretches, index, offer, offers, config, graph)]
@@ -178,12 +178,12 @@ def _agreeing(
 
 
 def _support(
-    offer: Offer, agreeing: Mapping[int, Offer], offers: Sequence[Sequence[Offer]], graph: GraphConfig
+    offer: Offer, agreeing: Mapping[int, Offer], offers: Sequence[Sequence[Offer]], config: StretchConfig
 ) -> float:
     """Return the log odds of a place: what leads to it, less what was accepted and leads elsewhere."""
     others = np.array([one.probability for one in agreeing.values() if one is not offer])
     elsewhere = (one for index, own in enumerate(offers) if index not in agreeing for one in own if one.accepted)
-    return offer.odds + float(worth_of(others, graph).sum()) - sum(one.odds for one in elsewhere)
+    return offer.odds + float(worth_of(others, config.coincidence).sum()) - sum(one.odds for one in elsewhere)
 
 
 def _agree(

@@ -41,12 +41,13 @@ def _support(place, direct, ways, config):
     leading = sorted(
         (offer for offer, there in direct if is_same_place(place, there, config)), key=lambda one: -one.odds
     )
-    further = [offer.probability for offer in leading[1:]]
-    further += [likely for likely, _, there in ways if is_same_place(place, there, config)]
+    further = [(offer.probability, offer.accepted) for offer in leading[1:]]
+    further += [(likely, sure) for likely, sure, _, there in ways if is_same_place(place, there, config)]
     against = [offer.odds for offer, there in direct if offer.accepted and not is_same_place(place, there, config)]
-    against += [odds for _, odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
-    worth = [math.log(1.0 - likely + likely / config.coincidence) for likely in further]
-    return leading[0].odds + sum(worth) - sum(against)
+    against += [odds for _, _, odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
+    worth = [(math.log(1.0 - likely + likely / config.coincidence), sure) for likely, sure in further]
+    refused = min(sum(one for one, sure in worth if not sure), math.log(1.0 / config.coincidence))
+    return leading[0].odds + sum(one for one, sure in worth if sure) + refused - sum(against)
 
 
 def _between(first, second, offer):
@@ -58,10 +59,10 @@ def _between(first, second, offer):
 
 
 def _ways_over(first, middle, second, between):
-    """Return how likely every way over a third group is right, the log odds of its worse half, and where it leads."""
+    """Return of every way over a third group how likely it is right, whether it was accepted, its odds, its place."""
     there, onward = between.get((first, middle), ()), between.get((middle, second), ())
     # A way is right where both of its halves are.
     return [
-        (a.probability * b.probability, min(a.odds, b.odds) - math.log(2.0), p @ q)
+        (a.probability * b.probability, a.accepted and b.accepted, min(a.odds, b.odds) - math.log(2.0), p @ q)
         for (a, p), (b, q) in itertools.product(there, onward)
     ]

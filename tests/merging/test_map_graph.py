@@ -98,11 +98,32 @@ def test_two_contradicting_alignments_join_nothing_that_they_contradict():
     assert [list(group.poses) for group in groups] == [["a", "b"], ["c"]]
 
 
-def test_doubtful_alignments_that_agree_are_believed_together():
-    doubtful = found("a", "c", 0.5, accepted=False) | found("b", "c", 0.5, accepted=False)
-    assert len(groups_of(list("abc"), found("a", "b") | doubtful)[0]) == 3
-    alone = found("a", "c", 0.5, accepted=False)
+def test_likely_places_that_agree_are_believed_together():
+    likely = found("a", "c", 0.84, accepted=False) | found("b", "c", 0.8, accepted=False)
+    assert len(groups_of(list("abc"), found("a", "b") | likely)[0]) == 3
+    alone = found("a", "c", 0.84, accepted=False)
     assert len(groups_of(list("abc"), found("a", "b") | alone)[0]) == 2
+
+
+def test_many_maps_of_one_place_are_no_more_sure_of_a_stranger_than_one():
+    """Nine robots at one end of a building take its other end, where rooms look alike, for the same wrong place."""
+    here = {name: SE2(0.1 * number, 0.0, 0.0) for number, name in enumerate("abcdefghi")}
+    alignments = {}
+    for target, source in itertools.combinations(here, 2):
+        alignments |= found(target, source, 0.99, T=here[target].inverse() @ here[source])
+    for name, pose in here.items():
+        alignments |= found(name, "z", 0.6, accepted=False, T=pose.inverse() @ SE2(5.0, 0.0, 0.0))
+    assert [len(group) for group in groups_of([*here, "z"], alignments)] == [9, 1]
+
+
+def test_an_accepted_alignment_stands_against_several_refused_ones_that_agree():
+    """A building turned by half a circle nearly is the same: all maps of it take a bent one so, the one like it not."""
+    turned = SE2(2.0, 2.0, math.pi)
+    alignments = found("a", "b", 0.99) | found("a", "c", 0.99) | found("b", "c", 0.99) | found("c", "d", 0.96)
+    for name, confidence in (("a", 0.75), ("b", 0.8)):
+        wrong = POSES[name].inverse() @ turned @ POSES["d"]
+        alignments |= found(name, "d", confidence, accepted=False, T=wrong)
+    assert_poses(groups_of(list("abcd"), alignments)[0], POSES)
 
 
 def test_an_ambiguous_alignment_is_decided_by_the_others():
@@ -157,18 +178,18 @@ def test_nor_does_it_where_groups_are_joined(far_m):
     origins = {name: SE2(far_m, -far_m, 0.3) for name in "abc"}
     first = {name: POSES[name] @ origins[name].inverse() for name in "ab"}
     bent = POSES["b"].inverse() @ POSES["c"] @ SE2(0.1, 0.0, 0.01)
-    doubtful = found("a", "c", 0.6, accepted=False) | found("b", "c", 0.5, accepted=False, T=bent)
-    place, odds = join(first, {"c": SE2.identity()}, in_frames(doubtful, origins), MergeConfig().graph)
+    likely = found("a", "c", 0.84, accepted=False) | found("b", "c", 0.8, accepted=False, T=bent)
+    place, odds = join(first, {"c": SE2.identity()}, in_frames(likely, origins), MergeConfig().graph)
     assert place @ origins["c"] == pytest.approx(POSES["c"])
-    assert odds == pytest.approx(math.log(0.6 / 0.4) + math.log(0.5 + 0.5 / MergeConfig().graph.coincidence))
+    assert odds == pytest.approx(math.log(0.84 / 0.16) + math.log(0.2 + 0.8 / MergeConfig().graph.coincidence))
 
 
 def test_groups_are_joined_where_several_of_their_maps_lead():
     first, second = {"a": POSES["a"], "b": POSES["b"]}, {"c": SE2.identity()}
-    alignments = found("a", "c", 0.5, accepted=False) | found("b", "c", 0.6, accepted=False)
+    alignments = found("a", "c", 0.8, accepted=False) | found("b", "c", 0.84, accepted=False)
     place, odds = join(first, second, alignments, MergeConfig().graph)
     assert place == pytest.approx(POSES["c"])
-    assert odds == pytest.approx(math.log(0.6 / 0.4) + math.log(0.5 + 0.5 / MergeConfig().graph.coincidence))
+    assert odds == pytest.approx(math.log(0.84 / 0.16) + math.log(0.2 + 0.8 / MergeConfig().graph.coincidence))
 
 
 def test_what_hardly_can_be_right_joins_nothing_though_chance_leads_it_round_a_circle():
@@ -180,9 +201,9 @@ def test_what_hardly_can_be_right_joins_nothing_though_chance_leads_it_round_a_c
 
 
 def test_what_may_be_right_is_joined_where_others_lead_there_too():
-    likely = found("a", "b", 0.5, accepted=False) | found("a", "c", 0.4, accepted=False)
+    likely = found("a", "b", 0.84, accepted=False) | found("a", "c", 0.84, accepted=False)
     assert all(len(group) == 1 for group in groups_of(list("abc"), likely))
-    assert len(groups_of(list("abc"), likely | found("b", "c", 0.4, accepted=False))) == 1
+    assert len(groups_of(list("abc"), likely | found("b", "c", 0.84, accepted=False))) == 1
 
 
 def test_maps_of_next_to_nothing_lie_on_one_another_and_are_not_joined():
