@@ -136,7 +136,7 @@ def _add_split(split: argparse.ArgumentParser) -> None:
 def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument(
-        "--sets", type=int, default=0, metavar="N", help="sets of six maps of six buildings to try instead of pairs"
+        "--sets", type=int, default=0, metavar="N", help="sets of six maps to try instead of pairs, a quarter a kind"
     )
     strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")

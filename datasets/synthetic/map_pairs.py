@@ -139,7 +139,7 @@ def cut_pairs(
     """Cut pairs of maps of one building: two robots exploring it from far ends until they share so much."""
     for overlap in overlaps:
         rng = np.random.default_rng([seed, round(1000 * overlap)])
-        part_a, part_b = _parts(building, overlap, rng)
+        part_a, part_b = explored_parts(building, overlap, rng)
         name = f"crop_{building.name}_{seed}_{round(100 * overlap):03d}"
         yield _spoilt_pair(name, building, (part_a, part_b), overlap, rng, draw)
 
@@ -147,7 +147,7 @@ def cut_pairs(
 def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
     """Return maps of two ends of a building that share nothing: alike in style, and not the same place."""
     rng = np.random.default_rng([seed, 1])
-    part_a, part_b = _parts(building, 0.0, rng)
+    part_a, part_b = explored_parts(building, 0.0, rng)
     name = f"negs_{building.name}_{seed}"
     pair = _spoilt_pair(name, building, (part_a, part_b), 0.0, rng, draw)
     return MapPair(name, pair.occ_a, pair.occ_b, pair.resolution, None, 0.0)
@@ -164,8 +164,8 @@ def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Dist
     if first.resolution != second.resolution:
         raise ValueError(f"buildings must have one resolution, got {first.resolution} and {second.resolution}")
     rng = np.random.default_rng([seed, 2])
-    part_a, _ = _parts(first, float(rng.choice(OVERLAPS)), rng)
-    part_b, _ = _parts(second, float(rng.choice(OVERLAPS)), rng)
+    part_a, _ = explored_parts(first, float(rng.choice(OVERLAPS)), rng)
+    part_b, _ = explored_parts(second, float(rng.choice(OVERLAPS)), rng)
     a, b = (draw(rng).spoil(part, first.resolution, rng) for part in (part_a, part_b))
     return MapPair(f"negd_{first.name}_{second.name}_{seed}", a.occupancy, b.occupancy, first.resolution, None, 0.0)
 
@@ -193,7 +193,7 @@ def _spoilt_pair(
     return MapPair(name, a.occupancy, b.occupancy, building.resolution, T_a_b, overlap)
 
 
-def _parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
+def explored_parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
     """Return what each of two robots saw when both drove equally far and share a part of their free cells."""
     ways_a, ways_b = _ways_from_far_ends(building.occupancy == 0, rng)
     free = np.isfinite(ways_a)  # where a robot can get to

@@ -1,6 +1,7 @@
-"""How often sets of maps of as many buildings are joined, though no two of them belong together.
+"""How often sets of maps are joined that do not belong together.
 
-Of many maps three may lead to each other round a circle by chance; a set may be joined of which every pair is refused.
+Of many maps three may lead to each other round a circle by chance, and maps of one place agree on whatever looks alike
+elsewhere: a set may be joined of which every pair is refused.
 """
 
 import argparse
@@ -12,20 +13,37 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
-from datasets.synthetic.map_pairs import foreign_pair
-from merging.all_pairs import align_all
-from merging.config import MergeConfig
-from merging.map_graph import groups_of
+from datasets.synthetic.map_pairs import Building
+from datasets.synthetic.map_sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
+from merging import MergeConfig, merge
+from merging.alignment import Pair
+from merging.map_graph import Group, groups_of
+from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.worker_pool import worker_pool
 from tools.benchmarks.strangers import building_of, some_part
 from tools.machine import describe_machine, machine_line
-from tools.pair_files import KnownPair
+from tools.pair_files import KnownPair, grid_of
 from tools.text_table import number, text_table
 
 MAPS = 6
 """Maps of a set."""
-HEAD = ("sets", "maps of each", "pairs", "pairs accepted", "sets with maps joined", "rate %", "95 % interval")
+KINDS = {
+    "six buildings": "a map of each",
+    "two buildings": "three maps of each",
+    "mirrored": "three maps of a building, three of its mirror image",
+    "far ends": "three maps of each of two ends of a building that share nothing",
+}
+HEAD = (
+    "sets",
+    "",
+    "tried",
+    "pairs accepted wrongly",
+    "sets joined wrongly",
+    "rate %",
+    "95 % interval",
+    "joined rightly",
+)
 
 _SETS_APART, _SEEDS_APART = 100, 100_000
 """Numbers of buildings between those of one set and those of the next, and between those of seeds."""
@@ -37,17 +55,24 @@ class StrangerSet:
 
     Parameters
     ----------
+    kind
+        Of `KINDS`.
     number
         Of the set.
     accepted
-        Pairs that were accepted.
+        Pairs that were accepted, wrongly.
     joined
-        The maps of every group of more than one.
+        Pairs that were joined, wrongly.
+    right, possible
+        Pairs that were joined rightly, and that show one place.
     """
 
+    kind: str
     number: int
-    accepted: tuple[tuple[str, str], ...]
-    joined: tuple[tuple[str, ...], ...]
+    accepted: tuple[Pair, ...]
+    joined: tuple[Pair, ...]
+    right: int
+    possible: int
 
 
 def benchmark_sets(args: argparse.Namespace) -> None:
@@ -56,43 +81,91 @@ def benchmark_sets(args: argparse.Namespace) -> None:
     met = list(tqdm(_meet_all(args.sets, args.seed, args.workers), total=args.sets, disable=None))
     print(summary(met))
     for one in met:
-        for names in one.joined:
-            is_accepted = any(set(pair) <= set(names) for pair in one.accepted)
-            how = "an accepted pair" if is_accepted else "refused pairs that lead to each other"
-            print(f"wrongly joined: {', '.join(names)} of set {one.number}, by {how}")
+        if one.joined:
+            how = "an accepted pair" if set(one.accepted) & set(one.joined) else "refused pairs that agree"
+            names = sorted(set(itertools.chain.from_iterable(one.joined)))
+            print(f"wrongly joined: {', '.join(names)} of set {one.number}, {one.kind}, by {how}")
     print(machine_line(machine))
 
 
 def summary(met: list[StrangerSet]) -> str:
     """Return the table."""
-    wrong, pairs = sum(bool(one.joined) for one in met), len(met) * MAPS * (MAPS - 1) // 2
-    interval = binomtest(wrong, len(met)).proportion_ci(0.95)  # Clopper and Pearson 1934
-    rate, bounds = number(100.0 * wrong / len(met), 2), f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"
-    accepted = sum(len(one.accepted) for one in met)
-    return text_table(HEAD, [[str(len(met)), str(MAPS), str(pairs), str(accepted), str(wrong), rate, bounds]])
+    rows = [_row(kind, about, [one for one in met if one.kind == kind]) for kind, about in KINDS.items()]
+    return text_table(HEAD, [*rows, _row("all", "", met)])
 
 
 def meet_set(number_of_set: int, seed: int) -> StrangerSet:
-    """Make a set and join its maps; the same numbers make the same set."""
+    """Make a set and merge it; the same numbers make the same set."""
+    placed = make_set(number_of_set, seed)
+    maps = {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
     config = MergeConfig()
-    found = align_all(make_set(number_of_set, seed), config)
-    groups = groups_of([f"map_{index}" for index in range(MAPS)], found, config.graph)
+    found = merge(maps, config).alignments
+    pairs = {pair: _known(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
+    joined = _joined(groups_of(list(maps), found, config.graph))
+    right = [pair for pair, where in joined.items() if _is_right(pairs[pair], where)]
     return StrangerSet(
+        kind_of(number_of_set),
         number_of_set,
-        tuple(pair for pair, one in found.items() if one.accepted),
-        tuple(tuple(group.poses) for group in groups if len(group) > 1),
+        tuple(pair for pair, one in found.items() if one.accepted and not _is_right(pairs[pair], one.T_target_source)),
+        tuple(pair for pair in joined if pair not in right),
+        len(right),
+        sum(known.T_target_source is not None for known in pairs.values()),
     )
 
 
-def make_set(number_of_set: int, seed: int) -> dict[str, TbmMap]:
-    """Return maps of as many buildings, of the whole or of a part; the same numbers make the same maps."""
+def kind_of(number_of_set: int) -> str:
+    """Return which of `KINDS` a set is."""
+    return list(KINDS)[number_of_set % len(KINDS)]
+
+
+def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
+    """Return maps of the whole or of parts of some places; the same numbers make the same maps."""
     rng = np.random.default_rng([seed, number_of_set, MAPS])
     first = seed * _SEEDS_APART + number_of_set * _SETS_APART
-    buildings = [some_part(building_of(first + index, rng), rng) for index in range(MAPS)]
-    two_and_two = zip(buildings[::2], buildings[1::2], strict=True)
-    pairs = [KnownPair.of(foreign_pair(*both, int(rng.integers(2**31)))) for both in two_and_two]
-    maps = itertools.chain.from_iterable((pair.target, pair.source) for pair in pairs)
-    return {f"map_{index}": one for index, one in enumerate(maps)}
+    kind, half = kind_of(number_of_set), MAPS // 2
+    if kind == "six buildings":
+        placed = [one for index in range(MAPS) for one in maps_of(_building(first + index, rng), 1, rng)]
+    elif kind == "two buildings":
+        placed = [one for index in range(2) for one in maps_of(_building(first + index, rng), half, rng)]
+    else:
+        both = maps_of_mirrored if kind == "mirrored" else maps_of_far_ends
+        placed = list(both(_building(first, rng), half, rng))
+    return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(MAPS).tolist())}
+
+
+def _building(number_of_building: int, rng: np.random.Generator) -> Building:
+    return some_part(building_of(number_of_building, rng), rng)
+
+
+def _known(pair: Pair, placed: dict[str, PlacedMap], maps: dict[str, TbmMap]) -> KnownPair:
+    target, source = (placed[name] for name in pair)
+    motion = target.T_map_building @ source.T_map_building.inverse() if target.place == source.place else None
+    return KnownPair("-".join(pair), maps[pair[0]], maps[pair[1]], motion, 0.0)
+
+
+def _joined(groups: list[Group]) -> dict[Pair, SE2]:
+    """Return where the second of any two maps of a group lies in the first's frame."""
+    return {
+        (a, b): group.poses[a].inverse() @ group.poses[b]
+        for group in groups
+        for a, b in itertools.combinations(sorted(group.poses), 2)
+    }
+
+
+def _is_right(known: KnownPair, where: SE2 | None) -> bool:
+    return known.T_target_source is not None and where is not None and known.is_near(where)
+
+
+def _row(kind: str, about: str, met: list[StrangerSet]) -> list[str]:
+    tried, wrong = len(met), sum(bool(one.joined) for one in met)
+    if not tried:
+        return [kind, about, "0", "0", "0", "-", "-", "-"]
+    interval = binomtest(wrong, tried).proportion_ci(0.95)  # Clopper and Pearson 1934
+    bounds = f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"
+    accepted = sum(len(one.accepted) for one in met)
+    right, possible = sum(one.right for one in met), sum(one.possible for one in met)
+    rightly = f"{right} of {possible}" if possible else "-"
+    return [kind, about, str(tried), str(accepted), str(wrong), number(100.0 * wrong / tried, 2), bounds, rightly]
 
 
 def _meet_all(count: int, seed: int, workers: int) -> Iterator[StrangerSet]:

@@ -1,29 +1,41 @@
+import itertools
+
 import numpy as np
 import pytest
 
+from merging.alignment import Alignment
+from merging.merger import Merge
+from tbmslam.se2 import SE2
 from tools.benchmark import main
 from tools.benchmarks import stranger_sets
-from tools.benchmarks.stranger_sets import MAPS, StrangerSet, make_set, summary
+from tools.benchmarks.stranger_sets import KINDS, MAPS, StrangerSet, make_set, meet_set, summary
+
+
+def cells(line):
+    return [cell.strip() for cell in line.split("|")[1:-1]]
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
-    none = [StrangerSet(index, (), ()) for index in range(100)]
-    rows = [line.split("|")[1:-1] for line in summary(none).splitlines()]
-    assert [cell.strip() for cell in rows[2]] == ["100", "6", "1500", "0", "0", "0.00", "0.00 to 3.62"]
-    wrong = StrangerSet(0, (("map_0", "map_1"),), (("map_0", "map_1"),))
-    assert [cell.strip() for cell in summary([*none[1:], wrong]).splitlines()[2].split("|")[4:7]] == ["1", "1", "1.00"]
+    none = [StrangerSet("six buildings", index, (), (), 0, 0) for index in range(100)]
+    rows = summary(none).splitlines()
+    assert cells(rows[2])[2:] == ["100", "0", "0", "0.00", "0.00 to 3.62", "-"]
+    assert cells(rows[3])[2:] == ["0", "0", "0", "-", "-", "-"]
+    pair = ("map_0", "map_1")
+    wrong = StrangerSet("far ends", 0, (pair,), (pair,), 4, 6)
+    assert cells(summary([*none[1:], wrong]).splitlines()[-1])[2:6] == ["100", "1", "1", "1.00"]
+    assert cells(summary([wrong]).splitlines()[5])[-1] == "4 of 6"
 
 
 def test_what_was_joined_is_told_with_the_reason(monkeypatch, capsys):
     met = {
-        0: StrangerSet(0, (), (("map_1", "map_4"),)),
-        1: StrangerSet(1, (("map_0", "map_2"),), (("map_0", "map_2"),)),
+        0: StrangerSet("six buildings", 0, (), (("map_1", "map_4"),), 0, 0),
+        1: StrangerSet("mirrored", 1, (("map_0", "map_2"),), (("map_0", "map_2"), ("map_2", "map_3")), 0, 0),
     }
     monkeypatch.setattr(stranger_sets, "meet_set", lambda number, _: met[number])
     assert main(["strangers", "--sets", "2", "--workers", "1"]) == 0
     printed = capsys.readouterr().out
-    assert "wrongly joined: map_1, map_4 of set 0, by refused pairs that lead to each other" in printed
-    assert "wrongly joined: map_0, map_2 of set 1, by an accepted pair" in printed
+    assert "wrongly joined: map_1, map_4 of set 0, six buildings, by refused pairs that agree" in printed
+    assert "wrongly joined: map_0, map_2, map_3 of set 1, mirrored, by an accepted pair" in printed
 
 
 @pytest.mark.parametrize(
@@ -38,9 +50,30 @@ def test_what_cannot_be_meant_is_wrong_usage(capsys, options, why):
 
 
 @pytest.mark.slow
-def test_the_same_numbers_make_the_same_set_and_others_another():
-    maps, again, other = make_set(0, 3), make_set(0, 3), make_set(1, 3)
-    assert len(maps) == MAPS
-    for name, one in maps.items():
-        np.testing.assert_array_equal(one.grid.masses, again[name].grid.masses)
-    assert any(one.grid.masses.shape != other[name].grid.masses.shape for name, one in maps.items())
+@pytest.mark.parametrize("number", range(len(KINDS)))
+def test_joins_are_held_against_where_the_maps_are(monkeypatch, number):
+    placed, again, other = make_set(number, 3), make_set(number, 3), make_set(number + len(KINDS), 3)
+    assert len(placed) == MAPS
+    for name, one in placed.items():
+        np.testing.assert_array_equal(one.occupancy, again[name].occupancy)
+    assert any(one.occupancy.shape != other[name].occupancy.shape for name, one in placed.items())
+
+    def all_joined(maps, _):
+        found = {}
+        for a, b in itertools.combinations(maps, 2):
+            motion = placed[a].T_map_building @ placed[b].T_map_building.inverse()
+            found[a, b] = Alignment("correlation", True, "", motion, agreed_wall_m=10.0, confidence=0.95)
+        return Merge(None, {}, found, {}, None)
+
+    monkeypatch.setattr(stranger_sets, "merge", all_joined)
+    met = meet_set(number, 3)
+    same = [placed[a].place == placed[b].place for a, b in itertools.combinations(placed, 2)]
+    assert (met.right, met.possible) == (sum(same), sum(same))
+    assert len(met.joined) == len(met.accepted) == same.count(False)
+    assert met.possible == (0 if met.kind == "six buildings" else 6)
+    monkeypatch.setattr(stranger_sets, "make_set", lambda *_: placed | {"map_0": _elsewhere(placed["map_0"])})
+    assert meet_set(number, 3).right == 6 - 2 if met.possible else True
+
+
+def _elsewhere(one):
+    return type(one)(one.place, one.occupancy, one.resolution, SE2(3.0, 0.0, 0.0) @ one.T_map_building)
