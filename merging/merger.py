@@ -14,6 +14,7 @@ from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.findings import Findings
 from merging.fusion import Fusion
+from merging.group_look import Members, look_at_groups
 from merging.joint_refinement import JointRefinement
 from merging.known_poses import place_known
 from merging.map_graph import Group, groups_of
@@ -84,8 +85,9 @@ def merge(
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
     order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by; those
-    that fit nowhere as a whole are tried once more in stretches of their drives, and then bent.
+    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by, and
+    groups of maps as if each were one; those that fit nowhere as a whole are tried once more in stretches of their
+    drives, and then bent.
 
     Parameters
     ----------
@@ -114,6 +116,7 @@ def merge(
     found = Findings.of(maps, first, partial(_grouped, list(maps), config, watch, known.poses))
     near = look_near(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
     found = found.with_aligned(near.alignments, near.grids)
+    found = _with_groups_as_wholes(found, config, workers, watch, scheduler)
     found, joined = _with_bent_maps(found, config, workers, watch, scheduler)
     closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
     if closer:
@@ -143,6 +146,21 @@ def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
         if any(pair in group.used for group in found.groups):
             found = found.judged_as_they_are(pair)
     return found
+
+
+def _with_groups_as_wholes(
+    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
+) -> Findings:
+    """Add how groups lie to each other, the surest first."""
+    tried = set[Members]()
+    while True:
+        look, now_tried = look_at_groups(
+            found.maps, found.groups, found.alignments, config, workers, watch, scheduler, tried
+        )
+        tried |= now_tried
+        if look is None:
+            return found
+        found = found.with_aligned({look.pair: look.alignment}, {look.pair: look.grids})
 
 
 def _with_bent_maps(

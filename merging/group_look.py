@@ -1,0 +1,130 @@
+"""Groups of maps, each as one map, aligned once more.
+
+A map that shares too little with any other one may share enough with what the others are together: who merged those
+first, and then it, would find it. So groups are merged, each for itself, and aligned as if each were one map.
+"""
+
+import itertools
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from merging.alignment import Alignment, Pair
+from merging.all_pairs import align_all
+from merging.config import MergeConfig
+from merging.exactness import Covariance, seen_from
+from merging.map_graph import Group
+from merging.merged_group import merge_group
+from merging.warping import place
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+Members = frozenset[frozenset[str]]
+"""The maps of two groups."""
+
+
+@dataclass(frozen=True)
+class GroupLook:
+    """Two groups that were aligned.
+
+    Parameters
+    ----------
+    pair
+        The first maps of both, in the order of all maps.
+    alignment
+        Where the second of these lies in the first's frame; what speaks for it is what the groups say.
+    grids
+        What it was judged by: both groups' grids, in these maps' frames.
+    """
+
+    pair: Pair
+    alignment: Alignment
+    grids: tuple[TbmGrid, TbmGrid]
+
+
+def look_at_groups(
+    maps: Mapping[str, TbmMap],
+    groups: Sequence[Group],
+    alignments: Mapping[Pair, Alignment],
+    config: MergeConfig,
+    workers: int = 1,
+    watch: Watch | None = None,
+    scheduler: str | None = None,
+    tried: Collection[Members] = (),
+) -> tuple[GroupLook | None, set[Members]]:
+    """Align groups as wholes, unless both are of one map, or what was accepted between them contradicts itself.
+
+    Parameters
+    ----------
+    maps
+        All maps, by name.
+    groups
+        What was joined so far.
+    alignments
+        What was found so far.
+    config
+        How groups are merged and aligned.
+    workers, watch, scheduler
+        See `merging.all_pairs.align_all`.
+    tried
+        The groups that were before; they are not again.
+
+    Returns
+    -------
+    The surest join, or None where none was accepted, and the groups that were tried.
+    """
+    whole = {group.first: group for group in groups}
+    first_of = {name: group.first for group in groups for name in group.poses}
+    contradicted = {frozenset(first_of[name] for name in pair) for pair, found in alignments.items() if found.accepted}
+    pairs = [
+        pair
+        for pair in itertools.combinations([name for name in maps if name in whole], 2)
+        if max(len(whole[name]) for name in pair) > 1
+        and frozenset(pair) not in contradicted
+        and _members(whole, pair) not in tried
+    ]
+    if not (pairs and config.graph.as_wholes and config.method == "correlation"):
+        return None, set()
+    watch = watch or Watch()
+    wanted = dict.fromkeys(itertools.chain.from_iterable(pairs))
+    merged = {name: merge_group(maps, whole[name], config, watch) for name in wanted if len(whole[name]) > 1}
+    grids = {name: TbmMap(merged[name].merged.grid if name in merged else maps[name].grid) for name in wanted}
+    found = align_all(grids, config, workers, watch, scheduler, pairs)
+    accepted = {pair: one.T_target_source for pair, one in found.items() if one.accepted and one.T_target_source}
+    if not accepted:
+        return None, {_members(whole, pair) for pair in pairs}
+    best = max(accepted, key=lambda pair: found[pair].confidence)
+    counts = len(whole[best[0]]), len(whole[best[1]])
+    T_target, T_source = (merged[name].poses[name] if name in merged else SE2.identity() for name in best)
+    alignment = replace(
+        found[best],
+        reason=f"{_so_many(counts[1])} onto {_so_many(counts[0])} merged so far: {found[best].reason}",
+        T_target_source=T_target.inverse() @ accepted[best] @ T_source,
+        covariance=_seen_from(found[best].covariance, T_source.inverse()),
+        alternatives=(),
+    )
+    target, source = (grids[name].grid for name in best)
+    look = GroupLook(best, alignment, (_seen_in(target, T_target.inverse()), _seen_in(source, T_source.inverse())))
+    logger.info("%s in %s: %s", *best[::-1], look.alignment.reason)
+    # Of the others those that were accepted get their turn, where they are groups still.
+    return look, {_members(whole, pair) for pair in pairs if pair == best or pair not in accepted}
+
+
+def _members(whole: Mapping[str, Group], pair: Pair) -> Members:
+    return frozenset(frozenset(whole[name].poses) for name in pair)
+
+
+def _seen_from(covariance: Covariance | None, T_first_merged: SE2) -> Covariance | None:
+    return None if covariance is None else seen_from(covariance, T_first_merged)
+
+
+def _seen_in(grid: TbmGrid, T_first_merged: SE2) -> TbmGrid:
+    return grid if T_first_merged == SE2.identity() else place(grid, T_first_merged, grid.geometry).drawn()
+
+
+def _so_many(count: int) -> str:
+    return "one map" if count == 1 else f"{count} maps"
