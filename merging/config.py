@@ -263,6 +263,9 @@ class GraphConfig(FrozenConfig):
         one of these wrongly, it lay alike on the other in 30 %, and in 47 % where its confidence was above 0.1.
     min_support
         Least log odds at which maps are joined.
+    sure_alone, min_whole
+        An accepted alignment with less confidence than the first that alone joins two groups is refused if these, each
+        as one map, give its place less than the second; see `merging.lone_joins`.
     as_wholes
         Whether groups that were not joined are aligned once more, each as one map; see `merging.group_look`.
     deviation_m, deviation_rad
@@ -277,6 +280,8 @@ class GraphConfig(FrozenConfig):
     min_wall_m: Metres = 1.0
     coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.4
     min_support: float = 2.19
+    sure_alone: Share = 0.99
+    min_whole: Share = 0.1
     as_wholes: bool = True
     deviation_m: Metres = 0.05
     deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005

@@ -10,12 +10,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
-from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.exactness import Covariance, seen_from
 from merging.map_graph import Group
-from merging.merged_group import merge_group
-from merging.warping import place
+from merging.whole_groups import WholeGroup, align_wholes, names_in
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -90,16 +88,14 @@ def look_at_groups(
     if not (pairs and config.graph.as_wholes and config.method == "correlation"):
         return None, set()
     watch = watch or Watch()
-    wanted = dict.fromkeys(itertools.chain.from_iterable(pairs))
-    merged = {name: merge_group(maps, whole[name], config, watch) for name in wanted if len(whole[name]) > 1}
-    grids = {name: TbmMap(merged[name].merged.grid if name in merged else maps[name].grid) for name in wanted}
-    found = align_all(grids, config, workers, watch, scheduler, pairs)
+    wholes = {name: WholeGroup.of(maps, whole[name].poses, config, watch) for name in names_in(pairs)}
+    found = align_wholes(wholes, pairs, config, workers, watch, scheduler)
     accepted = {pair: one.T_target_source for pair, one in found.items() if one.accepted and one.T_target_source}
     if not accepted:
         return None, {_members(whole, pair) for pair in pairs}
     best = max(accepted, key=lambda pair: found[pair].confidence)
     counts = len(whole[best[0]]), len(whole[best[1]])
-    T_target, T_source = (merged[name].poses[name] if name in merged else SE2.identity() for name in best)
+    T_target, T_source = (wholes[name].poses[name] for name in best)
     alignment = replace(
         found[best],
         reason=f"{_so_many(counts[1])} onto {_so_many(counts[0])} merged so far: {found[best].reason}",
@@ -107,8 +103,8 @@ def look_at_groups(
         covariance=_seen_from(found[best].covariance, T_source.inverse()),
         alternatives=(),
     )
-    target, source = (grids[name].grid for name in best)
-    look = GroupLook(best, alignment, (_seen_in(target, T_target.inverse()), _seen_in(source, T_source.inverse())))
+    target, source = best
+    look = GroupLook(best, alignment, (wholes[target].seen_in(target), wholes[source].seen_in(source)))
     logger.info("%s in %s: %s", *best[::-1], look.alignment.reason)
     # Of the others those that were accepted get their turn, where they are groups still.
     return look, {_members(whole, pair) for pair in pairs if pair == best or pair not in accepted}
@@ -120,10 +116,6 @@ def _members(whole: Mapping[str, Group], pair: Pair) -> Members:
 
 def _seen_from(covariance: Covariance | None, T_first_merged: SE2) -> Covariance | None:
     return None if covariance is None else seen_from(covariance, T_first_merged)
-
-
-def _seen_in(grid: TbmGrid, T_first_merged: SE2) -> TbmGrid:
-    return grid if T_first_merged == SE2.identity() else place(grid, T_first_merged, grid.geometry).drawn()
 
 
 def _so_many(count: int) -> str:

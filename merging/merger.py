@@ -17,6 +17,7 @@ from merging.fusion import Fusion
 from merging.group_look import Members, look_at_groups
 from merging.joint_refinement import JointRefinement
 from merging.known_poses import place_known
+from merging.lone_joins import Sides, refute_lone_join
 from merging.map_graph import Group, groups_of
 from merging.merged_group import MergedGroup, merge_group
 from merging.near_look import look_near
@@ -85,9 +86,9 @@ def merge(
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
     order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by, and
-    groups of maps as if each were one; those that fit nowhere as a whole are tried once more in stretches of their
-    drives, and then bent.
+    fused however large others are. A doubtful alignment that alone joins two groups must stand for them as wholes. Maps
+    that this leaves apart are looked at again by what was seen from near by, and groups of maps as if each were one;
+    those that fit nowhere as a whole are tried once more in stretches of their drives, and then bent.
 
     Parameters
     ----------
@@ -116,6 +117,7 @@ def merge(
     found = Findings.of(maps, first, partial(_grouped, list(maps), config, watch, known.poses))
     near = look_near(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
     found = found.with_aligned(near.alignments, near.grids)
+    found = _without_lone_joins(found, config, workers, watch, scheduler)
     found = _with_groups_as_wholes(found, config, workers, watch, scheduler)
     found, joined = _with_bent_maps(found, config, workers, watch, scheduler)
     closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
@@ -146,6 +148,21 @@ def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
         if any(pair in group.used for group in found.groups):
             found = found.judged_as_they_are(pair)
     return found
+
+
+def _without_lone_joins(
+    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
+) -> Findings:
+    """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
+    stood = set[Sides]()
+    while True:
+        refuted, fitting = refute_lone_join(
+            found.maps, found.groups, found.alignments, config, workers, watch, scheduler, stood
+        )
+        stood |= fitting
+        if refuted is None:
+            return found
+        found = found.with_aligned(dict([refuted]))
 
 
 def _with_groups_as_wholes(

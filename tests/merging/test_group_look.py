@@ -6,7 +6,7 @@ import pytest
 
 from datasets.synthetic.map_distortion import Distortion
 from datasets.synthetic.map_pairs import building_of_world
-from merging import MergeConfig, group_look, merge
+from merging import MergeConfig, merge, whole_groups
 from merging.alignment import Alignment
 from merging.exactness import known_best_at
 from merging.group_look import look_at_groups
@@ -85,8 +85,8 @@ def told(monkeypatch):
         asked.append(pairs)
         return {pair: answers.get(pair, Alignment("correlation", accepted=False, reason="")) for pair in pairs}
 
-    monkeypatch.setattr(group_look, "merge_group", merged)
-    monkeypatch.setattr(group_look, "align_all", align_all)
+    monkeypatch.setattr(whole_groups, "merge_group", merged)
+    monkeypatch.setattr(whole_groups, "align_all", align_all)
     return asked, answers
 
 

@@ -1,0 +1,140 @@
+"""Joins of groups that hang on one doubtful alignment: both groups as wholes must not speak against it.
+
+Of two maps few walls may agree by chance. Where others know the same two places, all of their walls must agree there
+as well; so what alone joins two groups is looked at once more with everything that they know.
+"""
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from merging.alignment import Alignment, Pair
+from merging.config import MergeConfig
+from merging.map_graph import Group
+from merging.offers import is_same_place
+from merging.whole_groups import WholeGroup, align_wholes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+Sides = tuple[Pair, frozenset[str], frozenset[str]]
+"""An alignment, and the maps on either side of it."""
+
+
+@dataclass(frozen=True)
+class LoneJoin:
+    """An alignment without which a group would fall into two.
+
+    Parameters
+    ----------
+    pair
+        Whose it is.
+    T_target_source
+        What it says.
+    sides
+        The poses of the maps on the target's side and on the source's, in the group's frame.
+    """
+
+    pair: Pair
+    T_target_source: SE2
+    sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
+
+    @property
+    def names(self) -> Sides:
+        """The pair, and the maps on either side."""
+        return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
+
+
+def refute_lone_join(
+    maps: Mapping[str, TbmMap],
+    groups: Sequence[Group],
+    alignments: Mapping[Pair, Alignment],
+    config: MergeConfig,
+    workers: int = 1,
+    watch: Watch | None = None,
+    scheduler: str | None = None,
+    stood: Collection[Sides] = (),
+) -> tuple[tuple[Pair, Alignment] | None, set[Sides]]:
+    """Look for an alignment that alone joins groups which as wholes do not fit so, the most doubtful first.
+
+    Parameters
+    ----------
+    maps
+        All maps, by name.
+    groups
+        What was joined.
+    alignments
+        What joined it.
+    config
+        Below which confidence a lone alignment is doubted, and how little the wholes may give its place.
+    workers, watch, scheduler
+        See `merging.all_pairs.align_all`.
+    stood
+        The groups that fitted before; they are not aligned again.
+
+    Returns
+    -------
+    The alignment, refused now, or None where all stand, and the groups that fit.
+    """
+    watch, fitting = watch or Watch(), set[Sides]()
+    joins = [join for group in groups for join in lone_joins(group, alignments, config)]
+    for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
+        if join.names in stood:
+            continue
+        likely = _likely_as_wholes(join, maps, config, workers, watch, scheduler)
+        if likely < config.graph.min_whole:
+            before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
+            reason = f"groups of {numbers} maps, which it alone joins, do not fit so ({likely:.2f}): {before.reason}"
+            logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
+            return (join.pair, replace(before, accepted=False, reason=reason, confidence=likely)), fitting
+        fitting.add(join.names)
+    return None, fitting
+
+
+def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[LoneJoin]:
+    """Return the doubtful alignments without which a group would fall into two, one of them of several maps."""
+    accepted = [pair for pair in group.used if alignments[pair].accepted]
+    joins = []
+    for pair in accepted:
+        found = alignments[pair]
+        if (
+            found.method != "correlation"
+            or found.T_target_source is None
+            or found.confidence >= config.graph.sure_alone
+        ):
+            continue
+        here = _reached_from(pair[0], [one for one in accepted if one != pair])
+        if pair[1] not in here and len(group) > 2:
+            sides = (
+                {name: pose for name, pose in group.poses.items() if (name in here) == near} for near in (True, False)
+            )
+            joins.append(LoneJoin(pair, found.T_target_source, (next(sides), next(sides))))
+    return joins
+
+
+def _reached_from(name: str, pairs: Sequence[Pair]) -> set[str]:
+    reached, edge = {name}, {name}
+    while edge:
+        edge = {b for pair in pairs for a, b in (pair, pair[::-1]) if a in edge} - reached
+        reached |= edge
+    return reached
+
+
+def _likely_as_wholes(
+    join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
+) -> float:
+    """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it."""
+    target, source = join.pair
+    wholes = {name: WholeGroup.of(maps, side, config, watch) for name, side in zip(join.pair, join.sides, strict=True)}
+    found = align_wholes(wholes, [join.pair], config, workers, watch, scheduler)[join.pair]
+    if found.T_target_source is None:
+        return 0.0
+    told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
+    offered = [
+        (found.T_target_source, found.confidence, found.covariance),
+        *((one.T_target_source, one.confidence, one.covariance) for one in found.alternatives),
+    ]
+    likely = (confidence for place, confidence, known in offered if is_same_place(told, place, config.graph, known))
+    return max(likely, default=0.0)

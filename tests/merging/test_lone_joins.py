@@ -1,0 +1,130 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from merging import MergeConfig, lone_joins, merger
+from merging.alignment import Alignment, Alternative
+from merging.lone_joins import refute_lone_join
+from merging.map_graph import groups_of
+from merging.merger import merge
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+CONFIG = MergeConfig.model_validate({"bent": {"enabled": False}, "graph": {"as_wholes": False}})
+POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
+NOT_FITTING = "groups of 2 and 2 maps, which it alone joins, do not fit so (0.05): looks good"
+
+
+def blank():
+    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 20, 20))
+    grid.masses[5:15, 5:15] = (0.0, 1.0, 0.0, 0.0)
+    return TbmMap(grid)
+
+
+MAPS = {name: blank() for name in POSES}
+
+
+def between(target, source):
+    return POSES[target].inverse() @ POSES[source]
+
+
+def found(pair, confidence, accepted=True, motion=None, alternatives=()):
+    motion = motion or between(*pair)
+    one = Alignment("correlation", accepted, "looks good", motion, agreed_wall_m=10.0, confidence=confidence)
+    return {tuple(pair): replace(one, alternatives=alternatives)}
+
+
+SURE = found("ab", 0.999) | found("cd", 0.999)
+
+
+@pytest.fixture
+def wholes(monkeypatch):
+    """Groups are aligned as told; which maps were on which side is kept."""
+    asked, answers = [], []
+
+    def align_wholes(wholes, pairs, *_):
+        asked.append(tuple("".join(sorted(wholes[name].poses)) for name in pairs[0]))
+        return {pairs[0]: answers[-1]}
+
+    monkeypatch.setattr(lone_joins, "align_wholes", align_wholes)
+    return asked, answers
+
+
+def refuted(alignments, stood=()):
+    return refute_lone_join(MAPS, groups_of(list(POSES), alignments, CONFIG.graph), alignments, CONFIG, stood=stood)
+
+
+def test_what_alone_joins_groups_that_do_not_fit_so_is_refused(wholes):
+    asked, answers = wholes
+    # What the groups say is said in the frames of their first maps.
+    answers += found("ac", 0.05, accepted=False).values()
+    (pair, refusal), fitting = refuted(SURE | found("bc", 0.95))
+    assert asked == [("ab", "cd")]
+    assert (pair, refusal.accepted, refusal.confidence, refusal.reason) == (("b", "c"), False, 0.05, NOT_FITTING)
+    assert refusal.T_target_source == between("b", "c")
+    assert fitting == set()
+
+
+def test_it_stands_where_the_groups_offer_its_place_too(wholes):
+    asked, answers = wholes
+    alignments = SURE | found("bc", 0.95)
+    elsewhere = SE2(30.0, 0.0, 0.0)
+    there = Alternative(between("a", "c"), 0.2, 9.0)
+    answers += found("ac", 0.7, accepted=False, motion=elsewhere, alternatives=(there,)).values()
+    nothing, fitting = refuted(alignments)
+    assert nothing is None
+    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("cd"))}
+    assert refuted(alignments, stood=fitting) == (None, set())
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        next(iter(found("ac", 0.9, motion=SE2(30.0, 0.0, 0.0)).values())),
+        Alignment("correlation", accepted=False, reason="nothing in common"),
+    ],
+)
+def test_groups_that_fit_elsewhere_or_nowhere_do_not_fit_so(wholes, answer):
+    wholes[1].append(answer)
+    (_, refusal), _ = refuted(SURE | found("bc", 0.95))
+    assert refusal.confidence == 0.0
+
+
+def test_the_most_doubtful_comes_first(wholes):
+    asked, answers = wholes
+    answers += found("ac", 0.05, accepted=False).values()
+    chain = found("ab", 0.97) | found("bc", 0.91) | found("cd", 0.95)
+    (pair, _), _ = refuted(chain)
+    assert pair == ("b", "c")
+    assert asked == [("ab", "cd")]
+
+
+@pytest.mark.parametrize(
+    "alignments",
+    [
+        SURE | found("bc", 0.995),
+        SURE | found("bc", 0.95) | found("ad", 0.95),
+        found("ab", 0.9),
+        SURE | {("b", "c"): replace(found("bc", 0.9)["b", "c"], method="told")},
+    ],
+    ids=["sure enough", "not alone", "two maps know no more", "somebody said so"],
+)
+def test_what_else_joins_maps_is_not_doubted(wholes, alignments):
+    assert refuted(alignments) == (None, set())
+    assert wholes[0] == []
+
+
+def test_groups_that_were_joined_so_are_apart_in_the_merge(wholes, monkeypatch):
+    wholes[1].extend(found("ac", 0.05, accepted=False).values())
+    told = SURE | found("bc", 0.95)
+    refused = Alignment("correlation", accepted=False, reason="")
+    others = dict.fromkeys((("a", "c"), ("a", "d"), ("b", "d")), refused)
+    monkeypatch.setattr(merger, "align_all", lambda *_: told | others)
+    result = merge(MAPS, CONFIG)
+    assert list(result.poses) == ["a", "b"]
+    assert result.alignments["b", "c"].reason == NOT_FITTING
+    assert NOT_FITTING in result.left_out["c"]
+    np.testing.assert_allclose(result.poses["b"], POSES["b"], atol=1e-6)
