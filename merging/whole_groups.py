@@ -15,6 +15,8 @@ from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
 
+_ALL_THEY_KNOW: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}
+
 
 @dataclass(frozen=True)
 class WholeGroup:
@@ -35,10 +37,14 @@ class WholeGroup:
     def of(
         cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, watch: Watch
     ) -> "WholeGroup":
-        """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is."""
+        """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
+
+        Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows.
+        """
         first = next(iter(poses))
         if len(poses) == 1:
             return cls(maps[first].grid, {first: SE2.identity()})
+        config = config.model_copy(update=_ALL_THEY_KNOW)
         T_first = poses[first].inverse()
         merged = merge_group(maps, Group({name: T_first @ pose for name, pose in poses.items()}), config, watch)
         return cls(merged.merged.grid, merged.poses)

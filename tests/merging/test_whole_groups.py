@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from merging import MergeConfig
+from merging.whole_groups import WholeGroup, names_in
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+
+WALL, FREE = (0.0, 0.1, 0.8, 0.1), (0.0, 0.9, 0.0, 0.1)
+
+
+def room(wall_row):
+    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 20, 20))
+    grid.masses[5:15, 5:15] = FREE
+    grid.masses[wall_row, 5:15] = WALL
+    return TbmMap(grid)
+
+
+MAPS = {"a": room(5), "b": room(14), "c": room(9)}
+POSES = {"a": SE2(7.0, 0.0, 0.0), "b": SE2(7.0, 1.0, 0.0)}
+
+
+def test_it_lies_in_the_frame_of_its_first_map_wherever_that_was():
+    whole = WholeGroup.of(MAPS, POSES, MergeConfig(), Watch())
+    assert whole.poses == {"a": SE2.identity(), "b": SE2(0.0, 1.0, 0.0)}
+    walls = np.argwhere(whole.grid.masses[..., 2] > 0.7)
+    ys = {round(whole.grid.geometry.centre_of(float(row), float(col))[1], 2) for row, col in walls}
+    assert ys == {0.55, 2.45}
+    assert whole.seen_in("a") is whole.grid
+    moved = whole.seen_in("b")
+    ys = {round(moved.geometry.centre_of(float(row), 0.0)[1], 2) for row, _ in np.argwhere(moved.masses[..., 2] > 0.7)}
+    assert ys == {-0.45, 1.45}
+
+
+def test_one_map_stays_as_it_is():
+    whole = WholeGroup.of(MAPS, {"c": SE2(3.0, 4.0, 1.0)}, MergeConfig(), Watch())
+    assert whole.grid is MAPS["c"].grid
+    assert whole.poses == {"c": SE2.identity()}
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [{"rule": "conjunctive"}, {"coverage": "overlap"}, {"reliability": {"a": 0.1}}, {"merged_resolution": 0.2}],
+)
+def test_what_the_merged_map_shall_hold_does_not_change_what_the_maps_know(wanted):
+    asked, plain = (WholeGroup.of(MAPS, POSES, MergeConfig.model_validate(one), Watch()) for one in (wanted, {}))
+    assert asked.grid.geometry == plain.grid.geometry
+    np.testing.assert_array_equal(asked.grid.masses, plain.grid.masses)
+
+
+def test_names_come_once_and_in_their_order():
+    assert names_in([("b", "a"), ("a", "c"), ("b", "c")]) == ["b", "a", "c"]
