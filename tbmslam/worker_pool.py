@@ -12,6 +12,7 @@ from functools import partial
 from multiprocessing import connection, resource_tracker
 from typing import ParamSpec, TypeVar
 
+from tbmslam.deferred_interrupt import DeferredInterrupt
 from tbmslam.errors import TbmSlamError
 
 _P = ParamSpec("_P")
@@ -21,38 +22,75 @@ _R = TypeVar("_R")
 class WorkerDiedError(TbmSlamError):
     """A process that had work to do ended before it was done."""
 
+    def __init__(self) -> None:
+        super().__init__("a worker process died: memory may have run out; run again with fewer --workers")
+
 
 class WorkerPool(ProcessPoolExecutor):
-    """Processes that do not hear Ctrl-C: who started them does, and stops them."""
+    """Processes that do not hear Ctrl-C: who started them does, and stops them.
+
+    Parameters
+    ----------
+    workers
+        How many there are at the most.
+    initializer
+        What each does first.
+    interrupt
+        What tells whether they were stopped.
+    """
+
+    def __init__(self, workers: int, initializer: Callable[[], object] | None, interrupt: DeferredInterrupt) -> None:
+        context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
+        super().__init__(workers, context, partial(_begin, initializer))
+        self._interrupt = interrupt
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
         """Give work to a process, which may begin for it and then takes over what is held."""
         with interrupts_held():
             return super().submit(fn, *args, **kwargs)
 
+    def result(self, future: Future[_R]) -> _R:
+        """Wait for what was given to a process, and return what it made or raise what it raised.
+
+        Raises
+        ------
+        WorkerDiedError
+            A process died.
+        KeyboardInterrupt
+            Ctrl-C stopped them.
+        """
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            self._interrupt.give_way()
+            raise WorkerDiedError from None
+
 
 @contextmanager
 def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -> Iterator[WorkerPool]:
     """Keep processes for a block; where it fails or is interrupted, they are stopped and their work is dropped.
 
+    What a signal raises is raised when they are, by the block's end at the latest.
+
     Raises
     ------
     WorkerDiedError
-        A process died, which the block did not catch as `BrokenProcessPool`.
+        A process died.
     """
-    context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
-    with WorkerPool(workers, context, partial(_begin, initializer)) as pool:
-        before = multiprocessing.active_children()
+    others = multiprocessing.active_children()
+
+    def stop() -> None:
+        for child in multiprocessing.active_children():
+            if child not in others:
+                child.terminate()  # what waits for it is dropped by the pool, which then is broken
+
+    with DeferredInterrupt(stop) as interrupt, WorkerPool(workers, initializer, interrupt) as pool:
         try:
             yield pool
         except BaseException as error:
-            for child in multiprocessing.active_children():
-                if child not in before:
-                    child.terminate()  # what waits for it is dropped by the pool, which then is broken
+            stop()
             if isinstance(error, BrokenProcessPool):
-                raise WorkerDiedError(
-                    "a worker process died: memory may have run out; run again with fewer --workers"
-                ) from None
+                raise WorkerDiedError from None
             raise
 
 

@@ -22,10 +22,30 @@ if __name__ == "__main__":
         waiting = [pool.submit(time.sleep, 600) for _ in range(9)]
         try:
             print("ready", flush=True)
-            waiting[0].result()
+            pool.result(waiting[0])
         except KeyboardInterrupt:
             print("interrupted", flush=True)
             raise SystemExit(130)
+"""
+
+
+AS_IT_BEGINS_TO_WAIT = """
+import os, signal, sys, time
+from tbmslam.worker_pool import worker_pool
+
+def interrupt(frame, event, arg):
+    if event == "c_return" and frame.f_code.co_qualname == "Condition.__enter__":
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGINT)
+
+if __name__ == "__main__":
+    try:
+        with worker_pool(1) as pool:
+            work = pool.submit(time.sleep, 600)
+            sys.setprofile(interrupt)
+            work.result()
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
 """
 
 
@@ -79,6 +99,22 @@ def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
     os.killpg(child.pid, signal.SIGINT)
     said = child.communicate(timeout=60)
     assert (child.returncode, *said) == (130, "interrupted\n", "")
+
+
+def test_ctrl_c_does_no_harm_where_a_lock_was_just_taken(tmp_path):
+    """The pool's own thread takes it too, and what ends the pool waits for that thread."""
+    script = tmp_path / "work.py"
+    script.write_text(AS_IT_BEGINS_TO_WAIT)
+    done = subprocess.run(  # noqa: S603 - our own script
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])

@@ -1,8 +1,9 @@
 """Who maps the robots: this process, several of them, or a cluster. The maps are the same."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from tbmslam.cluster import Cluster
@@ -46,14 +47,14 @@ def map_all(
         How many of several robots failed, and the first reason, at the end.
     """
     failures: dict[str, TbmSlamError] = {}
-    results = _results(tasks, shelf, workers, scheduler, watch)
-    for task, result in zip(tasks, results, strict=True):
-        try:
-            yield task, result()
-        except TbmSlamError as error:
+    with closing(_results(tasks, shelf, workers, scheduler, watch)) as results:
+        for task, result in zip(tasks, results, strict=True):
+            if not isinstance(result, TbmSlamError):
+                yield task, result
+                continue
             if len(tasks) > 1:
-                logger.warning("%s: %s", task.name, error)
-            failures[task.name] = error
+                logger.warning("%s: %s", task.name, result)
+            failures[task.name] = result
     if failures and len(tasks) == 1:
         raise next(iter(failures.values()))
     if failures:
@@ -68,33 +69,31 @@ def map_all(
 
 def _results(
     tasks: Sequence[MappingTask], shelf: Shelf, workers: int, scheduler: str | None, watch: Watch
-) -> Iterator[Callable[[], Mapped]]:
-    """Yield a function for each robot that returns its result or raises what went wrong."""
+) -> Generator[Mapped | TbmSlamError]:
+    """Yield for each robot what was made or went wrong."""
     if scheduler is not None:
         with Cluster(scheduler) as cluster:
             submitted = [cluster.submit(task.name, _map_elsewhere, task.at(Path.cwd())) for task in tasks]
             for future in watch.each(submitted, "mapping", len(tasks), "robots"):
-                yield lambda future=future: next(cluster.results([future]))  # type: ignore[misc]
+                yield _outcome(lambda future=future: next(cluster.results([future])))  # type: ignore[misc]
     elif min(workers, len(tasks)) <= 1:
         for task in tasks:
-            yield lambda task=task: map_robot(task, shelf, watch)  # type: ignore[misc]
+            yield _outcome(partial(map_robot, task, shelf, watch))
     else:
         with worker_pool(min(workers, len(tasks))) as pool:
             futures = [pool.submit(_map_elsewhere, task) for task in tasks]
             for future in watch.each(futures, "mapping", len(tasks), "robots"):
-                yield lambda future=future: _of_process(future.result)  # type: ignore[misc]
+                yield _outcome(partial(pool.result, future))
+
+
+def _outcome(mapping: Callable[[], Mapped]) -> Mapped | TbmSlamError:
+    try:
+        return mapping()
+    except TbmSlamError as error:
+        return error
 
 
 def _map_elsewhere(task: MappingTask) -> Mapped:
     """Map a robot in a process of its own; the map itself stays in its folder."""
     made = map_robot(task, Shelf(), Watch())
     return Mapped(made.run, made.summary, made.seconds)
-
-
-def _of_process(result: Callable[[], Mapped]) -> Mapped:
-    try:
-        return result()
-    except BrokenProcessPool:
-        raise MappingError(
-            "a worker process died: memory may have run out; run again with fewer --workers, finished work is kept"
-        ) from None
