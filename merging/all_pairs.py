@@ -10,9 +10,9 @@ from merging.alignment import Alignment, Pair
 from merging.cluster_pairs import align_on_cluster
 from merging.config import MergeConfig
 from merging.views import Views
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
 from tbmslam.worker_pool import worker_pool
 
 logger = logging.getLogger(__name__)
@@ -21,9 +21,7 @@ logger = logging.getLogger(__name__)
 def align_all(
     maps: Mapping[str, TbmMap],
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce | None = None,
     pairs: Sequence[Pair] | None = None,
 ) -> dict[Pair, Alignment]:
     """Align every pair of maps, or some pairs; the one named first is the target.
@@ -34,32 +32,25 @@ def align_all(
         Maps by name.
     config
         How they are aligned.
-    workers
-        Processes to share the work; every number gives the same alignments.
-    watch
-        Who is told how far it is.
-    scheduler
-        Address of a Dask scheduler whose workers share the work instead.
+    workforce
+        Who aligns them; this process where None.
     pairs
         The pairs wanted; every one where None.
 
     Raises
     ------
-    ValueError
-        If there is no worker.
     ClusterError
         If the cluster cannot be reached or gives up.
     WorkerDiedError
         If a process of this machine died.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    watch = watch or Watch()
+    workforce = workforce or Workforce()
+    watch = workforce.watch
     grids = {name: one.grid for name, one in maps.items()}
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
-    workers = min(workers, len(pairs))
-    if scheduler is not None:
-        found = align_on_cluster(pairs, grids, config, scheduler, watch)
+    workers = min(workforce.workers, len(pairs))
+    if workforce.scheduler is not None:
+        found = align_on_cluster(pairs, grids, config, workforce.scheduler, watch)
     elif workers <= 1:
         views = Views(grids, config)
         found = [

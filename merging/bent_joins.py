@@ -5,11 +5,12 @@ import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from merging.alignment import Alignment, Pair
+from merging.alignment import Pair
 from merging.bent_look import BentLook, look_bent
 from merging.cluster_pairs import Packed, pack, unpack
 from merging.config import MergeConfig
-from merging.map_graph import Group
+from merging.findings import Findings
+from merging.workforce import Workforce
 from tbmslam.cluster import Cluster
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -19,46 +20,37 @@ logger = logging.getLogger(__name__)
 
 
 def look_closer(
-    maps: Mapping[str, TbmMap],
-    groups: Sequence[Group],
-    alignments: Mapping[Pair, Alignment],
+    found: Findings,
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce,
 ) -> dict[Pair, BentLook]:
     """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
 
     Parameters
     ----------
-    maps
-        All maps, by name.
-    groups
-        What was joined so far.
-    alignments
-        What was found so far.
+    found
+        The maps, and what is known of them so far.
     config
         How maps are bent and believed.
-    workers, watch, scheduler
-        See `merging.all_pairs.align_all`.
+    workforce
+        Who bends them.
     """
-    where = {name: number for number, group in enumerate(groups) for name in group.poses}
-    pairs = [pair for pair, found in alignments.items() if where[pair[0]] != where[pair[1]] and not found.accepted]
+    pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
     if not (pairs and config.bent.enabled and config.method == "correlation"):
         return {}
-    grids = {name: TbmMap(maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
-    workers, watch = min(workers, len(pairs)), watch or Watch()
-    if scheduler is not None:
-        looks = _on_cluster(pairs, grids, config, scheduler, watch)
+    grids = {name: TbmMap(found.maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
+    workers, watch = min(workforce.workers, len(pairs)), workforce.watch
+    if workforce.scheduler is not None:
+        looks = _on_cluster(pairs, grids, config, workforce.scheduler, watch)
     elif workers <= 1:
         looks = [_look(pair, grids, config) for pair in watch.each(pairs, "bending", len(pairs), "pairs")]
     else:
         with worker_pool(workers, partial(_hire, grids, config)) as pool:
             looks = list(watch.each(pool.map(_look_here, pairs), "bending", len(pairs), "pairs"))
-    found = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
-    for (target, source), look in found.items():
+    joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
+    for (target, source), look in joins.items():
         logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
-    return found
+    return joins
 
 
 _here: list[tuple[Mapping[str, TbmMap], MergeConfig]] = []

@@ -7,7 +7,7 @@ are aligned with each other there without being told.
 
 import itertools
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from merging.aligner import align_whole
@@ -15,16 +15,16 @@ from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.exactness import seen_from
+from merging.findings import Findings
 from merging.joint_refinement import JointRefinement, nearest_rigid, refine_jointly
-from merging.map_graph import Group
 from merging.merged_group import MergedGroup
 from merging.offers import is_same_place
 from merging.redrawing import redraw
 from merging.stretches import elect, laid_in_stretches, stretches_of
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -52,29 +52,24 @@ class BentMap:
 
 
 def place_bent_map(
-    maps: Mapping[str, TbmMap],
-    groups: Sequence[Group],
+    known: Findings,
     joined: MergedGroup | None,
     config: MergeConfig,
-    workers: int,
-    watch: Watch,
-    scheduler: str | None = None,
+    workforce: Workforce,
     placed: Collection[Pair] = (),
 ) -> tuple[Pair, BentMap] | None:
     """Place one of the maps left out so far, and say on which map; None where none can be placed.
 
     Parameters
     ----------
-    maps
-        All maps, by name.
-    groups
-        What was joined so far, the largest first.
+    known
+        The maps, and what is known of them so far.
     joined
         The first group as one map; None where no two maps were joined, and each is tried on each.
     config
         How stretches are cut and believed.
-    workers, watch, scheduler
-        See `merging.all_pairs.align_all`.
+    workforce
+        Who aligns them.
     placed
         What was returned before. Where that joined no maps, since too much else spoke against it, it would not again.
 
@@ -84,14 +79,15 @@ def place_bent_map(
     """
     if not (config.stretches.enabled and config.joint.enabled and config.method == "correlation"):
         return None
+    maps = known.maps
     if joined is not None:
-        tries = [(groups[0].first, joined.merged, name) for name in maps if name not in joined.poses]
+        tries = [(known.groups[0].first, joined.merged, name) for name in maps if name not in joined.poses]
     else:
         tries = [(target, maps[target], source) for target, source in itertools.combinations(maps, 2)]
     for base, target, name in tries:
         if (base, name) in placed:
             continue
-        found = place_bent(target, maps[name], config, workers, watch, scheduler)
+        found = place_bent(target, maps[name], config, workforce)
         if found is not None:
             onto = "" if joined is None else f"onto {len(joined.poses)} maps merged so far: "
             alignment = replace(found.alignment, reason=onto + found.alignment.reason)
@@ -104,26 +100,24 @@ def place_bent(
     target: TbmMap,
     source: TbmMap,
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce | None = None,
 ) -> BentMap | None:
     """Find where a source map lies in a target map's frame by stretches of its drives; None where nobody can tell."""
     if not (_is_driven(target) and _is_driven(source)):
         return None
-    watch = watch or Watch()
+    workforce = workforce or Workforce()
     stretches = stretches_of(source, config.stretches)
     if len(stretches) < 2:
         return None
     pieces = {f"stretch {index}": stretch.map for index, stretch in enumerate(stretches, 1)}
     pairs = [(_TARGET, name) for name in pieces]
-    found = align_all({_TARGET: target, **pieces}, config, workers, watch, scheduler, pairs)
+    found = align_all({_TARGET: target, **pieces}, config, workforce, pairs)
     place = elect(stretches, list(found.values()), config.graph, config.stretches)
     if place is None:
         return None
     laid = laid_in_stretches(source, stretches, place)
     told = f"laid in stretches of the drive, {len(place.motions)} of {len(stretches)} of which agree"
-    joint = refine_jointly(*_where_laid(target, laid), config.joint, watch)
+    joint = refine_jointly(*_where_laid(target, laid), config.joint, workforce.watch)
     again = _aligned_again(joint, config)
     if joint is None or not again.accepted:
         logger.info("%s, but %s", told, again.reason)

@@ -45,6 +45,11 @@ class Findings:
         """Return what a first look found."""
         return cls(grouping, maps, alignments, grouping(alignments))
 
+    def apart(self) -> list[Pair]:
+        """Return the pairs whose maps are in different groups."""
+        where = {name: number for number, group in enumerate(self.groups) for name in group.poses}
+        return [pair for pair in self.alignments if where[pair[0]] != where[pair[1]]]
+
     def with_aligned(
         self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, Grids] | None = None
     ) -> "Findings":

@@ -6,18 +6,18 @@ first, and then it, would find it. So groups are merged, each for itself, and al
 
 import itertools
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.exactness import Covariance, seen_from
+from merging.findings import Findings
 from merging.map_graph import Group
 from merging.whole_groups import WholeGroup, align_wholes, names_in
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -44,30 +44,33 @@ class GroupLook:
     grids: tuple[TbmGrid, TbmGrid]
 
 
+def with_groups_as_wholes(found: Findings, config: MergeConfig, workforce: Workforce) -> Findings:
+    """Add how groups lie to each other, the surest first."""
+    tried = set[Members]()
+    while True:
+        look, now_tried = look_at_groups(found, config, workforce, tried)
+        tried |= now_tried
+        if look is None:
+            return found
+        found = found.with_aligned({look.pair: look.alignment}, {look.pair: look.grids})
+
+
 def look_at_groups(
-    maps: Mapping[str, TbmMap],
-    groups: Sequence[Group],
-    alignments: Mapping[Pair, Alignment],
+    found: Findings,
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce,
     tried: Collection[Members] = (),
 ) -> tuple[GroupLook | None, set[Members]]:
     """Align groups as wholes, unless both are of one map, or what was accepted between them contradicts itself.
 
     Parameters
     ----------
-    maps
-        All maps, by name.
-    groups
-        What was joined so far.
-    alignments
-        What was found so far.
+    found
+        The maps, and what is known of them so far.
     config
         How groups are merged and aligned.
-    workers, watch, scheduler
-        See `merging.all_pairs.align_all`.
+    workforce
+        Who aligns them.
     tried
         The groups that were before; they are not again.
 
@@ -75,32 +78,33 @@ def look_at_groups(
     -------
     The surest join, or None where none was accepted, and the groups that were tried.
     """
-    whole = {group.first: group for group in groups}
-    first_of = {name: group.first for group in groups for name in group.poses}
-    contradicted = {frozenset(first_of[name] for name in pair) for pair, found in alignments.items() if found.accepted}
+    whole = {group.first: group for group in found.groups}
+    first_of = {name: group.first for group in found.groups for name in group.poses}
+    contradicted = {
+        frozenset(first_of[name] for name in pair) for pair, one in found.alignments.items() if one.accepted
+    }
     pairs = [
         pair
-        for pair in itertools.combinations([name for name in maps if name in whole], 2)
+        for pair in itertools.combinations([name for name in found.maps if name in whole], 2)
         if max(len(whole[name]) for name in pair) > 1
         and frozenset(pair) not in contradicted
         and _members(whole, pair) not in tried
     ]
     if not (pairs and config.graph.as_wholes and config.method == "correlation"):
         return None, set()
-    watch = watch or Watch()
-    wholes = {name: WholeGroup.of(maps, whole[name].poses, config, watch) for name in names_in(pairs)}
-    found = align_wholes(wholes, pairs, config, workers, watch, scheduler)
-    accepted = {pair: one.T_target_source for pair, one in found.items() if one.accepted and one.T_target_source}
+    wholes = {name: WholeGroup.of(found.maps, whole[name].poses, config, workforce.watch) for name in names_in(pairs)}
+    aligned = align_wholes(wholes, pairs, config, workforce)
+    accepted = {pair: one.T_target_source for pair, one in aligned.items() if one.accepted and one.T_target_source}
     if not accepted:
         return None, {_members(whole, pair) for pair in pairs}
-    best = max(accepted, key=lambda pair: found[pair].confidence)
+    best = max(accepted, key=lambda pair: aligned[pair].confidence)
     counts = len(whole[best[0]]), len(whole[best[1]])
     T_target, T_source = (wholes[name].poses[name] for name in best)
     alignment = replace(
-        found[best],
-        reason=f"{_so_many(counts[1])} onto {_so_many(counts[0])} merged so far: {found[best].reason}",
+        aligned[best],
+        reason=f"{_so_many(counts[1])} onto {_so_many(counts[0])} merged so far: {aligned[best].reason}",
         T_target_source=T_target.inverse() @ accepted[best] @ T_source,
-        covariance=_seen_from(found[best].covariance, T_source.inverse()),
+        covariance=_seen_from(aligned[best].covariance, T_source.inverse()),
         alternatives=(),
     )
     target, source = best

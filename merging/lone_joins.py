@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
+from merging.findings import Findings
 from merging.map_graph import Group
 from merging.offers import is_same_place
 from merging.whole_groups import WholeGroup, align_wholes
+from merging.workforce import Workforce
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
 
@@ -47,30 +48,33 @@ class LoneJoin:
         return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
 
 
+def without_lone_joins(found: Findings, config: MergeConfig, workforce: Workforce) -> Findings:
+    """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
+    stood = set[Sides]()
+    while True:
+        refuted, fitting = refute_lone_join(found, config, workforce, stood)
+        stood |= fitting
+        if refuted is None:
+            return found
+        found = found.with_aligned(dict([refuted]))
+
+
 def refute_lone_join(
-    maps: Mapping[str, TbmMap],
-    groups: Sequence[Group],
-    alignments: Mapping[Pair, Alignment],
+    found: Findings,
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce,
     stood: Collection[Sides] = (),
 ) -> tuple[tuple[Pair, Alignment] | None, set[Sides]]:
     """Look for an alignment that alone joins groups which as wholes do not fit so, the most doubtful first.
 
     Parameters
     ----------
-    maps
-        All maps, by name.
-    groups
-        What was joined.
-    alignments
-        What joined it.
+    found
+        The maps, and what is known of them so far.
     config
         Below which confidence a lone alignment is doubted, and how little the wholes may give its place.
-    workers, watch, scheduler
-        See `merging.all_pairs.align_all`.
+    workforce
+        Who aligns them.
     stood
         The groups that fitted before; they are not aligned again.
 
@@ -78,12 +82,12 @@ def refute_lone_join(
     -------
     The alignment, refused now, or None where all stand, and the groups that fit.
     """
-    watch, fitting = watch or Watch(), set[Sides]()
-    joins = [join for group in groups for join in lone_joins(group, alignments, config)]
+    fitting, alignments = set[Sides](), found.alignments
+    joins = [join for group in found.groups for join in lone_joins(group, alignments, config)]
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
         if join.names in stood:
             continue
-        likely = _likely_as_wholes(join, maps, config, workers, watch, scheduler)
+        likely = _likely_as_wholes(join, found.maps, config, workforce)
         if likely < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
             reason = f"groups of {numbers} maps, which it alone joins, do not fit so ({likely:.2f}): {before.reason}"
@@ -122,13 +126,14 @@ def _reached_from(name: str, pairs: Sequence[Pair]) -> set[str]:
     return reached
 
 
-def _likely_as_wholes(
-    join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
-) -> float:
+def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:
     """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it."""
     target, source = join.pair
-    wholes = {name: WholeGroup.of(maps, side, config, watch) for name, side in zip(join.pair, join.sides, strict=True)}
-    found = align_wholes(wholes, [join.pair], config, workers, watch, scheduler)[join.pair]
+    wholes = {
+        name: WholeGroup.of(maps, side, config, workforce.watch)
+        for name, side in zip(join.pair, join.sides, strict=True)
+    }
+    found = align_wholes(wholes, [join.pair], config, workforce)[join.pair]
     if found.T_target_source is None:
         return 0.0
     told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()

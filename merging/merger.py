@@ -14,14 +14,15 @@ from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.findings import Findings
 from merging.fusion import Fusion
-from merging.group_look import Members, look_at_groups
+from merging.group_look import with_groups_as_wholes
 from merging.joint_refinement import JointRefinement
 from merging.known_poses import place_known
-from merging.lone_joins import Sides, refute_lone_join
+from merging.lone_joins import without_lone_joins
 from merging.map_graph import Group, groups_of
 from merging.merged_group import MergedGroup, merge_group
 from merging.near_look import look_near
 from merging.straightened_maps import straightened_by
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -106,24 +107,24 @@ def merge(
     Raises
     ------
     ValueError
-        If there are fewer than two maps, or poses are known of a map that is none of them or the first.
+        If there are fewer than two maps or no worker, or poses are known of a map that is none of them or the first.
     """
-    config, watch = config or MergeConfig(), watch or Watch()
+    config, workforce = config or MergeConfig(), Workforce(workers, scheduler, watch or Watch())
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_known(maps, config)
     unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
-    first = known.alignments | align_all(maps, config, workers, watch, scheduler, unknown)
-    found = Findings.of(maps, first, partial(_grouped, list(maps), config, watch, known.poses))
-    near = look_near(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
+    first = known.alignments | align_all(maps, config, workforce, unknown)
+    found = Findings.of(maps, first, partial(_grouped, list(maps), config, workforce.watch, known.poses))
+    near = look_near(found, config, workforce)
     found = found.with_aligned(near.alignments, near.grids)
-    found = _without_lone_joins(found, config, workers, watch, scheduler)
-    found = _with_groups_as_wholes(found, config, workers, watch, scheduler)
-    found, joined = _with_bent_maps(found, config, workers, watch, scheduler)
-    closer = look_closer(found.maps, found.groups, found.alignments, config, workers, watch, scheduler)
+    found = without_lone_joins(found, config, workforce)
+    found = with_groups_as_wholes(found, config, workforce)
+    found, joined = _with_bent_maps(found, config, workforce)
+    closer = look_closer(found, config, workforce)
     if closer:
         found = _with_looks(found, closer)
-        joined = _joined(found, config, watch)
+        joined = _joined(found, config, workforce.watch)
     return _merged(found, joined)
 
 
@@ -150,44 +151,12 @@ def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
     return found
 
 
-def _without_lone_joins(
-    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
-) -> Findings:
-    """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
-    stood = set[Sides]()
-    while True:
-        refuted, fitting = refute_lone_join(
-            found.maps, found.groups, found.alignments, config, workers, watch, scheduler, stood
-        )
-        stood |= fitting
-        if refuted is None:
-            return found
-        found = found.with_aligned(dict([refuted]))
-
-
-def _with_groups_as_wholes(
-    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
-) -> Findings:
-    """Add how groups lie to each other, the surest first."""
-    tried = set[Members]()
-    while True:
-        look, now_tried = look_at_groups(
-            found.maps, found.groups, found.alignments, config, workers, watch, scheduler, tried
-        )
-        tried |= now_tried
-        if look is None:
-            return found
-        found = found.with_aligned({look.pair: look.alignment}, {look.pair: look.grids})
-
-
-def _with_bent_maps(
-    found: Findings, config: MergeConfig, workers: int, watch: Watch, scheduler: str | None
-) -> tuple[Findings, MergedGroup | None]:
+def _with_bent_maps(found: Findings, config: MergeConfig, workforce: Workforce) -> tuple[Findings, MergedGroup | None]:
     """Add maps in stretches of their drives, one after the other; return the largest group as one map, too."""
     placed = list[Pair]()
     while True:
-        joined = _joined(found, config, watch)
-        bent = place_bent_map(found.maps, found.groups, joined, config, workers, watch, scheduler, placed)
+        joined = _joined(found, config, workforce.watch)
+        bent = place_bent_map(found, joined, config, workforce, placed)
         if bent is None:
             return found, joined
         placed.append(bent[0])

@@ -15,11 +15,11 @@ from merging.config import MergeConfig
 from merging.map_graph import join
 from merging.offers import is_same_place, offers_of
 from merging.redrawing import redraw
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,7 @@ def align_by_drives(
     maps: Mapping[str, TbmMap],
     pairs: Sequence[Pair],
     config: MergeConfig,
-    workers: int = 1,
-    watch: Watch | None = None,
-    scheduler: str | None = None,
+    workforce: Workforce | None = None,
 ) -> dict[Pair, NearPair]:
     """Align each drive of a map with each of another; return the pairs of maps whose drives agree on a place.
 
@@ -64,7 +62,7 @@ def align_by_drives(
         The pairs wanted.
     config
         What is near, and how drives are aligned.
-    workers, watch, scheduler
+    workforce
         See `merging.all_pairs.align_all`.
     """
     drives = {name: _named_drives(name, maps[name]) for name in dict.fromkeys(itertools.chain(*pairs))}
@@ -76,7 +74,7 @@ def align_by_drives(
         for drive, keyframes in drives[name].items()
     }
     parts = {drive: TbmMap(grid) for drive, grid in grids.items()}
-    found = align_all(parts, config, workers, watch, scheduler, list(itertools.chain(*among.values())))
+    found = align_all(parts, config, workforce, list(itertools.chain(*among.values())))
     looks = {pair: _agreed({one: found[one] for one in ones}, grids, config) for pair, ones in among.items()}
     return {pair: look for pair, look in looks.items() if look is not None}
 

@@ -10,6 +10,7 @@ from merging.config import MergeConfig
 from merging.map_graph import Group
 from merging.merged_group import merge_group
 from merging.warping import place
+from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -59,14 +60,10 @@ def align_wholes(
     wholes: Mapping[str, WholeGroup],
     pairs: Sequence[Pair],
     config: MergeConfig,
-    workers: int,
-    watch: Watch,
-    scheduler: str | None,
+    workforce: Workforce,
 ) -> dict[Pair, Alignment]:
     """Align pairs of groups, by their names; see `merging.all_pairs.align_all`."""
-    return align_all(
-        {name: TbmMap(whole.grid) for name, whole in wholes.items()}, config, workers, watch, scheduler, pairs
-    )
+    return align_all({name: TbmMap(whole.grid) for name, whole in wholes.items()}, config, workforce, pairs)
 
 
 def names_in(pairs: Iterable[Pair]) -> list[str]:

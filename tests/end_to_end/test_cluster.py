@@ -12,7 +12,9 @@ import pytest
 from merging.alignment import Alignment
 from merging.bent_joins import look_closer
 from merging.config import MergeConfig
+from merging.findings import Findings
 from merging.map_graph import Group
+from merging.workforce import Workforce
 from tbmslam.se2 import SE2
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 from tests.merging.bent_floor import bent_maps
@@ -68,8 +70,9 @@ def test_bent_maps_are_joined_alike(tmp_path):
     maps, pair = {"a": target, "b": source}, ("a", "b")
     groups = [Group({name: SE2.identity()}) for name in maps]
     refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere")}
+    found = Findings.of(maps, refused, lambda _: groups)
     with DaskCluster(tmp_path, workers=1) as cluster:
-        there = look_closer(maps, groups, refused, MergeConfig(), scheduler=cluster.address)
-    here = look_closer(maps, groups, refused, MergeConfig())
+        there = look_closer(found, MergeConfig(), Workforce(scheduler=cluster.address))
+    here = look_closer(found, MergeConfig(), Workforce())
     assert there[pair].alignment == here[pair].alignment
     np.testing.assert_array_equal(there[pair].bend.middles, here[pair].bend.middles)

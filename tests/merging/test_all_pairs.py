@@ -2,17 +2,13 @@ import pytest
 
 from merging import MergeConfig
 from merging.all_pairs import align_all
+from merging.workforce import Workforce
 from tbmslam.tbm_map import TbmMap
 
 
 @pytest.mark.slow
 def test_any_number_of_workers_finds_the_same(rooms):
     maps = {str(seed): TbmMap(rooms(seed)) for seed in (1, 2, 3)}
-    alone, together = (align_all(maps, MergeConfig(), workers) for workers in (1, 2))
+    alone, together = (align_all(maps, MergeConfig(), Workforce(workers)) for workers in (1, 2))
     assert alone == together
     assert list(alone) == [("1", "2"), ("1", "3"), ("2", "3")]
-
-
-def test_no_worker_aligns_nothing(rooms):
-    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        align_all({}, MergeConfig(), workers=0)

@@ -12,9 +12,11 @@ from merging.alignment import Alignment
 from merging.bent_joins import look_closer
 from merging.bent_look import look_bent
 from merging.exactness import deviations
+from merging.findings import Findings
 from merging.map_graph import Group
 from merging.structure import Structure
 from merging.verification import examine
+from merging.workforce import Workforce
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -127,13 +129,18 @@ def test_empty_maps_and_those_without_walls_are_not_tried():
     assert look_bent(target, source, OFF) is None
 
 
+def closer(maps, groups, alignments, config=None, workers=1):
+    found = Findings.of(maps, alignments, lambda _: groups)
+    return look_closer(found, config or MergeConfig(), Workforce(workers))
+
+
 def test_any_number_of_workers_finds_the_same(caplog):
     caplog.set_level("INFO", logger="merging.bent_joins")
     target, source, _ = bent_maps("store")
     maps = {"a": target, "b": source, "c": bent_maps("halls")[0]}
     groups = [Group({name: SE2.identity()}) for name in maps]
     refused = dict.fromkeys(itertools.combinations(maps, 2), REFUSED)
-    one, two = (look_closer(maps, groups, refused, MergeConfig(), workers) for workers in (1, 2))
+    one, two = (closer(maps, groups, refused, workers=workers) for workers in (1, 2))
     assert [record.message.partition(":")[0] for record in caplog.records] == ["b in a"] * 2
     assert list(one) == list(two) == [("a", "b")]
     assert one["a", "b"].alignment == two["a", "b"].alignment
@@ -143,6 +150,6 @@ def test_maps_that_are_joined_or_accepted_already_are_not_tried():
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
     together, apart = [Group(dict.fromkeys("ab", SE2.identity()))], [Group({name: SE2.identity()}) for name in "ab"]
-    assert look_closer(maps, together, {pair: REFUSED}, MergeConfig()) == {}
-    assert look_closer(maps, apart, {pair: replace(REFUSED, accepted=True)}, MergeConfig()) == {}
-    assert look_closer(maps, apart, {pair: REFUSED}, OFF) == {}
+    assert closer(maps, together, {pair: REFUSED}) == {}
+    assert closer(maps, apart, {pair: replace(REFUSED, accepted=True)}) == {}
+    assert closer(maps, apart, {pair: REFUSED}, OFF) == {}

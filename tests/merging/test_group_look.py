@@ -9,9 +9,11 @@ from datasets.synthetic.map_pairs import building_of_world
 from merging import MergeConfig, merge, whole_groups
 from merging.alignment import Alignment
 from merging.exactness import known_best_at
+from merging.findings import Findings
 from merging.group_look import look_at_groups
 from merging.map_graph import Group
 from merging.merged_group import merge_group
+from merging.workforce import Workforce
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -81,13 +83,17 @@ def told(monkeypatch):
         whole = merge_group(*args)
         return replace(whole, poses={name: T_MERGED_FIRST @ pose for name, pose in whole.poses.items()})
 
-    def align_all(_maps, _config, _workers, _watch, _scheduler, pairs):
+    def align_all(_maps, _config, _workforce, pairs):
         asked.append(pairs)
         return {pair: answers.get(pair, Alignment("correlation", accepted=False, reason="")) for pair in pairs}
 
     monkeypatch.setattr(whole_groups, "merge_group", merged)
     monkeypatch.setattr(whole_groups, "align_all", align_all)
     return asked, answers
+
+
+def looked(groups, alignments, config, tried=()):
+    return look_at_groups(Findings.of(MAPS, alignments, lambda _: groups), config, Workforce(), tried)
 
 
 def accepted(confidence, motion=T_A_MERGED):
@@ -99,7 +105,7 @@ def accepted(confidence, motion=T_A_MERGED):
 def test_what_is_found_of_a_group_is_told_of_its_first_map(told):
     _, answers = told
     answers["a", "b"] = accepted(0.9)
-    look, tried = look_at_groups(MAPS, GROUPS, {}, CONFIG)
+    look, tried = looked(GROUPS, {}, CONFIG)
     assert look.pair == ("a", "b")
     assert look.alignment.reason == "2 maps onto one map merged so far: good"
     assert look.alignment.T_target_source == pytest.approx(T_A_MERGED @ T_MERGED_FIRST)
@@ -120,9 +126,9 @@ def members(*groups):
 def test_the_surest_comes_first_and_others_that_were_accepted_get_their_turn(told):
     asked, answers = told
     answers |= {("a", "b"): accepted(0.9), ("b", "c"): accepted(0.95)}
-    look, tried = look_at_groups(MAPS, GROUPS, {}, CONFIG)
+    look, tried = looked(GROUPS, {}, CONFIG)
     assert (look.pair, tried) == (("b", "c"), {members("bd", "c")})
-    again, tried = look_at_groups(MAPS, GROUPS, {}, CONFIG, tried=tried)
+    again, tried = looked(GROUPS, {}, CONFIG, tried)
     assert (again.pair, tried) == (("a", "b"), {members("a", "bd")})
     assert asked == [[("a", "b"), ("b", "c")], [("a", "b")]]
 
@@ -130,11 +136,11 @@ def test_the_surest_comes_first_and_others_that_were_accepted_get_their_turn(tol
 def test_nothing_new_is_no_reason_to_look(told):
     asked, _ = told
     alone = [Group({name: SE2.identity()}) for name in "abc"]
-    assert look_at_groups(MAPS, alone, {}, CONFIG) == (None, set())
-    assert look_at_groups(MAPS, GROUPS, {}, AS_MAPS) == (None, set())
+    assert looked(alone, {}, CONFIG) == (None, set())
+    assert looked(GROUPS, {}, AS_MAPS) == (None, set())
     contradicted = {("a", "d"): accepted(0.9), ("c", "d"): accepted(0.99)}
-    assert look_at_groups(MAPS, GROUPS, contradicted, CONFIG) == (None, set())
+    assert looked(GROUPS, contradicted, CONFIG) == (None, set())
     assert asked == []
-    nothing, tried = look_at_groups(MAPS, GROUPS, {}, CONFIG)
+    nothing, tried = looked(GROUPS, {}, CONFIG)
     assert (nothing, tried) == (None, {members("a", "bd"), members("bd", "c")})
-    assert look_at_groups(MAPS, GROUPS, {}, CONFIG, tried=tried) == (None, set())
+    assert looked(GROUPS, {}, CONFIG, tried) == (None, set())

@@ -5,9 +5,11 @@ import pytest
 
 from merging import MergeConfig, lone_joins, merger
 from merging.alignment import Alignment, Alternative
+from merging.findings import Findings
 from merging.lone_joins import refute_lone_join
 from merging.map_graph import groups_of
 from merging.merger import merge
+from merging.workforce import Workforce
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -53,7 +55,8 @@ def wholes(monkeypatch):
 
 
 def refuted(alignments, stood=()):
-    return refute_lone_join(MAPS, groups_of(list(POSES), alignments, CONFIG.graph), alignments, CONFIG, stood=stood)
+    found = Findings.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
+    return refute_lone_join(found, CONFIG, Workforce(), stood)
 
 
 def test_what_alone_joins_groups_that_do_not_fit_so_is_refused(wholes):

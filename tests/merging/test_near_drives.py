@@ -68,7 +68,7 @@ def test_all_drives_of_all_pairs_are_aligned_at_once(drives, monkeypatch):
     pairs = [("crew", "late"), ("crew", "lost"), ("late", "lost"), ("late", "too")]
     asked = []
 
-    def found(parts, _, __, ___, ____, pairs):
+    def found(parts, _, __, pairs):
         asked.append((list(parts), pairs))
         return dict.fromkeys(pairs, Alignment("correlation", accepted=False, reason=""))
 
@@ -94,7 +94,7 @@ def test_a_place_that_is_no_pair_s_best_is_none(drives, monkeypatch):
     first, second, _ = drives
     crew = together(first, second, first)
 
-    def found(_, __, ___, ____, _____, pairs):
+    def found(_, __, ___, pairs):
         places = [SE2(10.0 * number, 0.0, 0.0) for number in range(1, 1 + len(pairs))]
         others = (Alternative(SE2.identity(), 0.3, 5.0),)
         return {
@@ -110,7 +110,7 @@ def test_pairs_that_agree_by_an_alternative_are_told_as_such(drives, monkeypatch
     first, second, _ = drives
     crew = together(first, second, first)
 
-    def found(_, __, ___, ____, _____, pairs):
+    def found(_, __, ___, pairs):
         here, there = SE2.identity(), SE2(10.0, 0.0, 0.0)
         return dict(
             zip(

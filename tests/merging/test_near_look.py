@@ -8,11 +8,13 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
+from merging.findings import Findings
 from merging.map_graph import Group
 from merging.near_drives import redraw_near
 from merging.near_look import look_near
 from merging.pair_cards import pair_cards
 from merging.redrawing import redraw
+from merging.workforce import Workforce
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -70,7 +72,7 @@ def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
     nothing = Alignment("correlation", accepted=False, reason="", confidence=-1.0)
     first = dict.fromkeys(itertools.combinations(maps, 2), nothing)
     groups = [Group({"a": SE2.identity(), "same": SE2.identity()}), *(Group({n: SE2.identity()}) for n in others)]
-    look = look_near(maps, groups, first, CONFIG)
+    look = look_near(Findings.of(maps, first, lambda _: groups), CONFIG, Workforce())
     assert look.alignments.keys() == look.grids.keys() == {("a", "stranger"), ("same", "stranger")}
     assert not any(found.accepted for found in look.alignments.values())
 
