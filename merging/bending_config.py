@@ -134,6 +134,36 @@ class BentLookConfig(FrozenConfig):
     farthest_m: Metres = 1.0
 
 
+class KrigingConfig(FrozenConfig):
+    """How an accepted alignment of bent maps is made exact; see `merging.kriging`.
+
+    Parameters
+    ----------
+    iterations
+        Steps; with none it stays as walls that slide one by one leave it.
+    reach_m, width_m
+        How far a wall looks for its like [m], and from how far off it begins to lose its say [m].
+    patch_m, most_patches, min_patches
+        Walls that lie within so much floor and face the same way are one measurement [m]; where there were more than so
+        many patches, they are larger, and fewer say nothing.
+    bend_m, length_m
+        How far maps are bent [m], and over what length that changes by much [m].
+    patch_noise_m, cell_noise_m
+        Standard deviations of a patch, and of one surface cell in it [m].
+    """
+
+    iterations: Annotated[int, Field(ge=0)] = 3
+    reach_m: Metres = 0.25
+    width_m: Metres = 0.07
+    patch_m: Metres = 1.0
+    most_patches: Count = 400
+    min_patches: Annotated[int, Field(ge=3)] = 4
+    bend_m: Metres = 0.05
+    length_m: Metres = 4.0
+    patch_noise_m: Metres = 0.06
+    cell_noise_m: Metres = 0.03
+
+
 class StretchConfig(FrozenConfig):
     """How a map that was left out is tried once more, its drives in stretches; see `merging.bent_maps`.
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
-from merging.bending_config import BentLookConfig, JointConfig, NearConfig, StretchConfig
+from merging.bending_config import BentLookConfig, JointConfig, KrigingConfig, NearConfig, StretchConfig
 from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
@@ -356,6 +356,7 @@ class MergeConfig(FrozenConfig):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     exactness: ExactnessConfig = ExactnessConfig()
+    kriging: KrigingConfig = KrigingConfig()
     graph: GraphConfig = GraphConfig()
     known: KnownPoseConfig = KnownPoseConfig()
     bent: BentLookConfig = BentLookConfig()
