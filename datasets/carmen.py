@@ -14,7 +14,7 @@ from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
 from datasets.motion import Mounting, TopicMotion
 from datasets.options import RecordingOptions
-from datasets.pairing import Pairing, turned_over
+from datasets.pairing import Pairing, scaled, turned_over
 from datasets.recording import Recording
 from datasets.scan_intake import ScanIntake
 from datasets.se3 import SE3
@@ -166,7 +166,7 @@ def _readings(
     intake = ScanIntake(rules, step, options.gap_s, counts)
     mounting = Mounting([], options.sensor_pose or SE2(settings.laser_offset, 0.0, 0.0), options.upside_down)
     motion = TopicMotion(mounting)
-    pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.max_odometry_gap_s)
+    pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
     for line in (line for path in paths for line in lines_of(path)):
         if line.startswith(kind + " "):
             logged = _read(line, settings)
@@ -197,7 +197,9 @@ def _taken(logged: LoggedScan | None, intake: ScanIntake, counts: ReadingCounts)
 def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:
     """Put together what one line holds."""
     scan = turned_over(scan) if options.upside_down else scan
-    odometry = None if options.odometry == "none" else logged.T_odom_robot
+    odometry = None
+    if options.odometry != "none" and logged.T_odom_robot is not None:
+        odometry = scaled(logged.T_odom_robot, options.odometry_scale)
     return Reading(scan, odometry, options.sensor_pose or logged.T_robot_sensor)
 
 
@@ -230,6 +232,7 @@ def _description(
         "paths": [str(path) for path in paths],
         "scan_topic": kind,
         "odometry": source,
+        "odometry_scale": options.odometry_scale,
         "beams": len(first.raw.ranges) if first is not None else None,
         "angle_step_deg": step,
         "T_robot_sensor": list(sensor_pose),

@@ -45,6 +45,8 @@ class RecordingOptions:
         What a beam without a return says: "free", nothing was in range, or "drop", nothing at all.
     no_return_codes
         Further range values [m] by which the laser says that nothing came back.
+    odometry_scale
+        What the odometry's lengths are multiplied by: 0.001 where they are in millimetres.
     clock_offset
         Seconds to add to a scan's stamp before odometry is looked up; None: detected, 0 if the clocks agree.
     gap_s
@@ -68,6 +70,7 @@ class RecordingOptions:
     range_offset: float = 0.0
     no_return: NoReturn = "free"
     no_return_codes: tuple[float, ...] = ()
+    odometry_scale: float = 1.0
     clock_offset: float | None = None
     gap_s: float = 2.0
     max_odometry_gap_s: float = 5.0
@@ -91,6 +94,8 @@ class RecordingOptions:
             raise ValueError(f"range_min must be below range_max, got {self.range_min} and {self.range_max}")
         if not abs(self.range_offset) <= _LARGEST_OFFSET:
             raise ValueError(f"range_offset must be within {_LARGEST_OFFSET:g} m, got {self.range_offset}")
+        if not 1e-6 <= self.odometry_scale <= 1e6:
+            raise ValueError(f"odometry_scale must be between 1e-6 and 1e6, got {self.odometry_scale}")
         if self.sensor_pose is not None and not sum(map(abs, self.sensor_pose)) <= _FARTHEST_SENSOR:
             raise ValueError(
                 f"sensor_pose must be finite and within {_FARTHEST_SENSOR:.0f} m, got {tuple(self.sensor_pose)}"

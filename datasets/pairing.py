@@ -48,16 +48,21 @@ class Pairing:
         Filled as scans are used or dropped.
     clock_offset
         Added to a scan's stamp to get the time of the odometry [s]; the scan itself keeps its stamp.
+    odometry_scale
+        What the odometry's lengths are multiplied by.
     patience_s
         A scan for which no odometry arrived for this long (by bag time) is given up [s]; also the longest time between
         two poses that is interpolated.
     """
 
-    def __init__(self, motion: Motion, counts: ReadingCounts, clock_offset: float, patience_s: float) -> None:
+    def __init__(
+        self, motion: Motion, counts: ReadingCounts, clock_offset: float, odometry_scale: float, patience_s: float
+    ) -> None:
         self._motion = motion
         self._histories = motion.histories()
         self._counts = counts
         self._clock_offset = clock_offset
+        self._odometry_scale = odometry_scale
         self._patience_s = patience_s
         self._waiting: deque[_Waiting] = deque()
         self._last_stamp = float("-inf")
@@ -116,7 +121,7 @@ class Pairing:
         self._note_missing(waiting.scan.stamp, is_known)
         mounting, upside_down = self._motion.mounting(waiting.stamp)
         scan = turned_over(waiting.scan) if upside_down else waiting.scan
-        T_odom_robot = self._motion.odometry(poses) if is_known else None
+        T_odom_robot = self._odometry(poses) if is_known else None
         yield Reading(scan, T_odom_robot, mounting, self._swept(waiting) if is_known else None)
 
     def _swept(self, waiting: _Waiting) -> SE2 | None:
@@ -124,7 +129,12 @@ class Pairing:
         if waiting.end <= waiting.stamp or not self._histories:
             return None
         found = [history.at(waiting.end, self._patience_s, 0.0) for history in self._histories]
-        return self._motion.odometry([each.pose for each in found if each is not None]) if all(found) else None
+        return self._odometry([each.pose for each in found if each is not None]) if all(found) else None
+
+    def _odometry(self, poses: list[SE3]) -> SE2 | None:
+        """Return T_odom_robot with lengths in metres."""
+        told = self._motion.odometry(poses)
+        return None if told is None else scaled(told, self._odometry_scale)
 
     def _note_missing(self, stamp: float, is_known: bool) -> None:
         """Note when odometry ends and how long it is missing."""
@@ -136,6 +146,11 @@ class Pairing:
         if self._missing is None:
             self._missing = incidents.add(stamp, "no odometry, scans alone tell the motion")
         incidents.lengthen(self._missing, stamp)
+
+
+def scaled(T_odom_robot: SE2, scale: float) -> SE2:
+    """Return a pose with its lengths multiplied."""
+    return SE2(scale * T_odom_robot.x, scale * T_odom_robot.y, T_odom_robot.theta)
 
 
 def turned_over(scan: LaserScan) -> LaserScan:

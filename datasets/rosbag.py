@@ -62,7 +62,9 @@ class _Pass:
         survey = plan.survey
         self._intake = ScanIntake(survey.range_rules(), step, options.gap_s, counts, survey.longest_sweep())
         self._motion = _motion(plan, mounting)
-        self._pairing = Pairing(self._motion, counts, plan.clock.offset, options.max_odometry_gap_s)
+        self._pairing = Pairing(
+            self._motion, counts, plan.clock.offset, options.odometry_scale, options.max_odometry_gap_s
+        )
 
     def readings(self) -> Iterator[Reading]:
         """Yield the readings in the order of the recording."""
@@ -178,6 +180,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "range_offset_m": rules.offset,
         "no_return": rules.no_return,
         "no_return_codes_m": list(rules.no_return_codes),
+        "odometry_scale": plan.options.odometry_scale,
         "clock_offset_s": plan.clock.offset,
         "clock_warning": plan.clock.warning,
         "frame_warnings": list(plan.doubts),

@@ -11,6 +11,7 @@ import numpy as np
 from tbmslam.adjustment.laser_fit import fit_laser
 from tbmslam.adjustment.surface_adjustment import adjust
 from tbmslam.config import SlamConfig
+from tbmslam.corrections import Corrections
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
@@ -65,8 +66,8 @@ class Slam:
     started
         Stamp from which times are told, as that of the recording that the drive is a part of; None for the first
         reading's [s].
-    range_offset
-        What was added to every range when it was read, so that a warning can name what is to be added instead [m].
+    corrections
+        What was changed in the readings as they were read.
 
     Attributes
     ----------
@@ -85,12 +86,12 @@ class Slam:
         name: str = "robot",
         watch: Watch | None = None,
         started: float | None = None,
-        range_offset: float = 0.0,
+        corrections: Corrections | None = None,
     ) -> None:
         self.config = config or SlamConfig()
         self.name = name
         self._watch = watch or Watch()
-        self._started, self._range_offset = started, range_offset
+        self._started, self._corrections = started, corrections or Corrections()
         self._motion = MotionModel(self.config.motion)
         self._inserter = ScanInserter(self.config.map.sensor_model, self.config.map.insertion)
         self._tracker = self._make_tracker()
@@ -181,7 +182,7 @@ class Slam:
         what = mount_doubt(keyframes, odometry(part.keyframes), self.config.mount_check)
         if what and "angles" not in self._monitor.said_all_along:  # which turn all of the view, too
             self._monitor.note_all_along("mount", what, self.started)
-        self._monitor.tell(self.name, self.started)
+        self._monitor.tell(self.name, self.started, self._corrections.odometry_scale)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
         logger.info(
@@ -331,7 +332,8 @@ class Slam:
         with self._watch.during("checking the laser"):
             errors = fit_laser(keyframes, poses, steps, self.config.laser_fit, self.config.adjustment)
         if errors is not None:
-            for about, what in laser_doubts(errors, keyframes, self.config.laser_check, self._range_offset).items():
+            offset = self._corrections.range_offset
+            for about, what in laser_doubts(errors, keyframes, self.config.laser_check, offset).items():
                 self._monitor.note_all_along(about, what, self.started)
 
     def _hits_of(self, keyframes: Keyframes) -> ScanHits:

@@ -37,8 +37,8 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 FAULTS = (
-    *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck", "clock_offset"),
-    *("clock_step", "stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "parts_in_view"),
+    *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck", "odometry_unit"),
+    *("clock_offset", "clock_step", "stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "parts_in_view"),
     *("range_scale", "range_offset", "angle_step", "mount", "scans_repeated", "glass", "people", "crowd"),
     *("furniture", "carried", "lift"),
 )

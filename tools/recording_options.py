@@ -44,6 +44,9 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
     odometry = parser.add_argument_group("odometry and frames")
     odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="where it is read from (auto)")
     odometry.add_argument("--odometry-topic", metavar="TOPIC", help="topic of Odometry messages")
+    odometry.add_argument(
+        "--odometry-scale", type=float, metavar="F", help="its lengths are multiplied by this, millimetres by 0.001 (1)"
+    )
     odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
     odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
     odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
@@ -111,6 +114,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
         "range_offset": args.range_offset,
         "no_return": args.no_return,
         "no_return_codes": tuple(args.no_return_code) if args.no_return_code else None,
+        "odometry_scale": args.odometry_scale,
         "clock_offset": args.clock_offset,
         "gap_s": args.gap,
         "max_odometry_gap_s": args.max_odometry_gap,

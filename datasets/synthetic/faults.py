@@ -130,6 +130,12 @@ def _odometry_stuck(scene: _Scene) -> SimulatedRobot:
     return _odometry_moved(_odometry_freeze(scene), scene.end, before @ after.inverse())
 
 
+def _odometry_unit(scene: _Scene) -> SimulatedRobot:
+    """Let lengths of the odometry be in centimetres, all the time."""
+    odometry = scene.robot.odometry
+    return replace(scene.robot, odometry=Trajectory(odometry.stamps, odometry.poses * (100.0, 100.0, 1.0)))
+
+
 def _clock_offset(scene: _Scene) -> SimulatedRobot:
     """Let the stamps of all scans lag behind the clock of the odometry."""
     return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_FAULT)
@@ -261,6 +267,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "odometry_reset": _odometry_reset,
     "odometry_freeze": _odometry_freeze,
     "odometry_stuck": _odometry_stuck,
+    "odometry_unit": _odometry_unit,
     "clock_offset": _clock_offset,
     "clock_step": _clock_step,
     "stamps_back": _stamps_back,

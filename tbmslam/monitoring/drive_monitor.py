@@ -6,7 +6,7 @@ import math
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.continuity import ContinuityConfig, changed_share, compare_scans
-from tbmslam.monitoring.incidents import Incidents
+from tbmslam.monitoring.incidents import SOON_S, Incidents
 from tbmslam.monitoring.laser_view import LaserView
 from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
 from tbmslam.monitoring.shut_in import ComingOut, ShutIn
@@ -54,6 +54,7 @@ class DriveMonitor:
         self._shut_in = ShutIn(continuity.shut_in) if continuity.enabled and continuity.shut_in.enabled else None
         self._last: tuple[LaserScan, SE2] | None = None
         self._T_map_robot = SE2.identity()
+        self._stepping = 0, -math.inf
         self.said_all_along = set[str]()
 
     def cleaned(self, reading: Reading) -> Reading:
@@ -81,7 +82,7 @@ class DriveMonitor:
         """
         last = self._last
         if jump:
-            self.incidents.add(scan.stamp, f"the odometry steps by {jump:.0f} m, which is not believed")
+            self._note_jump(scan.stamp, jump)
         found: ScanMatch | None = match
         paused = last is not None and self._stood_still(last, scan, guess)
         if last is not None and paused and self._contradicts(last, scan, guess):
@@ -169,21 +170,39 @@ class DriveMonitor:
         self.incidents.reopen()
         self.said_all_along.clear()
 
-    def tell(self, name: str, start: float) -> None:
-        """Log the incidents, with the time since a stamp [s]."""
-        self._note_scale(start)
+    def tell(self, name: str, start: float, odometry_scale: float = 1.0) -> None:
+        """Log the incidents, with the time since a stamp [s].
+
+        Parameters
+        ----------
+        name, start
+            The robot's name, and the stamp.
+        odometry_scale
+            What the odometry's lengths were multiplied by.
+        """
+        self._note_scale(start, odometry_scale)
         for number, incident in enumerate(self.incidents):
             if number == _SAID_AT_MOST:
                 logger.warning("%s: and %d more", name, self.incidents.number - number)
                 return
             logger.warning("%s: %s", name, incident.text(start))
 
-    def _note_scale(self, start: float) -> None:
+    def _note_jump(self, stamp: float, metres: float) -> None:
+        """Note that the odometry steps too far to be believed, once where it goes on to do so."""
+        number, until = self._stepping
+        if 0.0 <= stamp - until <= SOON_S:
+            self.incidents.lengthen(number, stamp)
+        else:
+            number = self.incidents.add(stamp, f"the odometry steps by {metres:.0f} m, which is not believed")
+        self._stepping = number, stamp
+
+    def _note_scale(self, start: float, odometry_scale: float) -> None:
         """Note that scans and odometry differ in length all along."""
         scale = self._odometry.scale()
         if scale != 1.0:
-            what = f"the scans go {scale:.2f} times as far as the odometry, one of them has a wrong scale"
-            self.note_all_along("scale", what, start)
+            told = f"the scans go {_digits(scale)} times as far as the odometry, one of them has a wrong scale"
+            remedy = f"where it is the odometry's, --odometry-scale {_digits(scale * odometry_scale)} mends it"
+            self.note_all_along("scale", f"{told}; {remedy}", start)
 
     def _is_doubtful(self, match: ScanMatch) -> bool:
         return self._continuity.enabled and match.score < self._continuity.doubtful
@@ -226,3 +245,8 @@ class DriveMonitor:
             return False
         # Late odometry puts far hits of a scan that goes on into free space too, but not most of all hits.
         return comparison.contradiction <= config.max_contradiction or comparison.agreement > config.max_agreement
+
+
+def _digits(scale: float) -> str:
+    """Return a scale in words, to a hundredth or two digits."""
+    return f"{scale:.2f}" if scale >= 0.1 else f"{scale:.2g}"

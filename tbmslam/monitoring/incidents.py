@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 _MOST_KEPT = 100
-_SOON_S = 5.0
+SOON_S = 5.0
+"""What goes on after less than this is one incident [s]."""
 
 
 class Incident(NamedTuple):
@@ -71,7 +72,7 @@ class Incidents:
         """Note an incident and return its number; one that goes on soon after lasts longer instead."""
         for number in range(len(self._kept) - 1, max(len(self._kept) - 4, -1), -1):
             known = self._kept[number]
-            if known.what == what and 0.0 <= stamp - known.stamp - known.seconds <= _SOON_S:
+            if known.what == what and 0.0 <= stamp - known.stamp - known.seconds <= SOON_S:
                 self.lengthen(number, stamp + seconds)
                 return number
         self.number += 1

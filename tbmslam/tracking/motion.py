@@ -33,7 +33,7 @@ class MotionConfig(FrozenConfig):
         0.4, gt=0, description="odometry that stands still is not believed once the scans have moved so far [m, rad]"
     )
     jump: float = Field(2.0, gt=0, description="a step of the odometry beyond this is not believed [m]")
-    jump_per_second: float = Field(15.0, gt=0, description="nor one beyond this speed, added to it [m/s]")
+    jump_per_second: float = Field(15.0, gt=0, description="nor what goes on faster than this, added to it [m/s]")
     doubt: OdometryDoubtConfig = OdometryDoubtConfig()
 
 
@@ -72,6 +72,7 @@ class MotionModel:
         self._last_move = SE2.identity(), SE2.identity()
         self._duration = 0.0
         self._T_map_stopped = SE2.identity()  # where the robot was when its odometry last moved
+        self._ahead, self._impossible = 0.0, 0
         self._doubt = OdometryDoubt(config.doubt)
 
     def predict(self, reading: Reading) -> Prediction:
@@ -84,9 +85,8 @@ class MotionModel:
             return Prediction(start, np.zeros(3))
         if reading.T_odom_robot is not None and self._T_odom_robot is not None:
             before, now = self._T_odom_robot, reading.T_odom_robot
-            distance, since = math.hypot(now.x - before.x, now.y - before.y), abs(reading.scan.stamp - self._stamp)
-            if not distance <= self._config.jump + self._config.jump_per_second * since:
-                return self._by_constant_velocity(reading)._replace(jump=distance)
+            if not self._beyond(reading) <= self._config.jump:
+                return self._by_constant_velocity(reading)._replace(jump=self._odometry_step(reading)[0])
             if self._is_frozen(before, now):
                 return self._by_constant_velocity(reading)._replace(is_frozen=True)
             return self.by_odometry(before, now, self._T_map_robot)
@@ -138,6 +138,11 @@ class MotionModel:
                 self._last_move, self._duration = (self._T_map_robot, T_map_robot), duration
         if not _is_still(self._T_odom_robot, reading.T_odom_robot):
             self._T_map_stopped = T_map_robot
+        beyond = self._beyond(reading)
+        if beyond <= self._config.jump:  # what was not believed is not held against what comes next
+            self._ahead = max(beyond, 0.0)
+        step, possible = self._odometry_step(reading)
+        self._impossible = self._impossible + 1 if step > possible else max(self._impossible - 1, 0)
         self._stamp = reading.scan.stamp
         self._T_odom_robot = reading.T_odom_robot
         self._T_map_robot = T_map_robot
@@ -156,6 +161,23 @@ class MotionModel:
         """
         if prediction.by_odometry and information is not None:
             self._doubt.note(guess, pose, prediction.deviations, information)
+
+    def _beyond(self, reading: Reading) -> float:
+        """Return how far the odometry came beyond what any robot's speed explains, lately and with this step [m].
+
+        A leaky bucket: lengths in centimetres make steps of metres, each of which might be a jump, but not all of them.
+        It leaks the slower, the more often steps were impossible lately, or each halt would give such lengths a chance.
+        """
+        step, possible = self._odometry_step(reading)
+        return self._ahead + step - possible / (1 + self._impossible)
+
+    def _odometry_step(self, reading: Reading) -> tuple[float, float]:
+        """Return how far the odometry came since the last reading, and how far any robot comes [m]."""
+        before, now = self._T_odom_robot, reading.T_odom_robot
+        if self._stamp is None or before is None or now is None:
+            return 0.0, 0.0
+        since = abs(reading.scan.stamp - self._stamp)
+        return math.hypot(now.x - before.x, now.y - before.y), self._config.jump_per_second * since
 
     def _is_frozen(self, T_odom_before: SE2, T_odom_now: SE2) -> bool:
         """Tell whether the odometry stands still although the scans went on, as when its driver or a cable fails."""

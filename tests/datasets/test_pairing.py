@@ -23,7 +23,7 @@ class Bench:
     def __init__(self, patience=5.0):
         self.motion = TopicMotion(Mounting([], SE2(0.1, 0.0, 0.0), None))
         self.counts = ReadingCounts()
-        self.pairing = Pairing(self.motion, self.counts, 0.0, patience)
+        self.pairing = Pairing(self.motion, self.counts, 0.0, 1.0, patience)
         self.now = 0.0
 
     def pose(self, stamp, x):
@@ -125,7 +125,7 @@ def test_memory_is_bounded_while_waiting():
 
 def test_without_odometry_nothing_waits():
     counts = ReadingCounts()
-    pairing = Pairing(NoMotion(Mounting(None, None, None)), counts, 0.0, 5.0)
+    pairing = Pairing(NoMotion(Mounting(None, None, None)), counts, 0.0, 1.0, 5.0)
     for stamp in (2.0, 1.0, 3.0):
         pairing.add(scan_at(stamp), stamp)
         (reading,) = pairing.ready(stamp)

@@ -74,6 +74,8 @@ def test_counts_as_text_and_as_json():
         ({"sensor_pose": SE2(float("nan"), 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
         ({"sensor_pose": SE2(1e300, 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
         ({"range_offset": float("nan")}, "range_offset must be within 10 m, got nan"),
+        ({"odometry_scale": 0.0}, r"odometry_scale must be between 1e-6 and 1e6, got 0\.0"),
+        ({"odometry_scale": float("nan")}, "odometry_scale must be between 1e-6 and 1e6, got nan"),
         ({"clock_offset": float("inf")}, "clock_offset must be finite, got inf"),
     ],
 )

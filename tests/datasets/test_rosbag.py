@@ -221,6 +221,14 @@ def test_a_clock_fault_is_found_and_corrected(script, expected_pose, tmp_path, c
     assert "a clock fault, corrected" in caplog.text
 
 
+def test_the_odometry_is_brought_to_metres(script, expected_pose, tmp_path):
+    bag = ordinary(script).write(tmp_path / "run.bag")
+    readings, recording = read(bag, odometry_scale=0.001)
+    told = expected_pose(STAMPS[3])
+    assert_close(readings[3].T_odom_robot, SE2(0.001 * told.x, 0.001 * told.y, told.theta))
+    assert recording.description["odometry_scale"] == 0.001
+
+
 def test_a_given_clock_offset_is_obeyed(script, expected_pose, tmp_path):
     bag = ordinary(script).write(tmp_path / "run.bag")
     readings, _ = read(bag, clock_offset=0.5)

@@ -25,7 +25,7 @@ def test_every_choice_has_an_option():
         "--profile stata --scan-topic /s --odometry topic --odometry-topic /o --tf-topic /a --tf-topic /b "
         "--odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
         "--range-min 0.1 --range-max 20 --range-offset -0.05 --no-return drop "
-        "--no-return-code 8 --no-return-code 9 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
+        "--no-return-code 8 --no-return-code 9 --odometry-scale 0.001 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
     )
     assert parse(*words.split()) == RecordingOptions(
         profile="stata",
@@ -43,6 +43,7 @@ def test_every_choice_has_an_option():
         range_offset=-0.05,
         no_return="drop",
         no_return_codes=(8.0, 9.0),
+        odometry_scale=0.001,
         clock_offset=82.2,
         gap_s=3.0,
         max_odometry_gap_s=4.0,

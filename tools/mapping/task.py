@@ -19,6 +19,7 @@ from datasets.counts import Span
 from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
 from tbmslam.code_digest import code_digest
+from tbmslam.corrections import Corrections
 from tbmslam.errors import TbmSlamError
 from tbmslam.files.atomic_file import write_text
 from tbmslam.files.map_folder import save_map
@@ -141,7 +142,9 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
-    slam = Slam(task.config.slam, task.name, watch, task.began, task.config.recording.range_offset)
+    options = task.config.recording
+    corrections = Corrections(options.range_offset, options.odometry_scale)
+    slam = Slam(task.config.slam, task.name, watch, task.began, corrections)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans, first, last = 0, math.inf, -math.inf

@@ -65,6 +65,11 @@ def test_odometry_faults(robot, world):
     assert not np.allclose(stuck.poses[-1], frozen.poses[-1])
 
 
+def test_odometry_in_another_unit(robot, world):
+    faulty = with_fault(robot, world, "odometry_unit").odometry
+    np.testing.assert_allclose(faulty.poses / (100.0, 100.0, 1.0), robot.odometry.poses)
+
+
 def test_clock_faults(robot, world):
     assert np.diff(with_fault(robot, world, "stamps_back").truth.stamps).min() == pytest.approx(-0.1, abs=1e-5)
     twice = with_fault(robot, world, "stamps_twice").truth.stamps

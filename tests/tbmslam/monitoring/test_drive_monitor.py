@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.simulation import poses_at
+from tbmslam.corrections import Corrections
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import Reading
 from tbmslam.monitoring.drive_monitor import LOST
@@ -148,7 +149,31 @@ def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
     slam.finish()
     (told,) = [line for line in said(slam) if "scale" in line]
     assert told.startswith("the scans go 1.1")
-    assert told.endswith("times as far as the odometry, one of them has a wrong scale")
+    assert "times as far as the odometry, one of them has a wrong scale; where it is the odometry's, --od" in told
+
+
+@pytest.mark.parametrize("unit", [100.0, 1000.0])
+def test_odometry_in_another_unit_spoils_nothing_and_is_told_once(robot, unit):
+    def measured(T_odom_robot):
+        return SE2(unit * T_odom_robot.x, unit * T_odom_robot.y, T_odom_robot.theta)
+
+    slam, drive = mapped([replace(r, T_odom_robot=measured(r.T_odom_robot)) for r in robot.readings])
+    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    slam.finish()
+    assert f"--odometry-scale {1.0 / unit:g} mends it" in said(slam)[0]
+    steps = [incident for incident in slam.incidents if "steps by" in incident.what]
+    assert len(steps) == 1
+    assert steps[0].what.endswith(" m, which is not believed")
+
+
+def test_a_scale_that_was_given_and_is_wrong_is_not_named_again(robot):
+    slam = Slam(corrections=Corrections(odometry_scale=0.5))
+    for r in robot.readings:
+        slam.process(replace(r, T_odom_robot=SE2(0.5 * r.T_odom_robot.x, 0.5 * r.T_odom_robot.y, r.T_odom_robot.theta)))
+    slam.finish()
+    (told,) = [line for line in said(slam) if "scale" in line]
+    assert told.startswith("the scans go 2.0")
+    assert told.endswith("where it is the odometry's, --odometry-scale 1.00 mends it")
 
 
 @pytest.mark.parametrize("seed", [3, 6])

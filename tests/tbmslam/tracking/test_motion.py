@@ -82,6 +82,33 @@ def test_a_step_that_no_robot_makes_is_not_believed():
     assert model.predict(reading(0.1, SE2(1.9, 0, 0))).T_map_robot.x == pytest.approx(1.9)
 
 
+def believed(steps, seconds=0.05):
+    """Tell of each of some steps of the odometry [m] whether it is believed."""
+    model, x, answers = MotionModel(MotionConfig()), 0.0, []
+    model.correct(reading(0.0, SE2.identity()), SE2.identity())
+    for number, step in enumerate(steps, 1):
+        x += step
+        now = reading(seconds * number, SE2(x, 0, 0))
+        answers.append(model.predict(now).jump == 0.0)
+        model.correct(now, SE2.identity())
+    return answers
+
+
+def test_steps_that_each_might_be_a_jump_cannot_all_be_one():
+    """As where a robot at half a metre a second tells centimetres, even after it stood still."""
+    assert not any(believed([2.5] * 40)[1:])
+    assert not any(believed([2.5] * 40 + [0.0] * 30 + [2.5] * 20)[70:])
+
+
+def test_after_a_jump_the_odometry_is_believed_again():
+    assert believed([0.05] * 5 + [30.0] + [0.05] * 30) == [True] * 5 + [False] + [True] * 30
+    assert believed([0.05] * 5 + [1.9] + [0.05] * 30) == [True] * 36
+
+
+def test_odometry_that_was_impossible_for_a_while_is_believed_in_the_end():
+    assert believed([5.0] * 20 + [0.05] * 600)[-1]
+
+
 def test_odometry_that_stands_still_while_scans_move_on_is_not_believed():
     model = MotionModel(MotionConfig())
     for k in range(5):  # the scans go on by 15 cm each
