@@ -5,6 +5,21 @@ import math
 _ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
 _MORE_THAN_A_TURN_DEG = 360.5
 """From the first beam to the last; the last one of some lasers is the first one again."""
+_LEAST_FAN = 30.0
+"""Nearly five turns, or the least that a laser sees in degrees."""
+
+
+def are_degrees(beams: int, angle_increment: float) -> bool:
+    """Tell whether angles that should be in radians are in degrees: as radians they would go round many times.
+
+    Parameters
+    ----------
+    beams
+        Number of beams.
+    angle_increment
+        Stated step.
+    """
+    return _LEAST_FAN <= abs(angle_increment) * (beams - 1) <= _MORE_THAN_A_TURN_DEG
 
 
 def angle_warning(beams: int, angle_increment: float) -> str | None:
@@ -22,6 +37,9 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
     """
     if beams < 2:
         return None
+    if are_degrees(beams, angle_increment):
+        turns = abs(angle_increment) * (beams - 1) / math.tau
+        return f"{beams} beams {abs(angle_increment):g} rad apart are stated, {turns:.0f} turns: taken for degrees"
     step = abs(math.degrees(angle_increment))
     fan = step * (beams - 1)
     if fan > _MORE_THAN_A_TURN_DEG:

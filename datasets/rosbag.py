@@ -153,8 +153,8 @@ def _description(plan: Plan) -> dict[str, object]:
     first = plan.survey.first_scan
     stated = first and {
         "beams": len(first.ranges),
-        "angle_min_deg": math.degrees(first.angle_min),
-        "angle_step_deg": math.degrees(first.angle_increment),
+        "angle_min_deg": math.degrees(first.in_radians().angle_min),
+        "angle_step_deg": math.degrees(first.in_radians().angle_increment),
         "range_min_m": first.range_min,
         "range_max_m": first.range_max,
         "angle_warning": angle_warning(len(first.ranges), first.angle_increment),

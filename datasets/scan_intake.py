@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from datasets.beam_angles import are_degrees
 from datasets.cleaning import RangeRules, clean_ranges
 from datasets.counts import ReadingCounts
 from tbmslam.laser_scan import LaserScan
@@ -20,7 +21,7 @@ _SMALLEST_FAN = 1e-3
 
 
 class RawScan(NamedTuple):
-    """A scan as it was recorded; stamps in seconds, angles in radians, ranges (N,) in metres."""
+    """A scan as it was recorded; stamps in seconds, angles in what should be radians, ranges (N,) in metres."""
 
     stamp: float
     angle_min: float
@@ -29,6 +30,12 @@ class RawScan(NamedTuple):
     range_max: float
     ranges: npt.NDArray[np.floating]
     time_increment: float = 0.0
+
+    def in_radians(self) -> "RawScan":
+        """Return the same with angles in radians where they were stated in degrees."""
+        if not are_degrees(len(self.ranges), self.angle_increment):
+            return self
+        return self._replace(angle_min=math.radians(self.angle_min), angle_increment=math.radians(self.angle_increment))
 
 
 class ScanIntake:
@@ -68,6 +75,7 @@ class ScanIntake:
     def take(self, raw: RawScan) -> LaserScan | None:
         """Return the scan with clean ranges, or None (and the reason counted) where it is of no use."""
         self._counts.scans_read += 1
+        raw = raw.in_radians()
         if self._is_duplicate(raw):
             self._counts.drop("duplicate")
             return None

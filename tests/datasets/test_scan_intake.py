@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,13 @@ def test_a_senseless_step_makes_a_scan_useless(step):
     assert scans == [None]
     assert counts.dropped == {"unreadable": 1}
     assert take(raw(1.0, step=step), angle_step=0.2)[0][0].angle_increment == 0.2
+
+
+def test_angles_in_degrees_are_read_as_such():
+    told = RawScan(1.0, -90.0, 0.5, 0.1, 30.0, np.full(361, 2.0, dtype=np.float32))
+    (scan,), counts = take(told)
+    assert (scan.angle_min, scan.angle_increment) == pytest.approx((-math.pi / 2, math.radians(0.5)))
+    assert counts.dropped == {}
 
 
 @pytest.mark.parametrize("step", [1e-30, -1e-9, 1e30])
