@@ -159,7 +159,7 @@ class KrigingConfig(FrozenConfig):
     most_patches: Count = 400
     min_patches: Annotated[int, Field(ge=3)] = 4
     bend_m: Metres = 0.05
-    length_m: Metres = 4.0
+    length_m: Metres = 2.0
     patch_noise_m: Metres = 0.06
     cell_noise_m: Metres = 0.03
 
