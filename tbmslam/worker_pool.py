@@ -45,8 +45,15 @@ class WorkerPool(ProcessPoolExecutor):
         self._interrupt = interrupt
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
-        """Give work to a process, which may begin for it and then takes over what is held."""
+        """Give work to a process, which may begin for it and then takes over what is held.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Ctrl-C came before there was a process to stop.
+        """
         with interrupts_held():
+            self._interrupt.give_way()
             return super().submit(fn, *args, **kwargs)
 
     def result(self, future: Future[_R]) -> _R:

@@ -59,6 +59,13 @@ if __name__ == "__main__":
 """
 
 
+@pytest.fixture
+def on_a_terminal():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_work_is_done_in_other_processes():
     with worker_pool(2) as pool:
         assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
@@ -77,6 +84,21 @@ def test_what_fails_does_not_wait_for_the_rest():
         assert pool.submit(time.sleep, 600)()
     assert time.monotonic() - began < 60
     assert multiprocessing.active_children() == []
+
+
+def test_ctrl_c_before_there_is_a_worker_lets_none_begin(on_a_terminal):
+    taken = []
+
+    def work():
+        with worker_pool(1) as pool:
+            signal.raise_signal(signal.SIGINT)
+            taken.append(pool.submit(time.sleep, 0.0))
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert taken == []
+    assert multiprocessing.active_children() == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize("after", [0.0, 0.1, 1.0])
