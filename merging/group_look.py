@@ -14,7 +14,7 @@ from merging.config import MergeConfig
 from merging.exactness import Covariance, seen_from
 from merging.findings import Findings
 from merging.map_graph import Group
-from merging.whole_groups import WholeGroup, align_wholes, names_in
+from merging.whole_groups import align_wholes, names_in, wholes_of
 from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -76,7 +76,8 @@ def look_at_groups(
 
     Returns
     -------
-    The surest join, or None where none was accepted, and the groups that were tried.
+    The surest join, or None where none was accepted, and the groups that were tried; what is too large to be one map
+    is joined with nothing.
     """
     whole = {group.first: group for group in found.groups}
     first_of = {name: group.first for group in found.groups for name in group.poses}
@@ -92,8 +93,9 @@ def look_at_groups(
     ]
     if not (pairs and config.graph.as_wholes and config.method == "correlation"):
         return None, set()
-    wholes = {name: WholeGroup.of(found.maps, whole[name].poses, config, workforce.watch) for name in names_in(pairs)}
-    aligned = align_wholes(wholes, pairs, config, workforce)
+    wholes = wholes_of(found.maps, {name: whole[name].poses for name in names_in(pairs)}, config, workforce.watch)
+    possible = [pair for pair in pairs if all(name in wholes for name in pair)]
+    aligned = align_wholes(wholes, possible, config, workforce)
     accepted = {pair: one.T_target_source for pair, one in aligned.items() if one.accepted and one.T_target_source}
     if not accepted:
         return None, {_members(whole, pair) for pair in pairs}

@@ -13,7 +13,7 @@ from merging.config import MergeConfig
 from merging.findings import Findings
 from merging.map_graph import Group
 from merging.offers import is_same_place
-from merging.whole_groups import WholeGroup, align_wholes
+from merging.whole_groups import align_wholes, wholes_of
 from merging.workforce import Workforce
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -127,12 +127,14 @@ def _reached_from(name: str, pairs: Sequence[Pair]) -> set[str]:
 
 
 def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:
-    """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it."""
+    """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it.
+
+    Groups too large to be one map cannot speak against it: then it is 1.
+    """
     target, source = join.pair
-    wholes = {
-        name: WholeGroup.of(maps, side, config, workforce.watch)
-        for name, side in zip(join.pair, join.sides, strict=True)
-    }
+    wholes = wholes_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, workforce.watch)
+    if len(wholes) < 2:
+        return 1.0
     found = align_wholes(wholes, [join.pair], config, workforce)[join.pair]
     if found.T_target_source is None:
         return 0.0

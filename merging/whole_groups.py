@@ -1,20 +1,26 @@
 """Groups of maps, each as one map that can be aligned."""
 
 import itertools
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.map_graph import Group
 from merging.merged_group import merge_group
-from merging.warping import place
+from merging.warping import CellSizeError, corners_of, place
 from merging.workforce import Workforce
+from tbmslam.files.map_check import MAX_CELLS
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
+
+logger = logging.getLogger(__name__)
 
 _ALL_THEY_KNOW: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}
 
@@ -41,19 +47,52 @@ class WholeGroup:
         """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
 
         Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows.
+
+        Raises
+        ------
+        CellSizeError
+            If they reach so far that they would have too many cells.
         """
         first = next(iter(poses))
         if len(poses) == 1:
             return cls(maps[first].grid, {first: SE2.identity()})
-        config = config.model_copy(update=_ALL_THEY_KNOW)
         T_first = poses[first].inverse()
-        merged = merge_group(maps, Group({name: T_first @ pose for name, pose in poses.items()}), config, watch)
+        poses = {name: T_first @ pose for name, pose in poses.items()}
+        cell_m = maps[first].grid.geometry.resolution
+        _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
+        merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), watch)
         return cls(merged.merged.grid, merged.poses)
 
     def seen_in(self, name: str) -> TbmGrid:
         """Return its cells in the frame of one of its maps."""
         pose = self.poses[name]
         return self.grid if pose == SE2.identity() else place(self.grid, pose.inverse(), self.grid.geometry).drawn()
+
+
+def wholes_of(
+    maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, watch: Watch
+) -> dict[str, WholeGroup]:
+    """Return groups, T_any_map of their maps, as wholes by the same names; those too large to be one are left out."""
+    wholes = {}
+    for group, poses in groups.items():
+        try:
+            wholes[group] = WholeGroup.of(maps, poses, config, watch)
+        except (CellSizeError, MemoryError) as error:
+            why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
+            logger.warning("%s are not looked at as one map: %s", ", ".join(poses), why)
+    return wholes
+
+
+def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], cell_m: float) -> None:
+    """Refuse maps that would have too many cells together, before room is made for these."""
+    corners = [corners_of(maps[name].grid.known_part().geometry, pose) for name, pose in poses.items()]
+    width, height = np.ptp(np.concatenate(corners), axis=0)
+    cells = width * height / cell_m**2
+    if not cells <= MAX_CELLS:
+        raise CellSizeError(
+            f"{width:.0f} x {height:.0f} m in cells of {cell_m:g} m would be {cells:.2g} cells, more than the "
+            f"{MAX_CELLS:.0e} that are possible"
+        )
 
 
 def align_wholes(

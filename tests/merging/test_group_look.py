@@ -144,3 +144,11 @@ def test_nothing_new_is_no_reason_to_look(told):
     nothing, tried = looked(GROUPS, {}, CONFIG)
     assert (nothing, tried) == (None, {members("a", "bd"), members("bd", "c")})
     assert looked(GROUPS, {}, CONFIG, tried) == (None, set())
+
+
+def test_a_group_too_large_to_be_one_map_ends_nothing(told):
+    asked, _ = told
+    groups = [Group({"b": SE2.identity(), "d": SE2(9000.0, 9000.0, 0.0)}), Group({"a": SE2.identity()})]
+    groups.append(Group({"c": SE2.identity()}))
+    assert looked(groups, {}, CONFIG) == (None, {members("a", "bd"), members("bd", "c")})
+    assert asked == [[]]

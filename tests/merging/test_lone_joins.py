@@ -83,6 +83,13 @@ def test_it_stands_where_the_groups_offer_its_place_too(wholes):
     assert len(asked) == 1
 
 
+def test_groups_too_large_to_be_one_map_do_not_speak_against_it(wholes, monkeypatch):
+    monkeypatch.setattr(lone_joins, "wholes_of", lambda *_: {"b": None})
+    nothing, fitting = refuted(SURE | found("bc", 0.95))
+    assert (nothing, len(fitting)) == (None, 1)
+    assert wholes[0] == []
+
+
 @pytest.mark.parametrize(
     "answer",
     [

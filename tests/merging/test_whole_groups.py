@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from merging import MergeConfig
-from merging.whole_groups import WholeGroup, names_in
+from merging import MergeConfig, whole_groups
+from merging.whole_groups import WholeGroup, names_in, wholes_of
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -48,6 +48,25 @@ def test_what_the_merged_map_shall_hold_does_not_change_what_the_maps_know(wante
     asked, plain = (WholeGroup.of(MAPS, POSES, MergeConfig.model_validate(one), Watch()) for one in (wanted, {}))
     assert asked.grid.geometry == plain.grid.geometry
     np.testing.assert_array_equal(asked.grid.masses, plain.grid.masses)
+
+
+def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
+    far = {"a": SE2.identity(), "b": SE2(3000.0, 3000.0, 0.0)}
+    wholes = wholes_of(MAPS, {"far": far, "near": POSES}, MergeConfig(merged_resolution=1.0), Watch())
+    assert list(wholes) == ["near"]
+    told = (
+        "a, b are not looked at as one map: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
+    )
+    assert caplog.messages == [f"{told} that are possible"]
+    finer = wholes_of(MAPS, {"ab": {**far, "b": SE2(500.0, 500.0, 0.0)}}, MergeConfig(resolution=0.01), Watch())
+    assert finer == {}  # they would be looked at in these cells
+
+    def none_left(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(whole_groups, "merge_group", none_left)
+    assert wholes_of(MAPS, {"ab": POSES}, MergeConfig(), Watch()) == {}
+    assert caplog.messages[-1] == "a, b are not looked at as one map: memory has run out"
 
 
 def test_names_come_once_and_in_their_order():
