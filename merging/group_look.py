@@ -14,7 +14,7 @@ from merging.config import MergeConfig
 from merging.exactness import Covariance, seen_from
 from merging.findings import Findings
 from merging.map_graph import Group
-from merging.whole_groups import align_wholes, names_in, wholes_of
+from merging.whole_groups import align_wholes, by_what_they_know, names_in, wholes_of
 from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -32,7 +32,7 @@ class GroupLook:
     Parameters
     ----------
     pair
-        The first maps of both, in the order of all maps.
+        The maps that know most of both, in the order of all maps.
     alignment
         Where the second of these lies in the first's frame; what speaks for it is what the groups say.
     grids
@@ -79,10 +79,10 @@ def look_at_groups(
     The surest join, or None where none was accepted, and the groups that were tried; what is too large to be one map
     is joined with nothing.
     """
-    whole = {group.first: group for group in found.groups}
-    first_of = {name: group.first for group in found.groups for name in group.poses}
+    whole = {by_what_they_know(found.maps, group.poses)[0]: group for group in found.groups}
+    in_group_of = {name: one for one, group in whole.items() for name in group.poses}
     contradicted = {
-        frozenset(first_of[name] for name in pair) for pair, one in found.alignments.items() if one.accepted
+        frozenset(in_group_of[name] for name in pair) for pair, one in found.alignments.items() if one.accepted
     }
     pairs = [
         pair

@@ -46,18 +46,19 @@ class WholeGroup:
     ) -> "WholeGroup":
         """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
 
-        Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows.
+        Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows. Its
+        frame is that of the map that knows most.
 
         Raises
         ------
         CellSizeError
             If they reach so far that they would have too many cells.
         """
-        first = next(iter(poses))
-        if len(poses) == 1:
+        first, *others = by_what_they_know(maps, poses)
+        if not others:
             return cls(maps[first].grid, {first: SE2.identity()})
         T_first = poses[first].inverse()
-        poses = {name: T_first @ pose for name, pose in poses.items()}
+        poses = {first: SE2.identity()} | {name: T_first @ poses[name] for name in others}
         cell_m = maps[first].grid.geometry.resolution
         _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
         merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), watch)
@@ -81,6 +82,16 @@ def wholes_of(
             why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
             logger.warning("%s are not looked at as one map: %s", ", ".join(poses), why)
     return wholes
+
+
+def by_what_they_know(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:
+    """Return the names of some maps, that of the one that knows most first: who is named first must not matter."""
+    names = list(names)
+    if len(names) == 1:
+        return names
+    grids = {name: maps[name].grid for name in names}
+    known_m2 = {name: np.count_nonzero(one.is_known()) * one.geometry.resolution**2 for name, one in grids.items()}
+    return sorted(names, key=lambda name: -known_m2[name])
 
 
 def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], cell_m: float) -> None:

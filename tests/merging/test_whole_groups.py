@@ -19,10 +19,11 @@ def room(wall_row):
 
 
 MAPS = {"a": room(5), "b": room(14), "c": room(9)}
+ORDERS = ("a", "bare"), ("bare", "a")
 POSES = {"a": SE2(7.0, 0.0, 0.0), "b": SE2(7.0, 1.0, 0.0)}
 
 
-def test_it_lies_in_the_frame_of_its_first_map_wherever_that_was():
+def test_it_lies_in_the_frame_of_one_of_its_maps_wherever_that_was():
     whole = WholeGroup.of(MAPS, POSES, MergeConfig(), Watch())
     assert whole.poses == {"a": SE2.identity(), "b": SE2(0.0, 1.0, 0.0)}
     walls = np.argwhere(whole.grid.masses[..., 2] > 0.7)
@@ -38,6 +39,16 @@ def test_one_map_stays_as_it_is():
     whole = WholeGroup.of(MAPS, {"c": SE2(3.0, 4.0, 1.0)}, MergeConfig(), Watch())
     assert whole.grid is MAPS["c"].grid
     assert whole.poses == {"c": SE2.identity()}
+
+
+def test_its_frame_is_that_of_the_map_that_knows_most_whichever_is_named_first():
+    bare = room(9)
+    bare.grid.masses[5:8] = (0.0, 0.0, 0.0, 1.0)
+    maps, poses = {"bare": bare, "a": MAPS["a"]}, {"bare": SE2(7.0, 1.0, 0.0), "a": SE2(7.0, 0.0, 0.0)}
+    wholes = [WholeGroup.of(maps, {name: poses[name] for name in names}, MergeConfig(), Watch()) for names in ORDERS]
+    assert wholes[0].poses == {"a": SE2.identity(), "bare": SE2(0.0, 1.0, 0.0)}
+    assert wholes[0].poses == wholes[1].poses
+    np.testing.assert_array_equal(wholes[0].grid.masses, wholes[1].grid.masses)
 
 
 @pytest.mark.parametrize(
