@@ -5,7 +5,7 @@ as well; so what alone joins two groups is looked at once more with everything t
 """
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
@@ -99,31 +99,38 @@ def refute_lone_join(
 
 def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[LoneJoin]:
     """Return the doubtful alignments without which a group would fall into two, one of them of several maps."""
-    accepted = [pair for pair in group.used if alignments[pair].accepted]
     joins = []
-    for pair in accepted:
+    for pair in group.used:
         found = alignments[pair]
-        if (
-            found.method != "correlation"
-            or found.T_target_source is None
-            or found.confidence >= config.graph.sure_alone
-        ):
+        doubtful = found.accepted and found.confidence < config.graph.sure_alone
+        if found.method != "correlation" or found.T_target_source is None or not doubtful:
             continue
-        here = _reached_from(pair[0], [one for one in accepted if one != pair])
-        if pair[1] not in here and len(group) > 2:
-            sides = (
-                {name: pose for name, pose in group.poses.items() if (name in here) == near} for near in (True, False)
-            )
-            joins.append(LoneJoin(pair, found.T_target_source, (next(sides), next(sides))))
+        sides = _parted_without(pair, group, alignments)
+        if sides is not None and len(group) > 2:
+            here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
+            joins.append(LoneJoin(pair, found.T_target_source, (here, there)))
     return joins
 
 
-def _reached_from(name: str, pairs: Sequence[Pair]) -> set[str]:
-    reached, edge = {name}, {name}
-    while edge:
-        edge = {b for pair in pairs for a, b in (pair, pair[::-1]) if a in edge} - reached
-        reached |= edge
-    return reached
+def _parted_without(
+    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment]
+) -> tuple[frozenset[str], frozenset[str]] | None:
+    """Return the maps on the target's side and on the source's; None where other accepted alignments join these.
+
+    Refused ones that agree with the group's poses put maps on the side which they say more surely, but join no sides;
+    what nothing puts on either is on none.
+    """
+    others = [one for one in group.used if one != pair]
+    surest_first = sorted(others, key=lambda one: (alignments[one].accepted, alignments[one].confidence), reverse=True)
+    sides = {name: frozenset({name}) for name in group.poses}
+    for one in surest_first:
+        both = sides[one[0]] | sides[one[1]]
+        if both.issuperset(pair):
+            if alignments[one].accepted:
+                return None
+            continue
+        sides |= dict.fromkeys(both, both)
+    return sides[pair[0]], sides[pair[1]]
 
 
 def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:

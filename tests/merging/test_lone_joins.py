@@ -103,6 +103,16 @@ def test_groups_that_fit_elsewhere_or_nowhere_do_not_fit_so(wholes, answer):
     assert refusal.confidence == 0.0
 
 
+def test_maps_are_on_the_side_that_refused_alignments_put_them(wholes):
+    asked, answers = wholes
+    answers += found("ab", 0.05, accepted=False).values()
+    # Without the one of a and b, the group would fall into a, c, d and b.
+    refused = found("ad", 0.84, accepted=False) | found("cd", 0.8, accepted=False) | found("bd", 0.1, accepted=False)
+    (pair, refusal), _ = refuted(found("ab", 0.95) | found("ac", 0.999) | refused)
+    assert (pair, asked) == (("a", "b"), [("acd", "b")])
+    assert refusal.reason.startswith("groups of 3 and 1 maps")
+
+
 def test_the_most_doubtful_comes_first(wholes):
     asked, answers = wholes
     answers += found("ac", 0.05, accepted=False).values()
