@@ -113,6 +113,17 @@ def test_maps_are_on_the_side_that_refused_alignments_put_them(wholes):
     assert refusal.reason.startswith("groups of 3 and 1 maps")
 
 
+def test_what_was_judged_by_what_is_near_is_looked_at_so_besides(wholes):
+    asked, answers = wholes
+    answers += found("ac", 0.05, accepted=False).values()
+    alignments = SURE | found("bc", 0.95)
+    known = Findings.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
+    known = known.with_aligned(found("bc", 0.95), {("b", "c"): (MAPS["b"].grid, MAPS["c"].grid)})
+    refused, _ = refute_lone_join(known, CONFIG, Workforce())
+    assert refused is not None
+    assert asked == [("ab", "cd")] * 2
+
+
 def test_the_most_doubtful_comes_first(wholes):
     asked, answers = wholes
     answers += found("ac", 0.05, accepted=False).values()

@@ -55,6 +55,23 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.1)
 
 
+def test_what_is_wrong_far_off_does_not_speak_against_it_once_more_in_groups():
+    world, rigid = make_world("halls", 5), {"bent": {"enabled": False}, "joint": {"enabled": False}}
+    poses = {"a": SE2.identity(), "b": T_WORLD_B, "c": SE2(1.0, 2.0, -1.0)}
+    ways = plan_drives(world, 3, length=25.0, overlap=0.5, seed=1)
+    maps = {name: map_of(world, way, 0.0, poses[name]) for name, way in zip(poses, ways, strict=True)}
+    result = merge({name: far_off(one, 1.15 if name == "a" else 0.85) for name, one in maps.items()}, config_of(rigid))
+    found = result.alignments["b", "c"]
+    assert found.reason.startswith("by what was seen within 8.5 m: confidence 0.9")
+    assert found.confidence < config_of(rigid).graph.sure_alone
+    assert found.T_target_source == pytest.approx(T_WORLD_B.inverse() @ poses["c"], abs=0.04)
+    assert list(result.poses) == ["a", "b", "c"]
+
+
+def config_of(settings):
+    return CONFIG.model_validate({**CONFIG.model_dump(), **settings})
+
+
 def test_its_card_shows_what_was_looked_at(halls):
     result = merge(halls, CONFIG)
     near = [redraw_near(one, NEAR) for one in halls.values()]
