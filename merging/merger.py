@@ -87,9 +87,9 @@ def merge(
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
     order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. A doubtful alignment that alone joins two groups must stand for them as wholes. Maps
-    that this leaves apart are looked at again by what was seen from near by, and groups of maps as if each were one;
-    those that fit nowhere as a whole are tried once more in stretches of their drives, and then bent.
+    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by. A
+    doubtful alignment that alone joins two groups must then stand for them as wholes, and groups of maps are looked at
+    as if each were one; those that fit nowhere as a whole are tried once more in stretches of their drives, and bent.
 
     Parameters
     ----------
