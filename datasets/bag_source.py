@@ -9,7 +9,8 @@ from pathlib import Path
 from datasets.bag_announcement import BagAnnouncement, announced_by
 from datasets.bag_files import CutFileError, check_files, is_ros1, storage_files
 from datasets.errors import DatasetError
-from datasets.open_bag import OpenBag, RawMessage
+from datasets.indexed_messages import RawMessage
+from datasets.open_bag import OpenBag
 from datasets.salvaged_bag import Loss, SalvagedBag
 from tbmslam.files.special_file import why_unreadable
 

@@ -3,17 +3,19 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from datasets.counts import ReadingCounts, is_like_a_code
+from datasets.counts import is_like_a_code
 from tbmslam.se2 import FloatArray
 
 # Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
 KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
 CODE_TOLERANCE = 5e-4
+FATES = ("nan", "no_return", "zero", "too_close", "hit")
+"""What can become of a beam."""
 FARTHEST = 1000.0
 """No laser of a robot sees as far [m]: one that states more states no limit, and what it gives beyond is a code."""
 
@@ -41,7 +43,7 @@ class RangeRules:
     offset: float = 0.0
 
     def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
-        """Return clean ranges (N,) and their limits [m] with the offset; what would end behind it says nothing."""
+        """Return clean ranges (S, N) and their limits [m] with the offset; what would end behind it says nothing."""
         if self.offset == 0.0:
             return ranges, low, high
         longer = ranges + self.offset
@@ -59,52 +61,61 @@ class RangeRules:
         return float(low), float(high)
 
 
-def clean_ranges(
-    ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules, counts: ReadingCounts
-) -> FloatArray:
-    """Translate raw ranges to those of `LaserScan` (REP 117) and count the beams by fate.
+class CleanRanges(NamedTuple):
+    """What scans say, and how many beams of each scan met which fate.
 
     Parameters
     ----------
     ranges
-        Raw values (N,) [m]; not changed.
+        As in `LaserScan` (REP 117), (S, N) [m]: finite hits, +inf for nothing in range, nan for no information.
+    beams
+        Numbers of beams (S, 5) that met each of the `FATES`.
+    """
+
+    ranges: FloatArray
+    beams: npt.NDArray[np.intp]
+
+
+def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:
+    """Translate raw ranges to those of `LaserScan` and count the beams by fate.
+
+    Many scans at once take hardly longer than one.
+
+    Parameters
+    ----------
+    ranges
+        Raw values of scans (S, N) [m]; not changed.
     range_min, range_max
         Limits in force [m], see `RangeRules.limits`.
     rules
         What the codes of this laser mean.
-    counts
-        Gets the number of beams by fate.
-
-    Returns
-    -------
-    ranges
-        A copy (N,), float64: finite hits, +inf for nothing in range, nan for no information.
     """
     cleaned = np.array(ranges, dtype=np.float64)
     no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)
-    counts.add_beams("nan", int(np.count_nonzero(np.isnan(cleaned))))
-    counts.add_beams("no_return", int(np.count_nonzero(no_return)))
-    if (cleaned <= max(range_min, 0.0)).any():  # of most scans no beam is
+    beams = np.zeros((len(cleaned), len(FATES)), dtype=np.intp)
+    beams[:, 0] = np.count_nonzero(np.isnan(cleaned), axis=1)
+    beams[:, 1] = np.count_nonzero(no_return, axis=1)
+    if (cleaned <= max(range_min, 0.0)).any():  # mostly no beam is
         is_zero = cleaned == 0.0
         too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
         too_close |= cleaned < 0.0
-        counts.add_beams("zero", int(np.count_nonzero(is_zero)))
-        counts.add_beams("too_close", int(np.count_nonzero(too_close)))
         cleaned[is_zero | too_close] = np.nan
+        beams[:, 2] = np.count_nonzero(is_zero, axis=1)
+        beams[:, 3] = np.count_nonzero(too_close, axis=1)
     cleaned[no_return] = np.inf if rules.no_return == "free" else np.nan
-    counts.add_beams("hit", int(np.count_nonzero(np.isfinite(cleaned))))
-    return cleaned
+    beams[:, 4] = np.count_nonzero(np.isfinite(cleaned), axis=1)
+    return CleanRanges(cleaned, beams)
 
 
 def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[float]) -> npt.NDArray[np.bool_]:
-    """Return which ranges (N,) [m] say that nothing came back."""
+    """Return which ranges (S, N) [m] say that nothing came back."""
     no_return = np.asarray(ranges >= range_max)  # +inf, too
     below = [code for code in codes if code - CODE_TOLERANCE < range_max]
     if below:
         # Hardly a beam is as long as a code, so only those that are get compared with each.
-        (long,) = (ranges > min(below) - 2.0 * CODE_TOLERANCE).nonzero()
-        if len(long):
-            no_return[long] |= (np.abs(ranges[long, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
+        long = ranges > min(below) - 2.0 * CODE_TOLERANCE
+        if long.any():
+            no_return[long] |= (np.abs(ranges[long][:, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
     return no_return
 
 

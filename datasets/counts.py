@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.monitoring.incidents import Incident, Incidents
-from tbmslam.se2 import FloatArray
 
 _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5, 3, 3.0
 """Of a range that says "nothing came back": least beams, share of all, scans, beams a scan, and its length [m]."""
@@ -119,9 +119,16 @@ class ReadingCounts:
         if number:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
-    def add_farthest(self, ranges: FloatArray) -> None:
-        """Take in where the beams (N,) of a scan ended [m]; what is not finite ended nowhere."""
-        top = float(np.max(ranges, where=np.isfinite(ranges), initial=0.0))
+    def add_farthest(self, top: float, ranges: npt.NDArray[np.floating]) -> None:
+        """Take in where the beams of a scan ended.
+
+        Parameters
+        ----------
+        top
+            Longest range that counts as a hit [m]; 0 where none does.
+        ranges
+            All ranges (N,) [m].
+        """
         if top < self.farthest_m or top == 0.0:
             return
         if top > self.farthest_m:

@@ -1,7 +1,7 @@
 """Each scan meets the odometry of its moment, in one pass and with bounded memory."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple, Protocol
 
 from datasets.counts import ReadingCounts
@@ -76,8 +76,12 @@ class Pairing:
         self._last_stamp = stamp
         self._waiting.append(_Waiting(scan, stamp, stamp + scan.sweep(), now, poses_then))
 
-    def ready(self, now: float) -> Iterator[Reading]:
-        """Yield the readings that can be answered at bag time `now` [s]."""
+    def ready(self, now: float) -> Iterable[Reading]:
+        """Return the readings that can be answered at bag time `now` [s]."""
+        return self._due(now) if self._waiting else ()
+
+    def _due(self, now: float) -> Iterator[Reading]:
+        """Yield the waiting scans' readings that can be answered."""
         while self._waiting:
             front = self._waiting[0]
             waited = now - front.since
@@ -85,12 +89,16 @@ class Pairing:
             if not given_up and not self._has_arrived(front):
                 return
             self._waiting.popleft()
-            yield from self._answer(front)
+            reading = self._answer(front)
+            if reading is not None:
+                yield reading
 
     def rest(self) -> Iterator[Reading]:
         """Yield what can be said about the waiting scans when no more odometry will come."""
         while self._waiting:
-            yield from self._answer(self._waiting.popleft())
+            reading = self._answer(self._waiting.popleft())
+            if reading is not None:
+                yield reading
 
     def _received(self) -> int:
         """Return the number of poses that have arrived."""
@@ -103,14 +111,14 @@ class Pairing:
                 return False
         return not self._histories or waiting.poses_then < 0 or self._received() > waiting.poses_then
 
-    def _answer(self, waiting: _Waiting) -> Iterator[Reading]:
-        """Yield the reading of a scan, without odometry where that is missing for long, or count why there is none."""
+    def _answer(self, waiting: _Waiting) -> Reading | None:
+        """Return the reading of a scan, without odometry where that is missing for long, or count why there is none."""
         poses = []
         carried_on = False
         for history in self._histories:
             if history.first_stamp is None or waiting.stamp < history.first_stamp:
                 self._counts.drop("before_odometry")
-                return
+                return None
             found = history.at(waiting.stamp, self._patience_s, EXTRAPOLATION_LIMIT_S)
             if found is not None:
                 poses.append(found.pose)
@@ -122,7 +130,7 @@ class Pairing:
         mounting, upside_down = self._motion.mounting(waiting.stamp)
         scan = turned_over(waiting.scan) if upside_down else waiting.scan
         T_odom_robot = self._odometry(poses) if is_known else None
-        yield Reading(scan, T_odom_robot, mounting, self._swept(waiting) if is_known else None)
+        return Reading(scan, T_odom_robot, mounting, self._swept(waiting) if is_known else None)
 
     def _swept(self, waiting: _Waiting) -> SE2 | None:
         """Return T_odom_robot at a scan's last beam, where that is another moment and the odometry tells."""

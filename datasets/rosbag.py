@@ -8,19 +8,23 @@ from pathlib import Path
 from datasets.beam_angles import angle_warning
 from datasets.clock_steps import ClockSteps
 from datasets.counts import ReadingCounts
+from datasets.errors import DatasetError
 from datasets.frames import plain
+from datasets.message_types import ECHOES_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.options import RecordingOptions
 from datasets.pairing import EXTRAPOLATION_LIMIT_S, Pairing
 from datasets.recording import Recording
-from datasets.rosbag_files import ECHOES_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Message
-from datasets.rosbag_messages import pose_of, scan_of, transforms_of
+from datasets.rosbag_files import BagFiles, Message
+from datasets.rosbag_messages import FramedScan
 from datasets.rosbag_plan import Plan, plan_reading
 from datasets.salvaged_bag import UNTOLD
-from datasets.scan_intake import ScanIntake
+from datasets.scan_intake import CleanScan, ScanIntake
 from tbmslam.laser_scan import Reading
 
 logger = logging.getLogger(__name__)
+
+_BLOCK = 256  # messages, whose scans are cleaned at once
 
 
 def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
@@ -70,9 +74,12 @@ class _Pass:
         """Yield the readings in the order of the recording."""
         plan = self._plan
         try:
-            for message in plan.files.messages(plan.topics_to_read(), plan.topics.scan):
-                self._take(message)
-                yield from self._pairing.ready(message.bag_time)
+            for block in _blocks(plan.files.messages(plan.topics_to_read(), plan.topics.scan)):
+                scans = [message.content.scan for message in block if isinstance(message.content, FramedScan)]
+                cleaned = iter(self._intake.cleaned(scans))
+                for message in block:
+                    self._take(message, cleaned)
+                    yield from self._pairing.ready(message.bag_time)
         finally:
             plan.files.close()
         yield from self._pairing.rest()
@@ -106,37 +113,50 @@ class _Pass:
             known = "some are lost" if (vague or UNTOLD in line) and not lost else said
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:
         """Hand a message to where it belongs."""
-        if message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
-            self._take_scan(message)
-        elif message.content is None:
-            return
+        content, unset = message.content, message.bag_time - self._plan.unset_lags[1]
+        if isinstance(content, FramedScan):
+            self._take_scan(content, message.bag_time, next(cleaned))
+        elif content is None:
+            if message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
+                self._counts.scans_read += 1
+                self._counts.drop("unreadable")
         elif message.msgtype in TF_TYPES:
-            for item in transforms_of(message.content, message.bag_time - self._plan.unset_lags[1]):
-                self._motion.add_transform(item.parent, item.child, item.stamp, item.pose)
+            for item in content:
+                self._motion.add_transform(item.parent, item.child, item.stamp_or(unset), item.pose)
         elif isinstance(self._motion, TopicMotion):
-            pose = pose_of(message.content, message.bag_time - self._plan.unset_lags[1])
-            if pose is not None:
-                self._motion.add(pose.stamp, pose.pose)
+            for item in content:
+                self._motion.add(item.stamp_or(unset), item.pose)
 
-    def _take_scan(self, message: Message) -> None:
-        """Clean a scan and let it wait for its odometry."""
-        if message.content is None:
-            self._counts.scans_read += 1
-            self._counts.drop("unreadable")
-            return
-        if plain(message.content.header.frame_id) != self._plan.survey.sensor_frame:
+    def _take_scan(self, framed: FramedScan, bag_time: float, clean: CleanScan) -> None:
+        """Let a clean scan wait for its odometry."""
+        if plain(framed.frame) != self._plan.survey.sensor_frame:
             self._counts.scans_read += 1
             self._counts.drop("other_frame")
             return
-        raw = scan_of(message.content, message.bag_time - self._plan.unset_lags[0])
-        stamp = self._clock.corrected(raw.stamp, message.bag_time)
+        raw = framed.stamped(bag_time - self._plan.unset_lags[0])
+        stamp = self._clock.corrected(raw.stamp, bag_time)
         if stamp != raw.stamp:
             raw = raw._replace(stamp=stamp)
-        scan = self._intake.take(raw)
+        scan = self._intake.take(raw, clean)
         if scan is not None:
-            self._pairing.add(scan, message.bag_time)
+            self._pairing.add(scan, bag_time)
+
+
+def _blocks(messages: Iterator[Message]) -> Iterator[list[Message]]:
+    """Yield messages some at a time, those before an error, too."""
+    block: list[Message] = []
+    try:
+        for message in messages:
+            block.append(message)
+            if len(block) == _BLOCK:
+                yield block
+                block = []
+    except DatasetError:
+        yield block
+        raise
+    yield block
 
 
 def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion:

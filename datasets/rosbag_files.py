@@ -1,28 +1,17 @@
 """Bag files as one stream of decoded messages."""
 
-import logging
-from collections.abc import Callable, Collection, Iterator
-from functools import cache
+from collections.abc import Collection, Iterator
 from heapq import merge
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from typing import NamedTuple
 
 from datasets.bag_source import BagSource
 from datasets.errors import DatasetError
+from datasets.message_bytes import Content
+from datasets.message_decoder import MessageDecoder
+from datasets.message_types import standard_md5_sum
 from datasets.salvaged_bag import BagConnection, Loss
 from datasets.same_time import check_for_robots
-
-logger = logging.getLogger(__name__)
-
-SCAN_TYPE = "sensor_msgs/msg/LaserScan"
-ECHOES_TYPE = "sensor_msgs/msg/MultiEchoLaserScan"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 
 
 class Topic(NamedTuple):
@@ -39,7 +28,7 @@ class Message(NamedTuple):
     topic: str
     msgtype: str
     bag_time: float
-    content: Any
+    content: Content | None
 
 
 class BagFiles:
@@ -124,39 +113,19 @@ class BagFiles:
 
 def _stream(source: BagSource, topics: Collection[str], steered_by: str) -> Iterator[Message]:
     """Yield the decoded messages of one file."""
-    store = _standard_types(source.is_ros1)
-    decode: Callable[[bytes, str], Any] = store.deserialize_ros1 if source.is_ros1 else store.deserialize_cdr
     if source.is_ros1:
-        _check_definitions(source.path, store, [each for each in source.connections if each.topic in topics])
+        _check_definitions(source.path, [each for each in source.connections if each.topic in topics])
+    decoded = MessageDecoder(source.is_ros1).decoded
     for connection, time, data in source.messages(topics, steered_by):
-        try:
-            content = decode(data, connection.msgtype)
-        except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged bytes
-            logger.debug("%s: a message of %s cannot be decoded: %r", source.path, connection.topic, error)
-            content = None
-        yield Message(connection.topic, connection.msgtype, 1e-9 * time, content)
+        yield Message(connection.topic, connection.msgtype, 1e-9 * time, decoded(connection.msgtype, data))
 
 
-@cache
-def _standard_types(is_ros1: bool) -> Typestore:
-    """Return the standard message definitions, with both names of the tf message.
-
-    They are the same ones each time, as rosbags makes the code that decodes a type when it is first used.
-    """
-    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    for name in TF_TYPES:
-        if name not in store.fielddefs:
-            store.register(get_types_from_msg(_TF_DEFINITION, name))
-    return store
-
-
-def _check_definitions(path: Path, store: Typestore, connections: list[BagConnection]) -> None:
+def _check_definitions(path: Path, connections: list[BagConnection]) -> None:
     """Refuse a message type that only bears the name of a standard one."""
     for connection in connections:
-        if connection.msgtype not in store.fielddefs:  # a name that is damaged, too: nothing of it will be decoded
-            continue
-        standard = store.generate_msgdef(connection.msgtype)[1]
-        if connection.digest not in (standard, "*", ""):
+        standard = standard_md5_sum(connection.msgtype)
+        # A name may be damaged, too: nothing of it will be decoded.
+        if standard is not None and connection.digest not in (standard, "*", ""):
             raise DatasetError(
                 f"{path}: {connection.topic} is no standard {connection.msgtype} (checksum {connection.digest}, "
                 f"not {standard}): migrate the bag with `rosbag fix`, or choose another topic"

@@ -1,7 +1,4 @@
-"""Decoded ROS messages as this project's types.
-
-Of each the caller says what counts for a stamp that is unset, that is zero.
-"""
+"""Decoded ROS messages as this project's types."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -13,28 +10,37 @@ from datasets.se3 import SE3
 
 
 class StampedTransform(NamedTuple):
-    """One edge of tf at a time; `pose` carries coordinates from child to parent."""
+    """One edge of tf at a time; `pose` carries coordinates from child to parent; a stamp of 0 or less is unset."""
 
     parent: str
     child: str
     stamp: float
     pose: SE3
 
-
-def stamp_of(header: Any, unset: float) -> float:
-    """Return a header's stamp [s], or what counts for it where it was left at zero."""
-    stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
-    return float(stamp) if stamp > 0.0 else unset
+    def stamp_or(self, unset: float) -> float:
+        """Return the stamp [s], or what counts for it where it was left at zero."""
+        return self.stamp if self.stamp > 0.0 else unset
 
 
-def scan_of(message: Any, unset: float) -> RawScan:
+class FramedScan(NamedTuple):
+    """A scan and the frame of the laser that made it; a stamp of 0 or less is unset."""
+
+    frame: str
+    scan: RawScan
+
+    def stamped(self, unset: float) -> RawScan:
+        """Return the scan, its stamp [s] replaced by what counts for it where it was left at zero."""
+        return self.scan if self.scan.stamp > 0.0 else self.scan._replace(stamp=unset)
+
+
+def scan_of(message: Any) -> FramedScan:
     """Read a LaserScan, or of a MultiEchoLaserScan the first echoes, nan where a beam has none."""
     ranges = message.ranges
     if not isinstance(ranges, np.ndarray):
         first = [beam.echoes[0] if len(beam.echoes) else np.nan for beam in ranges]
         ranges = np.array(first, dtype=np.float32)
-    return RawScan(
-        stamp_of(message.header, unset),
+    scan = RawScan(
+        stamp_of(message.header),
         float(message.angle_min),
         float(message.angle_increment),
         float(message.range_min),
@@ -42,22 +48,27 @@ def scan_of(message: Any, unset: float) -> RawScan:
         ranges,
         float(message.time_increment),
     )
+    return FramedScan(message.header.frame_id, scan)
 
 
-def transforms_of(message: Any, unset: float) -> Iterator[StampedTransform]:
+def transforms_of(message: Any) -> Iterator[StampedTransform]:
     """Read a TFMessage, leaving out what is no motion."""
     for item in message.transforms:
         t, q = item.transform.translation, item.transform.rotation
         pose = SE3.from_values(t.x, t.y, t.z, q.x, q.y, q.z, q.w)
         if pose is not None:
-            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header, unset), pose)
+            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header), pose)
 
 
-def pose_of(message: Any, unset: float) -> StampedTransform | None:
-    """Read an Odometry or PoseWithCovarianceStamped; None where it is no motion."""
+def poses_of(message: Any) -> Iterator[StampedTransform]:
+    """Read an Odometry or PoseWithCovarianceStamped, which holds one pose; none where it is no motion."""
     p, q = message.pose.pose.position, message.pose.pose.orientation
     pose = SE3.from_values(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-    child = getattr(message, "child_frame_id", "")
-    if pose is None:
-        return None
-    return StampedTransform(message.header.frame_id, child, stamp_of(message.header, unset), pose)
+    if pose is not None:
+        child = getattr(message, "child_frame_id", "")
+        yield StampedTransform(message.header.frame_id, child, stamp_of(message.header), pose)
+
+
+def stamp_of(header: Any) -> float:
+    """Return a header's stamp [s]."""
+    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)

@@ -8,11 +8,12 @@ from datasets.beam_angles import angle_warning
 from datasets.clock import ClockFinding, compare_clocks, lags_of_unset
 from datasets.errors import DatasetError
 from datasets.frames import Frames, Step, find_robot_frame
+from datasets.message_types import TF_TYPES
 from datasets.motion import Mounting
 from datasets.options import RecordingOptions
 from datasets.profiles import STATA_SENSOR_POSE, with_profile
-from datasets.rosbag_files import ECHOES_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Message
-from datasets.rosbag_messages import pose_of, scan_of, transforms_of
+from datasets.rosbag_files import BagFiles, Message
+from datasets.rosbag_messages import FramedScan
 from datasets.rosbag_topics import ChosenTopics, choose_topics, is_static
 from datasets.survey import Survey
 from tbmslam.se2 import SE2
@@ -139,19 +140,16 @@ def _take(survey: Survey, message: Message) -> None:
     """Hand one message to the survey."""
     if message.content is None:
         return
-    if message.msgtype in TF_TYPES:
-        for item in transforms_of(message.content, math.nan):
-            lag = message.bag_time - item.stamp
+    if isinstance(message.content, FramedScan):
+        survey.add_scan(message.content.frame, message.content.stamped(math.nan), message.bag_time)
+    elif message.msgtype in TF_TYPES:
+        for item in message.content:
+            lag = message.bag_time - item.stamp_or(math.nan)
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
-    elif message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
-        scan = scan_of(message.content, math.nan)
-        survey.add_scan(message.content.header.frame_id, scan, message.bag_time)
     else:
-        pose = pose_of(message.content, math.nan)
-        if pose is not None:
-            survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp)
-        else:
-            survey.no_motions[message.topic] += 1
+        for pose in message.content:
+            survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp_or(math.nan))
+        survey.no_motions[message.topic] += not message.content
 
 
 def _source(

@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 from datasets.errors import DatasetError
+from datasets.message_types import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.options import RecordingOptions
-from datasets.rosbag_files import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, BagFiles, Topic
+from datasets.rosbag_files import BagFiles, Topic
 from datasets.same_robot import is_plain_odom, nearness_to, of_same_robot
 
 _CLOUD_TYPES = ("sensor_msgs/msg/PointCloud", "sensor_msgs/msg/PointCloud2")

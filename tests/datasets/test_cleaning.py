@@ -1,11 +1,20 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from datasets.cleaning import CODE_TOLERANCE, FARTHEST, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
-from datasets.counts import ReadingCounts
+from datasets.cleaning import (
+    CODE_TOLERANCE,
+    FARTHEST,
+    FATES,
+    KNOWN_CODES,
+    RangeRules,
+    clean_ranges,
+    find_no_return_code,
+)
 
 
 @given(
@@ -13,13 +22,12 @@ from datasets.counts import ReadingCounts
     st.sampled_from(["free", "drop"]),
 )
 def test_every_beam_has_one_fate_and_hits_lie_within_limits(ranges, no_return):
-    counts = ReadingCounts()
     before = ranges.copy()
-    cleaned = clean_ranges(ranges, 0.1, 30.0, RangeRules(None, None, KNOWN_CODES, no_return), counts)
+    (cleaned,), (beams,) = clean_ranges(ranges[None], 0.1, 30.0, RangeRules(None, None, KNOWN_CODES, no_return))
     hits = cleaned[np.isfinite(cleaned)]
     assert ((hits >= 0.1) & (hits < 30.0)).all()
-    assert sum(counts.beams.values()) == len(ranges)
-    assert counts.beams.get("hit", 0) == len(hits)
+    assert beams.sum() == len(ranges)
+    assert beams[FATES.index("hit")] == len(hits)
     assert not np.isneginf(cleaned).any()
     np.testing.assert_array_equal(ranges, before)
 
@@ -38,8 +46,8 @@ def test_every_beam_has_one_fate_and_hits_lie_within_limits(ranges, no_return):
 )
 def test_every_beam_has_the_fate_that_the_rules_say(ranges, range_min, range_max):
     codes = (*KNOWN_CODES, 8.0)
-    counts, expected = ReadingCounts(), ReadingCounts()
-    cleaned = clean_ranges(ranges, range_min, range_max, RangeRules(None, None, codes, "free"), counts)
+    expected = Counter()
+    (cleaned,), (beams,) = clean_ranges(ranges[None], range_min, range_max, RangeRules(None, None, codes, "free"))
     for beam, value in zip(ranges.tolist(), cleaned.tolist(), strict=True):
         if np.isnan(beam):
             fate, clean = "nan", np.nan
@@ -51,22 +59,34 @@ def test_every_beam_has_the_fate_that_the_rules_say(ranges, range_min, range_max
             fate, clean = "too_close", np.nan
         else:
             fate, clean = "hit", beam
-        expected.add_beams(fate, 1)
+        expected[fate] += 1
         np.testing.assert_equal(value, clean)
-    assert counts == expected
+    assert beams.tolist() == [expected[fate] for fate in FATES]
+
+
+@given(
+    arrays(np.float32, (4, 9), elements=st.sampled_from([*map(np.float32, KNOWN_CODES), 0.0, -1.0, 0.05, 5.0, np.nan])),
+    st.sampled_from(["free", "drop"]),
+)
+def test_many_scans_at_once_are_cleaned_as_each_alone(ranges, no_return):
+    rules = RangeRules(None, None, KNOWN_CODES, no_return)
+    together = clean_ranges(ranges, 0.1, 81.88, rules)
+    alone = [clean_ranges(scan[None], 0.1, 81.88, rules) for scan in ranges]
+    np.testing.assert_array_equal(together.ranges, np.concatenate([each.ranges for each in alone]))
+    np.testing.assert_array_equal(together.beams, np.concatenate([each.beams for each in alone]))
 
 
 def test_codes_count_wherever_they_lie():
     rules = RangeRules(None, None, (*KNOWN_CODES, 8.0), "free")
     ranges = np.array([81.83, 81.91, 65.53, 8.0, 50.0, 7.99], dtype=np.float32)
-    cleaned = clean_ranges(ranges, 0.0, 100.0, rules, ReadingCounts())
+    (cleaned,), _ = clean_ranges(ranges[None], 0.0, 100.0, rules)
     assert np.isinf(cleaned).tolist() == [True, True, True, True, False, False]
 
 
 def test_exactly_the_maximum_is_no_hit():
     rules = RangeRules(None, None, (), "free")
     limit = float(np.float32(5.6))
-    assert np.isinf(clean_ranges(np.array([5.6], np.float32), 0.0, limit, rules, ReadingCounts())).all()
+    assert np.isinf(clean_ranges(np.array([[5.6]], np.float32), 0.0, limit, rules).ranges).all()
 
 
 @pytest.mark.parametrize(

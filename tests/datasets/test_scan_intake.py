@@ -114,3 +114,27 @@ def test_what_is_no_code_is_not_taken_for_one():
     far += [take(*surroundings(6, 8.0))[1]]  # too few
     far += [take(*surroundings(40, np.inf))[1]]  # known as what it is
     assert [counts.likely_code() for counts in far] == [None] * 4
+
+
+def test_scans_that_were_cleaned_together_are_taken_as_each_alone():
+    rules = RangeRules(0.2, None, (8.0,), "free", 0.1)
+    scans = [
+        raw(1.0, [1.0, 2.0, 8.0]),
+        raw(2.0, [np.nan, 0.0, 0.1]),
+        raw(3.0, []),
+        raw(4.0, [3.0, 29.5]),
+        raw(5.0, [1.0, -np.inf, np.inf])._replace(range_max=5.0),
+        raw(5.0, [1.0, -np.inf, np.inf])._replace(range_max=5.0),
+        raw(6.0, [7.0, 7.0, 7.0]),
+    ]
+    together, alone = ReadingCounts(), ReadingCounts()
+    intake = ScanIntake(rules, None, 2.0, together)
+    taken = [intake.take(scan, clean) for scan, clean in zip(scans, intake.cleaned(scans), strict=True)]
+    intake = ScanIntake(rules, None, 2.0, alone)
+    for scan, expected in zip(taken, map(intake.take, scans), strict=True):
+        assert repr(scan) == repr(expected)
+        if scan is not None:
+            assert scan.ranges.base is None
+            np.testing.assert_array_equal(scan.ranges, expected.ranges)
+    assert together == alone
+    assert together.dropped == {"empty": 2, "duplicate": 1}
