@@ -23,6 +23,9 @@ class RecordingOptions:
         "stata" fixes topics and frames of the MIT Stata Center recordings; "auto" finds them.
     scan_topic
         Topic of the scans; needed where a bag holds several. In a CARMEN log: FLASER, ROBOTLASER1, RAWLASER1.
+    laser_frame
+        Frame of the laser whose scans are read, where a topic of a bag holds those of several; None: of that with most
+        usable scans at the beginning.
     odometry
         "tf", "topic", "none", or "auto": tf where it connects the odometry frame with the robot, else the topic.
     odometry_topic
@@ -57,6 +60,7 @@ class RecordingOptions:
 
     profile: Profile = "auto"
     scan_topic: str | None = None
+    laser_frame: str | None = None
     odometry: OdometrySource = "auto"
     odometry_topic: str | None = None
     tf_topics: tuple[str, ...] | None = None
@@ -81,7 +85,8 @@ class RecordingOptions:
             allowed = get_args(choice)
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
-        names = (self.scan_topic, self.odometry_topic, self.odom_frame, self.robot_frame, *(self.tf_topics or ()))
+        topics = (self.scan_topic, self.odometry_topic, *(self.tf_topics or ()))
+        names = (*topics, self.laser_frame, self.odom_frame, self.robot_frame)
         if "" in names:
             raise ValueError("names of topics and frames must not be empty: is a variable of the shell unset?")
         for name in ("range_max", "gap_s", "max_odometry_gap_s"):

@@ -12,6 +12,7 @@ _REMEDIES = {
     "empty": "no beam of them says anything; check --range-min and --range-max, or choose another --scan-topic",
     "unreadable": "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic",
     "impossible_angles": "pass --angle-step-deg",
+    "other_frame": "choose another --laser-frame or --scan-topic",
 }
 """What to do where scans are dropped, by the reason."""
 

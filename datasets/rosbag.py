@@ -63,8 +63,8 @@ class _Pass:
         self._plan = plan
         self._counts = counts
         self._clock = ClockSteps(plan.clock.steady_lag, counts)
-        survey = plan.survey
-        self._intake = ScanIntake(survey.range_rules(), step, options.gap_s, counts, survey.longest_sweep())
+        laser = plan.laser
+        self._intake = ScanIntake(laser.range_rules(), step, options.gap_s, counts, laser.longest_sweep())
         self._motion = _motion(plan, mounting)
         self._pairing = Pairing(
             self._motion, counts, plan.clock.offset, options.odometry_scale, options.max_odometry_gap_s
@@ -84,6 +84,10 @@ class _Pass:
             plan.files.close()
         yield from self._pairing.rest()
         self._note_damage()
+        if others := self._counts.dropped.get("other_frame"):
+            logger.warning(
+                "%s: %d scans of other lasers than %s are left out", plan.files.paths[0], others, plan.laser.frame
+            )
         if self._counts.clock_disagreements:
             logger.warning(
                 "%s: %d scans are stamped by a clock that jumps against the bag's",
@@ -131,7 +135,7 @@ class _Pass:
 
     def _take_scan(self, framed: FramedScan, bag_time: float, clean: CleanScan) -> None:
         """Let a clean scan wait for its odometry."""
-        if plain(framed.frame) != self._plan.survey.sensor_frame:
+        if plain(framed.frame) != self._plan.laser.frame:
             self._counts.scans_read += 1
             self._counts.drop("other_frame")
             return
@@ -169,9 +173,9 @@ def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion
 def _description(plan: Plan) -> dict[str, object]:
     """Return what was chosen and found, ready for JSON."""
     mounting, upside_down = Mounting(plan.to_sensor, plan.sensor_pose, plan.options.upside_down).at(0.0)
-    rules = plan.survey.range_rules()
-    first = plan.survey.first_scan
-    stated = first and {
+    rules = plan.laser.range_rules()
+    first = plan.laser.first_scan
+    stated = {
         "beams": len(first.ranges),
         "angle_min_deg": math.degrees(first.in_radians().angle_min),
         "angle_step_deg": math.degrees(first.in_radians().angle_increment),
@@ -186,7 +190,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "profile": plan.options.profile,
         "scan_topic": plan.topics.scan,
         "first_scan": stated,
-        "sensor_frame": plan.survey.sensor_frame,
+        "sensor_frame": plan.laser.frame,
         "odometry": plan.source,
         "odometry_topic": plan.topics.odometry[0] if plan.source == "topic" else None,
         "odom_frame": plan.frames.odom if plan.frames else None,

@@ -16,6 +16,7 @@ from datasets.rosbag_files import BagFiles, Message
 from datasets.rosbag_messages import FramedScan
 from datasets.rosbag_topics import ChosenTopics, choose_topics, is_static
 from datasets.survey import Survey
+from datasets.surveyed_laser import SurveyedLaser
 from tbmslam.se2 import SE2
 
 logger = logging.getLogger(__name__)
@@ -31,7 +32,7 @@ class Plan:
 
     Parameters
     ----------
-    files, options, topics, survey
+    files, options, topics, laser
         What they were made from.
     source
         "tf", "topic" or "none".
@@ -54,7 +55,7 @@ class Plan:
     files: BagFiles
     options: RecordingOptions
     topics: ChosenTopics
-    survey: Survey
+    laser: SurveyedLaser
     source: str
     frames: Frames | None
     robot_frame: str | None
@@ -86,27 +87,26 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     topics = choose_topics(files, options)
     files.check_for_robots(topics.scan)
     survey = _surveyed(files, topics, options)
-    if survey.first_scan is None:
-        raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
-    if (near := survey.nearest_usual()) > _NEVER_ALL_BEYOND:
+    laser = _laser(files, options, topics, survey)
+    if (near := laser.nearest_usual()) > _NEVER_ALL_BEYOND:
         raise DatasetError(
             f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, as if in millimetres: "
             "record them in metres, or choose another --scan-topic"
         )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
-    robot_frame, to_sensor = _robot(survey, options, frames, topics)
+    robot_frame, to_sensor = _robot(survey, laser, options, frames, topics)
     sensor_pose = options.sensor_pose
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
         logger.warning(
             "%s: tf does not tell where the laser (frame %r) sits; taken %s: pass --sensor-pose",
             files.paths[0],
-            survey.sensor_frame,
+            laser.frame,
             "where the PR2 carries it" if sensor_pose else "at the robot's centre",
         )
     odometry_lags = _odometry_lags(survey, frames, topics, source)
-    clock = compare_clocks(survey.scan_lags, odometry_lags)
+    clock = compare_clocks(laser.lags, odometry_lags)
     if options.clock_offset is not None:
         clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
     if clock.warning:
@@ -114,12 +114,12 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     doubts = _doubts(survey, frames, to_sensor if sensor_pose is None else None)
     for doubt in doubts:
         logger.warning("%s: %s", files.paths[0], doubt)
-    stretched = angle_warning(len(survey.first_scan.ranges), survey.first_scan.angle_increment)
+    stretched = angle_warning(len(laser.first_scan.ranges), laser.first_scan.angle_increment)
     if stretched and options.angle_step_deg is None:
         logger.warning("%s: %s", files.paths[0], stretched)
-    unset = lags_of_unset(survey.scan_lags, odometry_lags)
+    unset = lags_of_unset(laser.lags, odometry_lags)
     return Plan(
-        files, options, topics, survey, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts
+        files, options, topics, laser, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts
     )
 
 
@@ -152,6 +152,33 @@ def _take(survey: Survey, message: Message) -> None:
         survey.no_motions[message.topic] += not message.content
 
 
+def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
+    """Return the laser whose scans are read, and say so where the topic holds those of others, too."""
+    lasers = list(survey.lasers.values())
+    if not lasers:
+        raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
+    if survey.laser is None:
+        listed = ", ".join(f"{laser.frame} ({laser.scans} scans)" for laser in lasers)
+        raise DatasetError(
+            f"{files.paths[0]}: no scan of {topics.scan} is of a laser in frame {options.laser_frame}; "
+            f"there are {listed}: choose one with --laser-frame"
+        )
+    if len(lasers) > 1 and options.laser_frame is None:
+        at_first = " at the beginning"
+        listed = ", ".join(
+            f"{laser.frame} ({laser.usable} of {laser.scans}{'' if number else at_first} hold hits)"
+            for number, laser in enumerate(lasers)
+        )
+        logger.warning(
+            "%s: %s holds scans of several lasers: %s; taken %s: pass --laser-frame for another",
+            files.paths[0],
+            topics.scan,
+            listed,
+            survey.laser.frame,
+        )
+    return survey.laser
+
+
 def _source(
     files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
 ) -> str:
@@ -179,15 +206,14 @@ def _source(
 
 
 def _robot(
-    survey: Survey, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
+    survey: Survey, laser: SurveyedLaser, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
 ) -> tuple[str | None, list[Step] | None]:
     """Return the robot's frame and the way from there to the laser."""
     if frames is not None:
         return frames.robot, frames.to_sensor
-    sensor = survey.sensor_frame or ""
     facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
-    robot = find_robot_frame(survey.graph, sensor, options, facts.robot if facts else None)
-    return robot, survey.graph.path(robot, sensor) if robot is not None else None
+    robot = find_robot_frame(survey.graph, laser.frame, options, facts.robot if facts else None)
+    return robot, survey.graph.path(robot, laser.frame) if robot is not None else None
 
 
 def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans = parser.add_argument_group("scans")
     scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
     scans.add_argument("--scan-topic", metavar="TOPIC", help="topic of the scans; in a CARMEN log FLASER ..")
+    scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
     scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
     scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
@@ -101,6 +102,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
     values = {
         "profile": args.profile,
         "scan_topic": args.scan_topic,
+        "laser_frame": args.laser_frame,
         "odometry": args.odometry,
         "odometry_topic": args.odometry_topic,
         "tf_topics": tuple(args.tf_topic) if args.tf_topic else None,

@@ -27,7 +27,7 @@ def test_nothing_to_read_is_an_error():
         ("before_odometry", "check --odometry, --odom-frame and --clock-offset"),
         ("impossible_angles", "pass --angle-step-deg"),
         ("unreadable", "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic"),
-        ("other_frame", "choose another --scan-topic"),
+        ("other_frame", "choose another --laser-frame or --scan-topic"),
     ],
 )
 def test_scans_of_no_use_say_what_to_do(reason, remedy):

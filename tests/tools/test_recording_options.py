@@ -22,14 +22,15 @@ def test_the_defaults_are_those_of_the_library():
 
 def test_every_choice_has_an_option():
     words = (
-        "--profile stata --scan-topic /s --odometry topic --odometry-topic /o --tf-topic /a --tf-topic /b "
-        "--odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
+        "--profile stata --scan-topic /s --laser-frame lf --odometry topic --odometry-topic /o --tf-topic /a "
+        "--tf-topic /b --odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
         "--range-min 0.1 --range-max 20 --range-offset -0.05 --no-return drop "
         "--no-return-code 8 --no-return-code 9 --odometry-scale 0.001 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
     )
     assert parse(*words.split()) == RecordingOptions(
         profile="stata",
         scan_topic="/s",
+        laser_frame="lf",
         odometry="topic",
         odometry_topic="/o",
         tf_topics=("/a", "/b"),
