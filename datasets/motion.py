@@ -74,11 +74,11 @@ class TfMotion:
         self._steps = frames.to_robot
         self._mounting = mounting
         self._histories = {step.edge.key: PoseHistory() for step in self._steps if not step.edge.is_fixed}
+        self._is_one_step = len(self._steps) == 1 and self._steps[0].down
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
         """Take in a transform."""
-        key = (plain(parent), plain(child))
-        history = self._histories.get(key)
+        history = self._histories.get((plain(parent), plain(child)))
         if history is not None:
             history.add(stamp, pose)
         else:
@@ -90,6 +90,8 @@ class TfMotion:
 
     def odometry(self, poses: list[SE3]) -> SE2:
         """Return T_odom_robot from one pose of each moving edge."""
+        if self._is_one_step:  # as of most robots
+            return poses[0].planar()
         moving = iter(poses)
         steps = [_along(step, step.edge.first if step.edge.is_fixed else next(moving)) for step in self._steps]
         return reduce(matmul, steps).planar()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rosbags import rosbag1
 
-from datasets.indexed_messages import IndexedMessages, RawMessage, plain
+from datasets.indexed_messages import IndexedMessages, IndexReader, RawMessage, plain
 
 if TYPE_CHECKING:
     from rosbags import rosbag2
@@ -74,7 +74,7 @@ class OpenBag:
 
 def _opened(path: Path, is_ros1: bool) -> "rosbag1.Reader | rosbag2.Reader":
     if is_ros1:
-        reader = rosbag1.Reader(path)
+        reader = IndexReader(path)
         reader.open()
         return reader
     from rosbags import rosbag2  # noqa: PLC0415 - slow to load, and a bag of ROS 1 does not need it

@@ -71,10 +71,11 @@ class Pairing:
     def add(self, scan: LaserScan, now: float) -> None:
         """Append the scan recorded at bag time `now` [s]."""
         stamp = scan.stamp + self._clock_offset
+        end = stamp + scan.sweep() if scan.time_increment else stamp
         # A stamp that steps back may belong to odometry that is about to step back, too: wait for the next pose.
         poses_then = self._received() if stamp < self._last_stamp else -1
         self._last_stamp = stamp
-        self._waiting.append(_Waiting(scan, stamp, stamp + scan.sweep(), now, poses_then))
+        self._waiting.append(_Waiting(scan, stamp, end, now, poses_then))
 
     def ready(self, now: float) -> Iterable[Reading]:
         """Return the readings that can be answered at bag time `now` [s]."""
@@ -109,7 +110,7 @@ class Pairing:
         for history in self._histories:
             if not history.reaches(waiting.end):
                 return False
-        return not self._histories or waiting.poses_then < 0 or self._received() > waiting.poses_then
+        return waiting.poses_then < 0 or not self._histories or self._received() > waiting.poses_then
 
     def _answer(self, waiting: _Waiting) -> Reading | None:
         """Return the reading of a scan, without odometry where that is missing for long, or count why there is none."""
@@ -126,15 +127,19 @@ class Pairing:
         self._counts.extrapolated += carried_on
         self._counts.scans_used += 1
         is_known = len(poses) == len(self._histories)
-        self._note_missing(waiting.scan.stamp, is_known)
+        if is_known:
+            self._missing = None
+        else:
+            self._note_missing(waiting.scan.stamp)
         mounting, upside_down = self._motion.mounting(waiting.stamp)
         scan = turned_over(waiting.scan) if upside_down else waiting.scan
         T_odom_robot = self._odometry(poses) if is_known else None
-        return Reading(scan, T_odom_robot, mounting, self._swept(waiting) if is_known else None)
+        T_odom_swept = self._swept(waiting) if is_known and waiting.end > waiting.stamp else None
+        return Reading(scan, T_odom_robot, mounting, T_odom_swept)
 
     def _swept(self, waiting: _Waiting) -> SE2 | None:
-        """Return T_odom_robot at a scan's last beam, where that is another moment and the odometry tells."""
-        if waiting.end <= waiting.stamp or not self._histories:
+        """Return T_odom_robot at a scan's last beam, where the odometry tells."""
+        if not self._histories:
             return None
         found = [history.at(waiting.end, self._patience_s, 0.0) for history in self._histories]
         return self._odometry([each.pose for each in found if each is not None]) if all(found) else None
@@ -144,11 +149,8 @@ class Pairing:
         told = self._motion.odometry(poses)
         return None if told is None else scaled(told, self._odometry_scale)
 
-    def _note_missing(self, stamp: float, is_known: bool) -> None:
+    def _note_missing(self, stamp: float) -> None:
         """Note when odometry ends and how long it is missing."""
-        if is_known:
-            self._missing = None
-            return
         incidents = self._counts.incidents
         self._counts.without_odometry += 1
         if self._missing is None:
@@ -158,6 +160,8 @@ class Pairing:
 
 def scaled(T_odom_robot: SE2, scale: float) -> SE2:
     """Return a pose with its lengths multiplied."""
+    if scale == 1.0:
+        return T_odom_robot
     return SE2(scale * T_odom_robot.x, scale * T_odom_robot.y, T_odom_robot.theta)
 
 
