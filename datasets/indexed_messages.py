@@ -1,7 +1,7 @@
 """Messages of a sound ROS 1 bag, taken from where its index says that they lie."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
 from heapq import merge
 from itertools import pairwise, repeat
@@ -24,6 +24,7 @@ _HEADER_SIZE = len(_OP) + len(_CONNECTION) + 4 + len(_TIME) + 8
 _BEFORE_DATA = 4 + _HEADER_SIZE + 4
 """Bytes of a message's record before its data: the sizes of header and data, and the header."""
 
+_PLACE: Callable[[IndexData], tuple[int, int]] = itemgetter(1, 2)
 _Entry: TypeAlias = tuple[IndexData, BagConnection]
 
 
@@ -77,6 +78,7 @@ class IndexedMessages:
         reader.chunks = {
             place: chunk._replace(decompressor=kept[chunk.decompressor]) for place, chunk in reader.chunks.items()
         }
+        self._by_place: dict[int, list[IndexData]] = {}
         self._chunk = lru_cache(_KEPT_CHUNKS)(partial(_decompressed, reader))
 
     def by_time(self, connections: Sequence[Connection]) -> Iterator[RawMessage]:
@@ -86,17 +88,19 @@ class IndexedMessages:
 
     def in_order_of_writing(self, connections: Sequence[Connection]) -> Iterator[RawMessage]:
         """Yield messages as they lie in the file."""
-        listed = [(entry, plain(c)) for c in connections for entry in self._reader.indexes[c.id]]
-        return self._read(iter(sorted(listed, key=_place_of)))
+        for connection in connections:
+            if connection.id not in self._by_place:
+                self._by_place[connection.id] = sorted(self._reader.indexes[connection.id], key=_PLACE)
+        listed = (zip(self._by_place[c.id], repeat(plain(c))) for c in connections)
+        return self._read(merge(*listed, key=_place_of))
 
     def steps_back(self, connections: Sequence[Connection], topic: str) -> bool:
         """Return whether the messages of a topic were recorded in another order than that of their times."""
-        places = itemgetter(1, 2)
         return any(
             later < earlier
             for connection in connections
             if connection.topic == topic
-            for earlier, later in pairwise(map(places, self._reader.indexes[connection.id]))
+            for earlier, later in pairwise(map(_PLACE, self._reader.indexes[connection.id]))
         )
 
     def _read(self, entries: Iterator[_Entry]) -> Iterator[RawMessage]:
@@ -161,4 +165,4 @@ def _time_of(listed: _Entry) -> int:
 
 def _place_of(listed: _Entry) -> tuple[int, int]:
     """Return where a message lies: its chunk, and where in there."""
-    return listed[0][1:]
+    return _PLACE(listed[0])
