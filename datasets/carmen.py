@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from datasets.blocks import in_blocks
 from datasets.carmen_lines import POSE_KINDS, SCAN_KINDS, LoggedScan, LogSettings, pose_from, scan_from
 from datasets.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
 from datasets.counts import ReadingCounts
@@ -167,31 +168,28 @@ def _readings(
     mounting = Mounting([], options.sensor_pose or SE2(settings.laser_offset, 0.0, 0.0), options.upside_down)
     motion = TopicMotion(mounting)
     pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
-    for line in (line for path in paths for line in lines_of(path)):
-        if line.startswith(kind + " "):
-            logged = _read(line, settings)
-            scan = _taken(logged, intake, counts)
-            if scan is None or logged is None:
-                continue
-            if options.odometry == "none" or logged.T_odom_robot is not None:
-                counts.scans_used += 1
-                yield _reading(scan, logged, options)
-            else:
-                pairing.add(scan, scan.stamp)
-                yield from pairing.ready(scan.stamp)
-        elif kind == "RAWLASER1" and line.startswith("ODOM "):
-            _add_pose(motion, line, settings)
-            yield from pairing.ready(float("-inf"))
+    for block in in_blocks(line for path in paths for line in lines_of(path)):
+        logs = [_read(line, settings) if line.startswith(kind + " ") else None for line in block]
+        cleaned = iter(intake.cleaned([logged.raw for logged in logs if logged is not None]))
+        for line, logged in zip(block, logs, strict=True):
+            if line.startswith(kind + " "):
+                if logged is None:
+                    counts.scans_read += 1
+                    counts.drop("unreadable")
+                    continue
+                scan = intake.take(logged.raw, next(cleaned))
+                if scan is None:
+                    continue
+                if options.odometry == "none" or logged.T_odom_robot is not None:
+                    counts.scans_used += 1
+                    yield _reading(scan, logged, options)
+                else:
+                    pairing.add(scan, scan.stamp)
+                    yield from pairing.ready(scan.stamp)
+            elif kind == "RAWLASER1" and line.startswith("ODOM "):
+                _add_pose(motion, line, settings)
+                yield from pairing.ready(float("-inf"))
     yield from pairing.rest()
-
-
-def _taken(logged: LoggedScan | None, intake: ScanIntake, counts: ReadingCounts) -> LaserScan | None:
-    """Clean a scan, or count why there is none."""
-    if logged is None:
-        counts.scans_read += 1
-        counts.drop("unreadable")
-        return None
-    return intake.take(logged.raw)
 
 
 def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:

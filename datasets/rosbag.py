@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from datasets.beam_angles import angle_warning
+from datasets.blocks import in_blocks
 from datasets.clock_steps import ClockSteps
 from datasets.counts import ReadingCounts
-from datasets.errors import DatasetError
 from datasets.frames import plain
 from datasets.message_types import ECHOES_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.motion import Mounting, NoMotion, TfMotion, TopicMotion
@@ -23,8 +23,6 @@ from datasets.scan_intake import CleanScan, ScanIntake
 from tbmslam.laser_scan import Reading
 
 logger = logging.getLogger(__name__)
-
-_BLOCK = 256  # messages, whose scans are cleaned at once
 
 
 def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
@@ -74,7 +72,7 @@ class _Pass:
         """Yield the readings in the order of the recording."""
         plan = self._plan
         try:
-            for block in _blocks(plan.files.messages(plan.topics_to_read(), plan.topics.scan)):
+            for block in in_blocks(plan.files.messages(plan.topics_to_read(), plan.topics.scan)):
                 scans = [message.content.scan for message in block if isinstance(message.content, FramedScan)]
                 cleaned = iter(self._intake.cleaned(scans))
                 for message in block:
@@ -146,21 +144,6 @@ class _Pass:
         scan = self._intake.take(raw, clean)
         if scan is not None:
             self._pairing.add(scan, bag_time)
-
-
-def _blocks(messages: Iterator[Message]) -> Iterator[list[Message]]:
-    """Yield messages some at a time, those before an error, too."""
-    block: list[Message] = []
-    try:
-        for message in messages:
-            block.append(message)
-            if len(block) == _BLOCK:
-                yield block
-                block = []
-    except DatasetError:
-        yield block
-        raise
-    yield block
 
 
 def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion:
