@@ -30,16 +30,16 @@ def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor
     spans = anchors[after] - anchors[before]
     shares = np.where(spans > 0, (np.arange(len(poses)) - anchors[before]) / np.maximum(spans, 1), 0.0)
     between = interpolate(corrections[before], corrections[after], shares)
-    return compose(between, poses)
+    moved = compose(between, poses)
+    moved[anchors] = anchor_poses  # to the last digit
+    return moved
 
 
 def with_keyframes_at(drive: Drive, poses: FloatArray) -> Drive:
     """Return a drive whose keyframes' robot is at other poses (K, 3), and whose trajectory follows them."""
-    trajectory, stamps = drive.trajectory, drive.keyframes.stamps
-    moved = replace(drive, keyframes=replace(drive.keyframes, poses=poses))
+    trajectory, keyframes = drive.trajectory, drive.keyframes
+    moved = replace(drive, keyframes=replace(keyframes, poses=poses))
     if len(trajectory) == 0:
         return moved
-    anchors = np.searchsorted(trajectory.stamps, stamps).clip(0, len(trajectory) - 1)
-    unique, first = np.unique(anchors, return_index=True)
-    way = spread_corrections(trajectory.poses, unique.astype(np.int64), poses[first])
+    way = spread_corrections(trajectory.poses, keyframes.indices, poses)
     return replace(moved, trajectory=Trajectory(trajectory.stamps, way))

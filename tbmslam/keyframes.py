@@ -30,6 +30,8 @@ class Keyframes:
         All scans' ranges one after the other, float32 [m], coded as in `LaserScan`.
     beam_steps
         Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad].
+    indices
+        Which pose (K,) of the drive's trajectory each was taken at; they rise, while stamps may step back.
     """
 
     stamps: FloatArray
@@ -39,24 +41,36 @@ class Keyframes:
     offsets: npt.NDArray[np.int64]
     ranges: npt.NDArray[np.float32]
     beam_steps: FloatArray
+    indices: npt.NDArray[np.int64]
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
         count = len(self.stamps)
-        arrays = (self.poses, self.sensor_poses, self.beams, self.offsets, self.beam_steps)
+        arrays = (self.poses, self.sensor_poses, self.beams, self.offsets, self.beam_steps, self.indices)
         shapes = tuple(values.shape for values in arrays)
-        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,), (count, 3)):
+        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,), (count, 3), (count,)):
             raise ValueError(f"keyframe arrays must agree on {count} keyframes, got shapes {shapes}")
         if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges) or np.any(np.diff(self.offsets) < 0):
             raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
+        if np.any(self.indices < 0) or np.any(np.diff(self.indices) <= 0):
+            raise ValueError("indices into the trajectory must rise from 0 or later, none of them twice")
         # A laser without a limit has range_max +inf; nothing else may be infinite.
         numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3], self.beam_steps)
         if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
             raise ValueError("stamps, poses and beams must be finite")
 
     @classmethod
-    def from_scans(cls, scans: Sequence[LaserScan], poses: Sequence[SE2], sensor_poses: Sequence[SE2]) -> "Keyframes":
-        """Pack scans taken at robot poses in the map by lasers mounted at sensor poses."""
+    def from_scans(
+        cls,
+        scans: Sequence[LaserScan],
+        poses: Sequence[SE2],
+        sensor_poses: Sequence[SE2],
+        indices: Sequence[int] | None = None,
+    ) -> "Keyframes":
+        """Pack scans taken at robot poses in the map by lasers mounted at sensor poses.
+
+        `indices` say which poses of the trajectory these are; None: the first ones, one after the other.
+        """
         return cls(
             stamps=np.array([scan.stamp for scan in scans], dtype=np.float64),
             poses=np.array(poses, dtype=np.float64).reshape(-1, 3),
@@ -67,6 +81,7 @@ class Keyframes:
             offsets=np.concatenate(([0], np.cumsum([len(scan.ranges) for scan in scans]))).astype(np.int64),
             ranges=np.concatenate([np.zeros(0, np.float32), *(scan.ranges.astype(np.float32) for scan in scans)]),
             beam_steps=np.array([scan.beam_step for scan in scans], dtype=np.float64).reshape(-1, 3),
+            indices=np.array(range(len(scans)) if indices is None else indices, dtype=np.int64),
         )
 
     def __len__(self) -> int:
@@ -98,6 +113,7 @@ class Keyframes:
             offsets=self.offsets[first : last + 1] - begin,
             ranges=self.ranges[begin:end],
             beam_steps=self.beam_steps[some],
+            indices=self.indices[some],
         )
 
     def pose(self, index: int) -> SE2:

@@ -24,7 +24,8 @@ class Drive:
     trajectory
         Poses of the robot in the map, one for every scan that was used.
     keyframes
-        Scans at poses, from which the grid can be rendered again.
+        Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
+        no poses at all.
     closures
         Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
     motions
@@ -38,7 +39,10 @@ class Drive:
     motions: DriveMotions | None = None
 
     def __post_init__(self) -> None:
-        """Check that closures and motions are between keyframes."""
+        """Check that keyframes are on the trajectory, and closures and motions between keyframes."""
+        indices, poses = self.keyframes.indices, len(self.trajectory)
+        if poses and len(indices) and indices[-1] >= poses:  # they rise
+            raise ValueError(f"keyframes must be among the {poses} poses of the trajectory, got index {indices[-1]}")
         if self.closures.ndim != 2 or self.closures.shape[1] != 2:
             raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
         if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):

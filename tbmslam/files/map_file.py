@@ -7,7 +7,8 @@
 ``provenance``              JSON text
 ``drives``                  names (D,); the arrays of drive K are named as follows
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
-``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field; older files have no beam_steps
+``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field; older files have neither
+                            beam_steps nor indices
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed; older files have none
 ``drive_K_motions_X``       the arrays of `DriveMotions`; older files, and drives of which none were kept, have none
 ==========================  ==========================================================================
@@ -25,6 +26,7 @@ from typing import cast
 import numpy as np
 
 from tbmslam.drive_motions import DriveMotions
+from tbmslam.files.keyframe_indices import indices_by_stamp
 from tbmslam.files.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.files.npz import Array, ArrayZip, NpzError, write_npz
 from tbmslam.files.special_file import why_unreadable
@@ -34,7 +36,8 @@ from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.trajectory import Trajectory
 
 FORMAT_VERSION = 1
-_KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32}  # all others are float64
+_KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64
+_MISSING_IN_OLDER = frozenset({"beam_steps", "indices"})
 _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
@@ -148,9 +151,11 @@ def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry
             (None, None) if field in {"poses", "sensor_poses", "beams", "beam_steps"} else (None,),
         )
         for field in _KEYFRAME_NAMES
-        if field != "beam_steps" or f"drive_{number}_keyframes_{field}" in arrays
+        if field not in _MISSING_IN_OLDER or f"drive_{number}_keyframes_{field}" in arrays
     }
     keyframes.setdefault("beam_steps", np.zeros((len(keyframes["stamps"]), 3)))
+    if "indices" not in keyframes:
+        keyframes["indices"] = indices_by_stamp(Trajectory(stamps, poses), keyframes["stamps"], keyframes["poses"])
     found, closures = Keyframes(**keyframes), f"drive_{number}_closures"
     between = arrays.read(closures, np.int64, (None, 2)) if closures in arrays else np.zeros((0, 2), dtype=np.int64)
     drive = Drive(name, Trajectory(stamps, poses), found, between, _read_motions(arrays, number))

@@ -94,6 +94,7 @@ def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes
         offsets=np.cumsum([0, *(len(k.ranges) for k in keyframes)]),
         ranges=np.concatenate([_NO_RANGES.astype(np.float32), *(k.ranges for k in keyframes)]),
         beam_steps=np.array([o.beam_step for o in outlines], dtype=np.float64).reshape(-1, 3),
+        indices=np.array([k.index for k in keyframes], dtype=np.int64),
     )
 
 

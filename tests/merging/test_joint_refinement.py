@@ -92,6 +92,21 @@ def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
     assert result.maps["b"].grid.is_known().sum() > 1000
 
 
+def test_trajectories_go_along_with_their_keyframes_where_stamps_step_back(bent_pair):
+    maps, poses, _ = bent_pair
+    back = np.repeat([0.0, 20.0, 20.5, 21.0], len(maps["b"].drives[0].trajectory) // 4)
+    drive = maps["b"].drives[0]
+    stamps = drive.trajectory.stamps - back
+    again = replace(
+        drive, trajectory=replace(drive.trajectory, stamps=stamps), keyframes=replace(drive.keyframes, stamps=stamps)
+    )
+    result = refine_jointly({**maps, "b": replace(maps["b"], drives=(again,))}, poses, JointConfig())
+    assert result is not None
+    moved = result.maps["b"].drives[0]
+    np.testing.assert_array_equal(moved.trajectory.poses, moved.keyframes.poses)
+    np.testing.assert_array_equal(moved.trajectory.stamps, stamps)
+
+
 def test_what_a_robot_measured_outweighs_what_closing_loops_made_of_it(bent_pair):
     maps, poses, truth = bent_pair
     steps = [SE2.from_array(a).to(SE2.from_array(b)) for a, b in itertools.pairwise(truth)]

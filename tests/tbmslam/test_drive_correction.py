@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tbmslam.drive_correction import spread_corrections, with_keyframes_at
 from tbmslam.keyframes import Keyframes
@@ -40,7 +42,7 @@ def test_without_anchors_nothing_moves(poses):
 
 def test_a_trajectory_follows_its_keyframes(poses):
     scans = [LaserScan(stamp, 0.0, 0.1, 0.1, 9.0, np.ones(2)) for stamp in (2.0, 6.0)]
-    keyframes = Keyframes.from_scans(scans, [SE2.from_array(poses[k]) for k in (2, 6)], [SE2.identity()] * 2)
+    keyframes = Keyframes.from_scans(scans, [SE2.from_array(poses[k]) for k in (2, 6)], [SE2.identity()] * 2, [2, 6])
     drive = Drive("robot", Trajectory(np.arange(11.0), poses), keyframes)
     targets = keyframes.poses + np.array([[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
     moved = with_keyframes_at(drive, targets)
@@ -56,3 +58,32 @@ def test_a_drive_without_a_trajectory_has_keyframes_all_the_same(poses):
     )
     drive = Drive("robot", Trajectory(np.zeros(0), np.zeros((0, 3))), keyframes)
     assert with_keyframes_at(drive, poses[3:4]).keyframes.poses.tolist() == poses[3:4].tolist()
+
+
+@given(
+    st.lists(st.sampled_from([0.1, 0.0, -0.2, -5.0, -30.0, 40.0]), min_size=4, max_size=60),
+    st.data(),
+    st.integers(0, 99),
+)
+def test_the_trajectory_goes_through_its_keyframes_whatever_the_stamps(steps, data, seed):
+    generator, stamps = np.random.default_rng(seed), np.cumsum(steps)
+    poses, targets = (generator.uniform(-3.0, 3.0, (len(steps), 3)) for _ in range(2))
+    chosen = sorted(data.draw(st.sets(st.integers(0, len(steps) - 1), min_size=1)))
+    scans = [LaserScan(stamps[k], 0.0, 0.1, 0.1, 9.0, np.ones(2)) for k in chosen]
+    keyframes = Keyframes.from_scans(
+        scans, [SE2.from_array(poses[k]) for k in chosen], [SE2.identity()] * len(chosen), chosen
+    )
+    moved = with_keyframes_at(Drive("robot", Trajectory(stamps, poses), keyframes), targets[chosen])
+    np.testing.assert_array_equal(moved.trajectory.poses[chosen], targets[chosen])
+    np.testing.assert_array_equal(moved.keyframes.poses, targets[chosen])
+    np.testing.assert_array_equal(moved.trajectory.stamps, stamps)
+
+
+def test_what_lies_between_keyframes_follows_them_where_stamps_step_back(poses):
+    """Twice over the same stamps: looked up by stamp, the second keyframe would be taken for the first half's."""
+    stamps = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    scans = [LaserScan(stamps[k], 0.0, 0.1, 0.1, 9.0, np.ones(2)) for k in (2, 6)]
+    keyframes = Keyframes.from_scans(scans, [SE2.from_array(poses[k]) for k in (2, 6)], [SE2.identity()] * 2, [2, 6])
+    targets = keyframes.poses + np.array([[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
+    moved = with_keyframes_at(Drive("robot", Trajectory(stamps, poses), keyframes), targets)
+    np.testing.assert_allclose((moved.trajectory.poses - poses)[:, 1], [1, 1, 1, 1.5, 2, 2.5, 3, 3, 3, 3, 3])

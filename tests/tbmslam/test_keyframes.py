@@ -47,7 +47,7 @@ def test_another_frame_moves_the_robot_and_not_the_laser_on_it(keyframes):
 
 def test_a_part_is_what_its_scans_and_poses_are(keyframes):
     part = keyframes.part(1, 3)
-    again = Keyframes.from_scans(SCANS[1:], POSES[1:], MOUNTS[1:])
+    again = Keyframes.from_scans(SCANS[1:], POSES[1:], MOUNTS[1:], [1, 2])
     for field in dataclasses.fields(Keyframes):
         np.testing.assert_array_equal(getattr(part, field.name), getattr(again, field.name))
     assert len(keyframes.part(2, 2)) == 0
@@ -59,7 +59,7 @@ def test_there_may_be_none():
     assert len(none.transformed(SE2(1.0, 1.0, 1.0))) == 0
 
 
-@pytest.mark.parametrize("field", ["poses", "sensor_poses", "beams", "offsets"])
+@pytest.mark.parametrize("field", ["poses", "sensor_poses", "beams", "offsets", "indices"])
 def test_arrays_of_different_length_are_refused(keyframes, field):
     with pytest.raises(ValueError, match="keyframe arrays must agree on 3 keyframes, got shapes"):
         dataclasses.replace(keyframes, **{field: getattr(keyframes, field)[:-1]})
@@ -69,6 +69,12 @@ def test_arrays_of_different_length_are_refused(keyframes, field):
 def test_offsets_outside_the_ranges_are_refused(keyframes, offsets):
     with pytest.raises(ValueError, match="offsets must rise from 0 to the 4 ranges"):
         dataclasses.replace(keyframes, offsets=np.array(offsets))
+
+
+@pytest.mark.parametrize("indices", [[-1, 0, 1], [0, 2, 2], [3, 2, 4]])
+def test_indices_that_do_not_rise_are_refused(keyframes, indices):
+    with pytest.raises(ValueError, match="indices into the trajectory must rise from 0 or later, none of them twice"):
+        dataclasses.replace(keyframes, indices=np.array(indices))
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,20 @@ def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(
     )  # loops bend a drive, a little everywhere
 
 
+def test_keyframes_tell_which_poses_of_the_drive_they_are_where_stamps_step_back(drive_in):
+    robot = drive_in("apartment", 30.0)
+    back = 0.2 * np.array([0, 1, 5, 150])[np.arange(len(robot.readings)) * 4 // len(robot.readings)]
+    readings = [
+        replace(one, scan=replace(one.scan, stamp=one.scan.stamp - late))
+        for one, late in zip(robot.readings, back.tolist(), strict=True)
+    ]
+    drive = mapped(readings).drives[0]
+    assert (np.diff(drive.trajectory.stamps) < 0.0).sum() >= 2
+    indices = drive.keyframes.indices
+    np.testing.assert_array_equal(drive.trajectory.stamps[indices], drive.keyframes.stamps)
+    np.testing.assert_array_equal(drive.trajectory.poses[indices], drive.keyframes.poses)
+
+
 def test_odometry_may_count_from_far_away(drive_in):
     """As in a grid of the whole earth, where single precision tells half a metre apart."""
     readings, shift = drive_in("apartment", 30.0).readings, SE2(512_000.0, 4_600_000.0, 0.0)

@@ -41,6 +41,15 @@ def test_motions_are_between_keyframes_of_the_drive():
         Drive("robot_0", *nowhere, motions=DriveMotions(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))))
 
 
+def test_keyframes_are_poses_of_the_trajectory():
+    scan, pose = LaserScan(7.0, 0.0, 0.1, 0.1, 10.0, np.array([2.0])), SE2.identity()
+    way = Trajectory(np.arange(4.0), np.zeros((4, 3)))
+    assert Drive("r", way, Keyframes.from_scans([scan], [pose], [pose], [3])).keyframes.indices.tolist() == [3]
+    with pytest.raises(ValueError, match=r"keyframes must be among the 4 poses of the trajectory, got index 4"):
+        Drive("r", way, Keyframes.from_scans([scan], [pose], [pose], [4]))
+    Drive("r", Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([scan], [pose], [pose], [4]))
+
+
 def test_a_map_may_be_nothing_but_a_grid():
     alone = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 2)))
     assert alone.drives == ()

@@ -28,7 +28,9 @@ def drive(name, scans=2):
     return Drive(
         name,
         trajectory,
-        Keyframes.from_scans([scan(7 + index) for index in range(scans)], poses, [SE2(0.3, 0, 1)] * scans),
+        Keyframes.from_scans(
+            [scan(7 + index) for index in range(scans)], poses, [SE2(0.3, 0, 1)] * scans, range(1, 1 + scans)
+        ),
         np.array([(0, scans - 1)] if scans else [], dtype=np.int64).reshape(-1, 2),
         DriveMotions(np.full((scans - 1, 3), 0.1), np.tile(np.diag([1e4, 2e4, 1e6]), (scans - 1, 1, 1)))
         if scans
@@ -102,6 +104,15 @@ def test_a_map_from_before_motions_were_kept_is_read(tbm_map, tmp_path):
     assert [drive.motions for drive in read_map_file(tmp_path / "old.npz").drives] == [None, None]
 
 
+def test_a_map_from_before_keyframes_had_indices_is_read_where_stamps_step_back(tbm_map, tmp_path):
+    arrays = arrays_of(tbm_map, tmp_path / "map.npz")
+    del arrays["drive_0_keyframes_indices"], arrays["drive_1_keyframes_indices"]
+    arrays["drive_0_stamps"] = np.array([10.0, 11.0, 12.0, 11.0, 12.0])
+    arrays["drive_0_keyframes_stamps"] = np.array([12.0, 11.0])
+    write_npz(tmp_path / "old.npz", arrays)
+    assert [one.keyframes.indices.tolist() for one in read_map_file(tmp_path / "old.npz").drives] == [[2, 3], []]
+
+
 def test_motions_that_are_none_are_refused(tbm_map, tmp_path):
     arrays = arrays_of(tbm_map, tmp_path / "map.npz")
     arrays["drive_0_motions_informations"] = -arrays["drive_0_motions_informations"]
@@ -162,6 +173,9 @@ def moved(name, column, value):
         (set_value("drive_0_stamps", np.full(5, np.nan)), "stamps and poses must be finite"),
         (set_value("drive_0_poses", np.zeros((4, 3))), r"drive_0_poses has shape \(4, 3\), not 5 x 3"),
         (set_value("drive_0_keyframes_offsets", np.array([0, 9, 7])), "offsets must rise"),
+        (set_value("drive_0_keyframes_indices", np.array([1, 5])), "among the 5 poses of the trajectory, got index 5"),
+        (set_value("drive_0_keyframes_indices", np.array([1, 1])), "indices into the trajectory must rise"),
+        (set_value("drive_0_keyframes_indices", np.array([1.0, 2.0])), "indices is of type float64, not int64"),
         (moved("drive_0_poses", 0, 1e9), "a pose lies at 1e[+]09, .* m, more than 10000 m from the map"),
         (moved("drive_0_keyframes_poses", 1, -2e4), "a keyframe lies at .*, -2e[+]04 m, more than 10000 m from the"),
         (moved("drive_0_keyframes_poses", 2, 1e17), "an angle is 1e[+]17 rad, more than 1000"),

@@ -12,7 +12,7 @@ from tbmslam.se2 import SE2, compose
 from tbmslam.slam import Slam
 from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.forgetting import ForgettingConfig
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 T_ROBOT_SENSOR = SE2(0.2, 0.1, 0.3)
@@ -53,6 +53,8 @@ def test_few_rounds_are_kept(memory):
     assert len(memory) == 5 * ROUND
     assert 2 * ROUND <= len(memory.keyframes) < 4 * ROUND
     assert not memory.is_full()
+    kept = [k.index for k in memory.keyframes]
+    assert packed(memory.keyframes, np.zeros((len(kept), 3))).indices.tolist() == kept
 
 
 def test_steps_stay_as_tracked_and_lead_truly_over_what_was_forgotten(memory, rounds):
@@ -100,6 +102,7 @@ def test_rounds_without_end_need_no_more_memory():
         for reading in endless_rounds.readings():
             slam.process(reading)
         drive = slam.finish().drives[0]
+        np.testing.assert_array_equal(drive.trajectory.poses[drive.keyframes.indices], drive.keyframes.poses)
         truth = endless_rounds.truth().poses
         errors[limit] = np.hypot(*(drive.trajectory.poses - truth)[:, :2].T).max(), len(drive.keyframes)
     assert errors[400][1] < 0.6 * errors[100_000][1]

@@ -53,8 +53,8 @@ def test_keyframes_are_packed_as_scans_are(generator):
     match = ScanMatch(SE2.identity(), 0.9, moved=True)
     scans = [LaserScan(k, -1.0, 0.1, 0.1, 9.0, generator.uniform(size=3 + k), 0.01, SE2(0, 0, k)) for k in range(4)]
     poses, mount = [SE2(k, 1.0, 0.5) for k in range(4)], SE2(0.3, 0.0, 1.0)
-    kept = [TrackedKeyframe.of(k, scan, mount, match, np.ones(3)) for k, scan in enumerate(scans)]
-    found, expected = packed(kept, np.array(poses)), Keyframes.from_scans(scans, poses, [mount] * 4)
+    kept = [TrackedKeyframe.of(3 * k, scan, mount, match, np.ones(3)) for k, scan in enumerate(scans)]
+    found, expected = packed(kept, np.array(poses)), Keyframes.from_scans(scans, poses, [mount] * 4, [0, 3, 6, 9])
     for field in fields(Keyframes):
         np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
     assert len(packed([], np.zeros((0, 3)))) == 0
