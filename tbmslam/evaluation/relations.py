@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.evaluation.trajectory_alignment import matching_stamps
+from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.files.special_file import why_unreadable
 from tbmslam.laser_scan import FARTHEST_PLACE
 from tbmslam.se2 import SE2, FloatArray

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.pose_matching import matching_poses
 from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.trajectory import Trajectory
@@ -41,14 +41,15 @@ def align_trajectories(
 ) -> TrajectoryAlignment:
     """Lay an estimate onto a reference by the rigid motion that leaves the smallest squared distances.
 
-    Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
+    Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds, see
+    `matching_poses`.
 
     Raises
     ------
     TrajectoryAlignmentError
         When fewer than two poses belong together.
     """
-    i, j = matching_stamps(reference.stamps, estimate.stamps, max_stamp_difference)
+    i, j = matching_poses(reference.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < 2:
         raise TrajectoryAlignmentError(
             f"only {len(i)} of {len(estimate)} poses have a partner within {max_stamp_difference:g} s in the "
@@ -58,18 +59,3 @@ def align_trajectories(
     T_reference_estimate, _ = fit_rigid(target, source)
     errors = np.hypot(*(T_reference_estimate.apply(source) - target).T)
     return TrajectoryAlignment(T_reference_estimate, errors)
-
-
-def matching_stamps(
-    first: FloatArray, second: FloatArray, tolerance: float
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return indices into both arrays of stamps (N,), (M,) that lie nearest to each other and within the tolerance."""
-    if not len(first) or not len(second):
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    order = np.argsort(first, kind="stable")
-    ordered = first[order]
-    after = np.searchsorted(ordered, second)
-    left, right = np.clip(after - 1, 0, len(first) - 1), np.clip(after, 0, len(first) - 1)
-    nearest = np.where(np.abs(ordered[left] - second) <= np.abs(ordered[right] - second), left, right)
-    matched = np.flatnonzero(np.abs(ordered[nearest] - second) <= tolerance)
-    return order[nearest[matched]], matched

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories, matching_stamps
+from tbmslam.evaluation.pose_matching import matching_poses
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
 from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angles
 from tbmslam.trajectory import Trajectory
 
@@ -61,7 +62,7 @@ def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_differenc
         When fewer than two poses belong together.
     """
     alignment = align_trajectories(truth, estimate, max_stamp_difference)
-    _, matched = matching_stamps(truth.stamps, estimate.stamps, max_stamp_difference)
+    _, matched = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     points = alignment.T_reference_estimate.apply(estimate.poses[matched, :2])
     return AbsoluteErrors(alignment.T_reference_estimate, points, alignment.errors_m, len(estimate) - len(matched))
 
@@ -93,7 +94,7 @@ def relative_errors(
     step, unit = (distance, "m") if distance is not None else (seconds, "s")
     if step is None or not step > 0.0:
         raise ValueError(f"step must be positive, got {step}")
-    i, j = matching_stamps(truth.stamps, estimate.stamps, max_stamp_difference)
+    i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     true, estimated = truth.poses[i], estimate.poses[j]
     progress = way_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
     ends = _step_ends(progress, step)

@@ -116,7 +116,7 @@ free_thresh: 0.196
 def _drive() -> Drive:
     scan = LaserScan(1.0, -1.0, 0.5, 0.1, 30.0, np.array([1.0, 2.0, np.inf, np.nan]))
     keyframes = Keyframes.from_scans([scan, scan], [SE2.identity()] * 2, [SE2.identity()] * 2)
-    return Drive("robot", Trajectory(np.array([1.0]), np.zeros((1, 3))), keyframes, np.array([(0, 1)]))
+    return Drive("robot", Trajectory(np.array([1.0, 1.5]), np.zeros((2, 3))), keyframes, np.array([(0, 1)]))
 
 
 def _saved(name: str) -> Callable[[], list[bytes]]:

@@ -21,13 +21,13 @@ from merging.redrawing import redraw
 from tbmslam.belief import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement
 from tbmslam.evaluation.map_refinement import refine_map_transform
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.pose_matching import matching_poses
+from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.files.atomic_file import write_text
 from tbmslam.files.map_folder import load_map
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2, wrap_angle
 from tbmslam.tbm_map import TbmMap
-from tbmslam.trajectory import Trajectory
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recording_spec import as_words
@@ -48,6 +48,7 @@ the cells in which the undivided map is like itself when drawn again on the merg
 which it is like the map that the whole recording gives in the odometry's frame, where cells lie otherwise."""
 
 _SHARED = 0.25
+_SAME_MOMENT_S = 1e-3
 _NEAR_M, _NEAR_DEG = 0.2, 1.0
 
 
@@ -194,16 +195,33 @@ def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
 
 def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:
     """Compare the undivided map, laid onto a merged one by drives and walls, with that and with itself drawn there."""
-    stamps = np.concatenate([drive.trajectory.stamps for drive in merged.drives])
-    poses = np.vstack([drive.trajectory.poses for drive in merged.drives])
-    stamps, first = np.unique(stamps, return_index=True)
-    guess = align_trajectories(undivided.drives[0].trajectory, Trajectory(stamps, poses[first])).T_reference_estimate
+    guess = laid_by_drives(undivided, merged)
     labels, true_labels = cell_labels(merged.grid), cell_labels(undivided.grid)
     motion = refine_map_transform(labels, merged.grid.geometry, true_labels, undivided.grid.geometry, guess)
     true = cell_labels(resample(undivided.grid, motion.inverse(), merged.grid.geometry))
     again = redraw([drive.keyframes.transformed(motion.inverse()) for drive in undivided.drives], undivided)
     turned = cell_labels(resample(undivided.grid, motion.inverse(), again.geometry))
     return map_agreement(labels, true), map_agreement(cell_labels(again), turned)
+
+
+def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
+    """Return the pose of a merged map in the undivided one, by where both have the robots, each in its own order.
+
+    Raises
+    ------
+    MeasurementError
+        If fewer than two poses are in both.
+    """
+    whole = undivided.drives[0].trajectory
+    there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for way in (drive.trajectory for drive in merged.drives):
+        i, j = matching_poses(whole.stamps, way.stamps, _SAME_MOMENT_S)
+        there.append(whole.poses[i, :2])
+        here.append(way.poses[j, :2])
+    target, source = np.vstack(there), np.vstack(here)
+    if len(target) < 2:
+        raise MeasurementError("the merged map and that of the whole recording have no moment in common")
+    return fit_rigid(target, source)[0]
 
 
 def _row(run: SplitRun) -> list[str]:

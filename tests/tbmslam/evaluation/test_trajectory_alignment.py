@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories, matching_stamps
+from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
 from tbmslam.se2 import SE2
 from tbmslam.trajectory import Trajectory
 
@@ -36,10 +36,3 @@ def test_unrelated_clocks_are_refused():
     late = Trajectory(reference.stamps + 82.2, reference.poses)
     with pytest.raises(TrajectoryAlignmentError, match=r"only 0 of 50 poses have a partner within 0.01 s"):
         align_trajectories(reference, late)
-
-
-def test_nearest_stamps_in_any_order():
-    first, second = matching_stamps(np.array([3.0, 1.0, 2.0]), np.array([1.004, 2.6, 3.0, 9.0]), 0.01)
-    assert first.tolist() == [1, 0]
-    assert second.tolist() == [0, 2]
-    assert [len(part) for part in matching_stamps(np.zeros(0), np.ones(2), 1.0)] == [0, 0]

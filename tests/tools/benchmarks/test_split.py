@@ -1,13 +1,17 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
 from tools import benchmark, make_world
-from tools.benchmarks.split import overlap_share
+from tools.benchmarks.measured_process import MeasurementError
+from tools.benchmarks.split import laid_by_drives, overlap_share
 
 
 def free_square(side):
@@ -21,6 +25,23 @@ def test_the_share_is_that_of_the_smaller_map(shift, share):
     large, small = free_square(20), free_square(10)
     assert overlap_share(large, small, SE2(shift, 0.0, 0.0)) == pytest.approx(share, abs=0.02)
     assert overlap_share(small, large, SE2(-shift, 0.0, 0.0)) == pytest.approx(share, abs=0.02)
+
+
+def driven(*ways):
+    """A map of robots who drove these ways."""
+    drives = [Drive(f"robot_{k}", way, Keyframes.from_scans([], [], [])) for k, way in enumerate(ways)]
+    return replace(free_square(2), drives=tuple(drives))
+
+
+def test_robots_are_laid_onto_the_whole_drive_where_stamps_step_back():
+    stamps = np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 4.0, 2.0, 3.0, 4.0, 5.0])
+    poses = np.column_stack((np.arange(11.0), np.arange(11.0) ** 2, np.zeros(11)))
+    whole, parts = Trajectory(stamps, poses), [slice(0, 7), slice(4, 11)]
+    T_whole_merged = SE2(3.0, -2.0, 0.7)
+    merged = driven(*(Trajectory(stamps[p], poses[p]).transformed(T_whole_merged.inverse()) for p in parts))
+    assert laid_by_drives(driven(whole), merged) == pytest.approx(T_whole_merged, abs=1e-9)
+    with pytest.raises(MeasurementError, match="the merged map and that of the whole recording have no moment in"):
+        laid_by_drives(driven(whole), driven(Trajectory(stamps + 100.0, poses)))
 
 
 @pytest.mark.slow
