@@ -10,6 +10,9 @@ from datasets.synthetic.world import World
 from tbmslam.files.atomic_file import write_text
 from tbmslam.trajectory import Trajectory
 
+_SOURCE = "the simulated world, ground truth"
+"""What the file is, and those of build_maps, which have the same name, are not."""
+
 
 def write_truth(
     folder: Path, world: World, robots: Sequence[SimulatedRobot], bags: Sequence[str], run: Mapping[str, object]
@@ -42,6 +45,7 @@ def write_truth(
     laser = robots[0].laser
     truth = {
         **run,
+        "source": _SOURCE,
         "world": {"name": world.name, "seed": world.seed, "file": "world.npz"},
         "laser": {**vars(laser), "T_robot_sensor": list(laser.T_robot_sensor)},
         "robots": entries,

@@ -26,7 +26,8 @@ from tools.benchmarks.strangers import EarlierRunError, _tried_before
 from tools.checksums import NAME, changed_files
 from tools.configuration import read_configuration
 from tools.pair_files import PairFileError, load_pair
-from tools.paper.maps import PaperMapsError, load_pairs
+from tools.paper.maps import load_pairs
+from tools.truth_file import TruthFileError
 
 NO_FILE, EMPTY = "is no file but a device or a pipe", "is empty"
 KERNEL_LOG = Path("/proc/kmsg")
@@ -67,7 +68,7 @@ READERS = {
     "configuration of a folder": ("config.toml", lambda file: read_configuration(None, file.parent), ConfigError),
     "world": ("world.npz", load_world, WorldError),
     "pair of maps": ("pair.npz", load_pair, PairFileError),
-    "truth of maps": ("truth.json", lambda file: load_pairs(file.parent, 1, 0.1), PaperMapsError),
+    "truth of maps": ("truth.json", lambda file: load_pairs(file.parent, 1, 0.1), TruthFileError),
     "record of strangers": ("s.json", lambda file: _tried_before(file, {}), EarlierRunError),
 }
 

@@ -68,6 +68,16 @@ def test_what_is_told_of_the_reference_says_whose_it_is(tmp_path, caplog):
     assert run(tmp_path / "bags" / "robot_0.bag", "--robots", 2, "-o", tmp_path / "out") == 0
     whole = "whole recording, for truth.json: at 10.0 s: the odometry jumps"
     assert any(line.startswith(whole) for line in caplog.messages)
+    said = json.loads((tmp_path / "out" / "truth.json").read_text())
+    assert said["source"] == "tbmslam's own map of the whole recording, not ground truth"
+    assert {"recording": "robot_0.bag", "at_s": 10.0, "what": "the odometry jumps"}.items() <= said["warnings"][
+        0
+    ].items()
+    repeated = "truth.json is tbmslam's own map of the whole recording, not ground truth, and may be wrong itself"
+    for _ in range(2):  # the second run makes nothing anew, and says so all the same
+        assert sum(repeated in line for line in caplog.messages) == 1
+        caplog.clear()
+        assert run(tmp_path / "bags" / "robot_0.bag", "--robots", 2, "-o", tmp_path / "out") == 0
 
 
 def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_path):
@@ -78,7 +88,9 @@ def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_p
 
 def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path, "--robots", 2, "--reference", bags / "robot_0.truth.tum") == 0
-    truth = json.loads((tmp_path / "truth.json").read_text())["robots"]
+    said = json.loads((tmp_path / "truth.json").read_text())
+    assert (said["source"], said["warnings"]) == ("trajectories given as true", [])
+    truth = said["robots"]
     for name, entry in truth.items():
         own = read_tum(tmp_path / name / "trajectory.tum")
         reference = read_tum(bags / "robot_0.truth.tum")

@@ -33,6 +33,8 @@ from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recording_spec import as_words
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
+from tools.truth_file import NAME as TRUTH_FILE
+from tools.truth_file import read_truth_file
 
 HEAD = (
     *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),
@@ -76,6 +78,8 @@ class SplitRun:
         The share for a second map of the whole recording, in the odometry's frame.
     merge_cpu_s
         CPU time of the merge [s].
+    truth_doubt
+        Why truth.json may be wrong itself; None where nothing is known against it.
     """
 
     recording: str
@@ -88,6 +92,7 @@ class SplitRun:
     turned: float | None
     again: float
     merge_cpu_s: float
+    truth_doubt: str | None = None
 
 
 def benchmark_split(args: argparse.Namespace) -> None:
@@ -107,6 +112,8 @@ def benchmark_split(args: argparse.Namespace) -> None:
     for run in runs:
         for name, reason in run.left_out.items():
             print(f"{run.recording}, {run.robots} robots: {name} was left out: {reason}")
+        if run.truth_doubt is not None:
+            print(f"{run.recording}, {run.robots} robots: {TRUTH_FILE} {run.truth_doubt}")
     print(NOTES)
     machine = describe_machine()
     print(machine_line(machine))
@@ -141,8 +148,8 @@ def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRu
 
     `again` is kept as it is, see `SplitRun`.
     """
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["robots"]
-    poses = {name: SE2(*one["T_reference_map"]) for name, one in truth.items()}
+    truth = read_truth_file(folder / TRUTH_FILE)
+    poses = truth.poses
     maps = {name: load_map(folder / name) for name in poses}
     begin = time.process_time()
     result = merge(maps)
@@ -159,6 +166,7 @@ def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRu
         turned=None if turned is None else turned.agree,
         again=again,
         merge_cpu_s=seconds,
+        truth_doubt=truth.doubt(),
     )
 
 

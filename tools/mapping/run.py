@@ -24,6 +24,7 @@ from tools.mapping.truth import write_truth
 from tools.mapping.viewer_option import LIVE
 from tools.output_folder import OutputError, output_folder
 from tools.progress import ProgressBars
+from tools.truth_file import NAME, read_truth_file
 
 logger = logging.getLogger(__name__)
 
@@ -114,7 +115,7 @@ def _write_truth(
     shelf: Shelf,
     watch: Watch,
 ) -> None:
-    path = args.out / "truth.json"
+    path = args.out / NAME
     # Without reference trajectories nobody knows how two recordings lie to each other.
     if args.no_truth or not (args.reference or (len(made) > 1 and not args.separate)):
         path.unlink(missing_ok=True)
@@ -122,6 +123,8 @@ def _write_truth(
     references = dict(zip(recordings, args.reference or [], strict=False))
     write_truth(path, made, references, shelf, watch)
     print(f"truth for evaluation -> {path}")
+    if (doubt := read_truth_file(path).doubt()) is not None:
+        logger.warning("%s %s", path, doubt)
 
 
 def _refuse_stale_robots(out: Path, names: Sequence[str]) -> None:

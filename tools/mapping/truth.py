@@ -5,6 +5,7 @@ import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from datasets.digest import file_digests
 from tbmslam.config import preset
@@ -17,11 +18,20 @@ from tbmslam.tbm_map import TbmMap
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
 from tools.mapping.task import MappingTask, Shelf
+from tools.truth_file import GIVEN, OWN_MAP
 
 logger = logging.getLogger(__name__)
 
 _WHOLE = "whole recording, for truth.json"
 """What the reference is called where its warnings come after those of the robots."""
+
+
+class _Reference(NamedTuple):
+    """Where the robot of a recording truly was, as far as anybody knows."""
+
+    name: str
+    trajectory: Trajectory
+    warnings: tuple[Mapping[str, object], ...] = ()
 
 
 def write_truth(
@@ -33,6 +43,7 @@ def write_truth(
 ) -> None:
     """Write the pose of each robot's map in its recording's true frame, unless that is written already.
 
+    The file says what the reference is, and what went wrong as it was made: a map of ours may be torn itself.
     Without a true trajectory, a robot that saw too little to be placed by that is left out with a warning.
 
     Parameters
@@ -52,13 +63,13 @@ def write_truth(
     if _written(path) == fingerprint:
         return
     robots: dict[str, object] = {}
-    known: dict[tuple[Path, ...], tuple[str, Trajectory]] = {}
+    known: dict[tuple[Path, ...], _Reference] = {}
     for task, tbm_map in made:
         if task.paths not in known:
             known[task.paths] = _reference(task, references.get(task.paths), shelf, watch)
-        source, reference = known[task.paths]
+        reference = known[task.paths]
         try:
-            alignment = align_trajectories(reference, tbm_map.drives[0].trajectory)
+            alignment = align_trajectories(reference.trajectory, tbm_map.drives[0].trajectory)
         except TrajectoryAlignmentError as error:
             if task.paths in references:
                 raise
@@ -66,11 +77,17 @@ def write_truth(
             continue
         robots[task.name] = {
             "recording": task.files[0]["name"],
-            "reference": source,
+            "reference": reference.name,
             "T_reference_map": list(alignment.T_reference_estimate),
             "ate_m": alignment.ate_m,
         }
-    write_text(path, json.dumps({"robots": robots, "fingerprint": fingerprint}, indent=2) + "\n")
+    said = {
+        "source": GIVEN if all(paths in references for paths in known) else OWN_MAP,
+        "warnings": [warning for reference in known.values() for warning in reference.warnings],
+        "robots": robots,
+        "fingerprint": fingerprint,
+    }
+    write_text(path, json.dumps(said, indent=2) + "\n")
 
 
 def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, ...], Path]) -> str:
@@ -82,17 +99,21 @@ def _written(path: Path) -> str | None:
     try:
         if why_unreadable(path):
             return None
-        return str(json.loads(path.read_text(encoding="utf-8"))["fingerprint"])
+        said = json.loads(path.read_text(encoding="utf-8"))
+        return str(said["fingerprint"]) if said["source"] else None  # older ones do not say what they are
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 
-def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch) -> tuple[str, Trajectory]:
+def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch) -> _Reference:
     """Return the trajectory of the whole drive."""
     if given is not None:
-        return given.name, read_tum(given)
+        return _Reference(given.name, read_tum(given))
     recording = shelf.open(task.paths, task.config.recording)
     slam = Slam(preset("default"), _WHOLE)
     for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans", _WHOLE):
         slam.process(reading)
-    return "default SLAM on the whole recording", slam.finish().drives[0].trajectory
+    trajectory = slam.finish().drives[0].trajectory
+    whose = {"recording": task.files[0]["name"]}
+    warnings = tuple(whose | incident.as_dict(slam.started) for incident in slam.incidents)
+    return _Reference("default SLAM on the whole recording", trajectory, warnings)

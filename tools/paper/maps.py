@@ -1,7 +1,7 @@
 """Maps for the paper's experiments, made by this project's own programs, and the pairs whose true poses are known."""
 
 import itertools
-import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,11 +9,13 @@ from datasets.synthetic.map_pairs import building_of_area, cut_pairs
 from merging.experiments.map_pair import MapPair
 from tbmslam.errors import TbmSlamError
 from tbmslam.files.map_folder import load_map
-from tbmslam.files.special_file import why_unreadable
 from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2
 from tools import build_maps, make_world
 from tools.pair_files import KnownPair
+from tools.truth_file import NAME as TRUTH_FILE
+from tools.truth_file import read_truth_file
+
+logger = logging.getLogger(__name__)
 
 _FLOOR_SHARE = 0.6
 """Of the canvas that two maps turned against each other need, what the floor itself takes."""
@@ -86,19 +88,15 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
 
     Raises
     ------
+    TruthFileError
+        If nothing says where the maps lie.
     PaperMapsError
-        If there is no truth, or no pair.
+        If there is no pair.
     """
-    path = folder / "truth.json"
-    try:
-        if why := why_unreadable(path):
-            raise PaperMapsError(f"{path} {why}: make it with build_maps")
-        entries = json.loads(path.read_text(encoding="utf-8"))["robots"]
-        poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in entries.items()}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PaperMapsError(
-            f"{path} does not say where the maps lie ({error!r}): make them with build_maps and --reference or --robots"
-        ) from None
+    truth = read_truth_file(folder / TRUTH_FILE)
+    if (doubt := truth.doubt()) is not None:
+        logger.warning("%s %s", folder / TRUTH_FILE, doubt)
+    poses = truth.poses
     grids: dict[str, TbmGrid] = {name: load_map(folder / name).grid for name in poses}
     pairs: list[MapPair] = []
     for target, source in itertools.combinations(poses, 2):

@@ -19,6 +19,7 @@ def test_truth_files_say_where_robots_were(tmp_path):
     write_truth(tmp_path, world, robots, ["robot_0.bag", "robot_1"], {"seed": 3})
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert truth["seed"] == 3
+    assert truth["source"] == "the simulated world, ground truth"
     assert truth["world"] == {"name": "corridor", "seed": 2, "file": "world.npz"}
     assert truth["laser"]["beams"] == 20
     np.testing.assert_array_equal(load_world(tmp_path).walls, world.walls)

@@ -6,6 +6,7 @@ from tbmslam.files.map_folder import save_map
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area
+from tools.truth_file import OWN_MAP
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):
@@ -20,6 +21,21 @@ def test_pairs_are_loaded_with_their_true_poses(tmp_path):
     assert pair.T_target_source == pytest.approx(cut.T_target_source)
     with pytest.raises(PaperMapsError, match=r"no two of 2 maps share 100% of the smaller one"):
         load_pairs(tmp_path, 10, 1.0)
+
+
+def test_a_doubtful_truth_is_told(tmp_path, caplog):
+    cut = pair_of_area(500.0, 0.2)
+    for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
+        save_map(tmp_path / name, TbmMap(grid))
+    poses = {"robot_0": SE2.identity(), "robot_1": cut.T_target_source}
+    robots = {name: {"T_reference_map": list(pose)} for name, pose in poses.items()}
+    warning = {"at_s": 720.7, "what": "lost"}
+    (tmp_path / "truth.json").write_text(json.dumps({"source": OWN_MAP, "robots": robots, "warnings": [warning]}))
+    load_pairs(tmp_path, 10, 0.2)
+    (line,) = caplog.messages
+    assert line.endswith(
+        f"truth.json is {OWN_MAP}, and may be wrong itself, as making it gave warnings: at 720.7 s: lost"
+    )
 
 
 def test_a_pair_fills_its_area():
