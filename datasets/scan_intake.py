@@ -95,6 +95,7 @@ class ScanIntake:
         self._counts = counts
         self._longest_sweep = longest_sweep
         self._last_stamp: float | None = None
+        self._latest_stamp = -math.inf
         self._last_beams: int | None = None
         self._seen: OrderedDict[float, list[npt.NDArray[np.floating]]] = OrderedDict()
 
@@ -196,7 +197,10 @@ class ScanIntake:
             if step < 0.0:
                 self._counts.backward_stamps += 1
                 self._counts.incidents.add(raw.stamp, "the stamps of the scans step back")
-            if step > self._gap_s:
-                self._counts.add_gap(self._last_stamp, step)
+            # Where a clock that stepped back is set right again, no time passes up to the latest stamp before.
+            since = self._latest_stamp if raw.stamp >= self._latest_stamp else self._last_stamp
+            if raw.stamp - since > self._gap_s:
+                self._counts.add_gap(since, raw.stamp - since)
         self._counts.beam_count_changes += self._last_beams not in (None, len(raw.ranges))
         self._last_stamp, self._last_beams = raw.stamp, len(raw.ranges)
+        self._latest_stamp = max(self._latest_stamp, raw.stamp)

@@ -78,6 +78,8 @@ def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Seg
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds.
 
+    Where a clock that stepped back is set right again, no time passes up to the latest stamp before.
+
     Raises
     ------
     SegmentationError
@@ -85,7 +87,9 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     """
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
-    count, steps = len(itinerary.stamps), np.diff(itinerary.stamps)
+    count, before, after = len(itinerary.stamps), itinerary.stamps[:-1], itinerary.stamps[1:]
+    latest = np.maximum.accumulate(before)
+    steps = after - np.where(after >= latest, latest, before)
     if count > _FEW and (usual := float(np.median(steps))) > gap_s:
         raise SegmentationError(
             f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s from one reading to the next, so that each "

@@ -165,7 +165,9 @@ def _laser_gap(scene: _Scene) -> SimulatedRobot:
     """Unplug the laser while the robot drives on."""
     kept, truth = ~scene.scans(), scene.robot.truth
     readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
-    return replace(scene.robot, readings=readings, truth=Trajectory(truth.stamps[kept], truth.poses[kept]))
+    recorded = None if scene.robot.recorded is None else scene.robot.recorded[kept]
+    truth = Trajectory(truth.stamps[kept], truth.poses[kept])
+    return replace(scene.robot, readings=readings, truth=truth, recorded=recorded)
 
 
 def _beams_blocked(scene: _Scene) -> SimulatedRobot:
@@ -246,7 +248,8 @@ def _carried(scene: _Scene) -> SimulatedRobot:
     stamps = robot.truth.stamps + later * (robot.truth.stamps >= end)
     wheels = robot.odometry.stamps + later * (robot.odometry.stamps >= end)
     robot = replace(robot, odometry=Trajectory(wheels, robot.odometry.poses))
-    return replace(_restamped(robot, stamps), recorded=None)
+    recorded = None if robot.recorded is None else robot.recorded + (stamps - robot.truth.stamps)
+    return replace(_restamped(robot, stamps), recorded=recorded)
 
 
 def _lift(scene: _Scene) -> SimulatedRobot:
@@ -310,7 +313,8 @@ def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
         replace(reading, scan=replace(reading.scan, stamp=float(stamp)))
         for reading, stamp in zip(robot.readings, stamps, strict=True)
     )
-    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=robot.truth.stamps)
+    recorded = robot.truth.stamps if robot.recorded is None else robot.recorded
+    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=recorded)
 
 
 def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: FloatArray) -> SimulatedRobot:

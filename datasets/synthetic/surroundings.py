@@ -45,7 +45,7 @@ def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -
     stamps, poses = robot.truth.stamps, robot.truth.poses
     number = max(math.ceil((stamps[-1] - since) / _EVERY), 1)
     meetings = since + np.arange(number) * _EVERY
-    met = np.searchsorted(stamps, meetings).clip(0, len(stamps) - 1)
+    met = np.searchsorted(np.maximum.accumulate(stamps), meetings).clip(0, len(stamps) - 1)  # stamps may step back
     angles = rng.uniform(0.0, 2.0 * np.pi, (2, number))
     directions = np.stack((np.cos(angles[0]), np.sin(angles[0])), axis=1)
     passing = poses[met, :2] + 1.2 * np.stack((np.cos(angles[1]), np.sin(angles[1])), axis=1)

@@ -40,6 +40,13 @@ def test_a_duplicate_may_come_a_little_later():
     assert counts.backward_stamps == 0
 
 
+def test_a_clock_that_is_set_right_again_makes_no_gap():
+    _, counts = take(*(raw(stamp) for stamp in (100.0, 70.0, 100.1, 95.0, 96.0, 101.0)))
+    assert (counts.backward_stamps, counts.gaps) == (2, 0)
+    _, counts = take(*(raw(stamp) for stamp in (100.0, 70.0, 90.0, 110.0)))
+    assert counts.pauses == [(70.0, 20.0), (100.0, 10.0)]
+
+
 def test_a_scan_that_looks_the_same_later_is_no_duplicate():
     scans, counts = take(raw(1.0), raw(2.0))
     assert None not in scans

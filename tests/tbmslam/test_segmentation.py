@@ -56,6 +56,11 @@ def test_gaps():
         split_at_gaps(itinerary, 0)
 
 
+def test_a_clock_that_is_set_right_again_makes_no_gap():
+    stamps = np.array([0.0, 1.0, 2.0, -30.0, 3.0, 4.0, -26.0, -25.0, 60.0, 61.0, 20.0, 50.0, 51.0])
+    assert split_at_gaps(Itinerary(stamps, np.zeros(13)), 5.0) == [Segment(0, 8), Segment(8, 11), Segment(11, 13)]
+
+
 def test_gaps_between_nearly_all_readings_are_none():
     itinerary = Itinerary(np.arange(0.0, 100.0, 0.2), np.zeros(500))
     with pytest.raises(SegmentationError, match=r"a gap of 0\.1 s is shorter than the usual 0\.2 s .*longer --gap"):

@@ -47,6 +47,14 @@ def test_the_program_offers_all_of_them():
     assert tuple(FAULTS) == OFFERED
 
 
+@pytest.mark.parametrize("later", ["laser_gap", "clock_offset", "stamps_twice", "carried", "people"])
+def test_a_fault_after_stamps_stepped_back_leaves_scans_recorded_in_their_order(robot, world, later):
+    """The recorder's clock goes on rising, whatever the stamps; a gap takes its times out of it, too."""
+    faulty = with_fault(with_fault(robot, world, "stamps_back"), world, later)
+    assert len(faulty.recorded) == len(faulty.readings)
+    assert (np.diff(faulty.recorded) > 0.0).all()
+
+
 def steps(trajectory):
     return np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T)
 
