@@ -71,14 +71,12 @@ def split_by_distance(itinerary: Itinerary, robots: int, overlap: float) -> list
 
 def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Segment]:
     """Split so that each robot drives equally long; neighbours share the fraction `overlap` of their time."""
-    steps = np.maximum(np.diff(itinerary.stamps, prepend=itinerary.stamps[:1]), 0.0)
-    return _split_evenly(np.cumsum(steps), robots, overlap)
+    passed = np.cumsum(np.concatenate(([0.0], _time_steps(itinerary.stamps))))
+    return _split_evenly(passed[: len(itinerary.stamps)], robots, overlap)
 
 
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds.
-
-    Where a clock that stepped back is set right again, no time passes up to the latest stamp before.
 
     Raises
     ------
@@ -87,9 +85,7 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     """
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
-    count, before, after = len(itinerary.stamps), itinerary.stamps[:-1], itinerary.stamps[1:]
-    latest = np.maximum.accumulate(before)
-    steps = after - np.where(after >= latest, latest, before)
+    count, steps = len(itinerary.stamps), _time_steps(itinerary.stamps)
     if count > _FEW and (usual := float(np.median(steps))) > gap_s:
         raise SegmentationError(
             f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s from one reading to the next, so that each "
@@ -151,3 +147,16 @@ def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Seg
         stop = int(np.searchsorted(progress, begin + length, side="right")) if robot < robots - 1 else len(progress)
         segments.append(Segment(start, max(stop, start + 1)))
     return segments
+
+
+def _time_steps(stamps: FloatArray) -> FloatArray:
+    """Return the time (N - 1,) [s] that passed from each reading to the next, by stamps (N,) [s] that may step back.
+
+    None passes where they do; and where the clock is set right again, none up to the latest stamp before, or one wrong
+    stamp would count as a gap.
+    """
+    if len(stamps) < 2:
+        return np.zeros(0)
+    before, after = stamps[:-1], stamps[1:]
+    latest = np.maximum.accumulate(before)
+    return np.asarray(np.maximum(after - np.where(after >= latest, latest, before), 0.0))

@@ -56,6 +56,13 @@ def test_gaps():
         split_at_gaps(itinerary, 0)
 
 
+def test_wrong_stamps_take_no_time_from_other_robots():
+    stamps = np.arange(100.0)
+    stamps[5:50:10] -= 30.0
+    assert split_by_time(Itinerary(stamps, np.zeros(100)), 2, 0.0) == [Segment(0, 50), Segment(50, 100)]
+    assert split_by_time(Itinerary(np.array([5.0, 4.0, 3.0, 2.0]), np.zeros(4)), 2, 0.0)[0].start == 0
+
+
 def test_a_clock_that_is_set_right_again_makes_no_gap():
     stamps = np.array([0.0, 1.0, 2.0, -30.0, 3.0, 4.0, -26.0, -25.0, 60.0, 61.0, 20.0, 50.0, 51.0])
     assert split_at_gaps(Itinerary(stamps, np.zeros(13)), 5.0) == [Segment(0, 8), Segment(8, 11), Segment(11, 13)]

@@ -52,9 +52,12 @@ def test_a_recording_is_cut_and_merged_again(tmp_path, capsys):
     figures = tmp_path / "figures.json"
     bag = f"{tmp_path / 'robot_0.bag'},odometry=tf"
     assert benchmark.main(["split", bag, "--robots", "2", "--json", str(figures)]) == 0
-    assert "| robot_0   |" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "| robot_0   |" in said
     (run,) = json.loads(figures.read_text())["runs"]
     assert run["merged"] == ["robot_0", "robot_1"]
+    repeated = f"robot_0, 2 robots: truth.json {run['truth_doubt']}"
+    assert (repeated in said) is (run["truth_doubt"] is not None)
     for _, _, shared, (metres, degrees) in run["pairs"]:
         assert 0.25 <= shared <= 1.0
         assert metres < 0.2
