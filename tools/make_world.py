@@ -37,8 +37,18 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 FAULTS = (
-    *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck", "odometry_unit"),
-    *("clock_offset", "clock_step", "stamps_back", "stamps_twice", "laser_gap", "beams_blocked", "parts_in_view"),
+    *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck"),
+    *(
+        "odometry_reversed",
+        "odometry_unit",
+        "clock_offset",
+        "clock_step",
+        "stamps_back",
+        "stamps_twice",
+        "laser_gap",
+        "beams_blocked",
+        "parts_in_view",
+    ),
     *("range_scale", "range_offset", "angle_step", "mount", "scans_repeated", "glass", "people", "crowd"),
     *("furniture", "carried", "lift"),
 )
@@ -80,8 +90,9 @@ def _add_world(world: argparse._ArgumentGroup) -> None:
         "--fault",
         action="append",
         default=[],
-        metavar="NAME@S[+S]",
-        help="something goes wrong after so many seconds, for so many (10); may be repeated: " + ", ".join(FAULTS),
+        metavar="NAME@S[+S[xF]]",
+        help="something goes wrong after so many seconds, for so many (10); may be repeated; reversed odometry "
+        "reports F times the distance (1): " + ", ".join(FAULTS),
     )
 
 

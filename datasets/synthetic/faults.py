@@ -44,26 +44,35 @@ class Fault:
         When it begins, since the start of the drive [s].
     seconds
         How long it lasts, where it ends at all [s].
+    scale
+        What reversed odometry multiplies lengths by.
     """
 
     name: str
     at: float
     seconds: float = 10.0
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check name and times."""
+        """Check name, times and scale."""
         if self.name not in FAULTS:
             raise ValueError(f"a fault must be one of {', '.join(FAULTS)}, got {self.name!r}")
         if not (0.0 <= self.at < math.inf and 0.0 < self.seconds <= math.inf):
             raise ValueError(f"at must not be negative and seconds be positive, got {self.at}, {self.seconds}")
+        if not 0.0 < self.scale < math.inf:
+            raise ValueError(f"scale must be positive, got {self.scale}")
+        if self.scale != 1.0 and self.name != "odometry_reversed":
+            raise ValueError(f"only odometry_reversed has a scale, got {self.scale} for {self.name}")
 
     @classmethod
     def parse(cls, text: str) -> "Fault":
-        """Read NAME@TIME or NAME@TIME+SECONDS."""
-        found = re.fullmatch(r"([a-z_]+)@([0-9.]+)(?:\+([0-9.]+))?", text)
+        """Read NAME@TIME, NAME@TIME+SECONDS or NAME@TIME+SECONDSxSCALE."""
+        found = re.fullmatch(r"([a-z_]+)@([0-9.]+)(?:\+([0-9.]+)(?:x([0-9.]+))?)?", text)
         if found is None:
-            raise ValueError(f"a fault must look like laser_gap@30 or laser_gap@30+60, got {text!r}")
-        return cls(found[1], float(found[2]), float(found[3] or 10.0))
+            raise ValueError(
+                f"a fault must look like laser_gap@30, laser_gap@30+60 or odometry_reversed@30+6x2.7, got {text!r}"
+            )
+        return cls(found[1], float(found[2]), float(found[3] or 10.0), float(found[4] or 1.0))
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,7 @@ class _Scene:
     end: float
     world: World
     rng: np.random.Generator
+    scale: float = 1.0
 
     def scans(self) -> npt.NDArray[np.bool_]:
         """Return which scans (S,) fall into the time."""
@@ -96,7 +106,7 @@ def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> 
         Draws what the fault leaves to chance.
     """
     begin = float(robot.truth.stamps[0]) + fault.at
-    scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]))
+    scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]), fault.scale)
     return FAULTS[fault.name](scene)
 
 
@@ -128,6 +138,21 @@ def _odometry_stuck(scene: _Scene) -> SimulatedRobot:
     """Let odometry stand still while the robot is pushed, and go on from there."""
     before, after = (_odometry_at(scene.robot, stamp) for stamp in (scene.begin, scene.end))
     return _odometry_moved(_odometry_freeze(scene), scene.end, before @ after.inverse())
+
+
+def _odometry_reversed(scene: _Scene) -> SimulatedRobot:
+    """Let odometry report backward motion while the robot drives forward, and forward while it reverses; turns stay."""
+    odometry, wrong = scene.robot.odometry, np.flatnonzero(scene.odometry())
+    poses = odometry.poses.copy()
+    for index in wrong[wrong > 0].tolist():
+        motion = odometry.pose(index - 1).to(odometry.pose(index))
+        reported = SE2(-scene.scale * motion.x, -scene.scale * motion.y, motion.theta)
+        poses[index] = SE2.from_array(poses[index - 1]) @ reported
+    robot = replace(scene.robot, odometry=Trajectory(odometry.stamps, poses))
+    if not len(wrong) or wrong[-1] + 1 == len(poses):
+        return robot
+    T_reported_true = SE2.from_array(poses[wrong[-1]]) @ odometry.pose(wrong[-1]).inverse()
+    return _odometry_moved(robot, float(odometry.stamps[wrong[-1] + 1]), T_reported_true)
 
 
 def _odometry_unit(scene: _Scene) -> SimulatedRobot:
@@ -270,6 +295,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "odometry_reset": _odometry_reset,
     "odometry_freeze": _odometry_freeze,
     "odometry_stuck": _odometry_stuck,
+    "odometry_reversed": _odometry_reversed,
     "odometry_unit": _odometry_unit,
     "clock_offset": _clock_offset,
     "clock_step": _clock_step,

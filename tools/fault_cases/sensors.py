@@ -58,6 +58,7 @@ CASES = (
     _case("odometry begins anew at zero", "odometry_reset@20", "disagree"),
     _case("odometry freezes for 2 s, then jumps", "odometry_freeze@20+2", "odometry"),
     _case("robot pushed for 15 s, wheels do not turn", "odometry_stuck@20+15", "stands still"),
+    _case("odometry tells forward while the robot reverses, 6 s", "odometry_reversed@20+6x2.7", "disagree"),
     _case("odometry in centimetres", "odometry_unit@0+600", "--odometry-scale 0.01", quick=True),
     _case("clock of the laser 82.2 s behind", "clock_offset@0"),
     _case("clock of the laser 3 s wrong for 20 s", "clock_step@20+20", "clock of the scans", quick=True),

@@ -11,6 +11,7 @@ from datasets.synthetic.faults import FAULTS, Fault, inject
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
 from datasets.synthetic.simulation import simulate
+from tbmslam.se2 import compose, inverse
 from tools.make_world import FAULTS as OFFERED
 
 
@@ -71,6 +72,24 @@ def test_odometry_faults(robot, world):
     for odometry in (frozen, stuck):
         assert np.ptp(odometry.poses[held], axis=0).max() == 0.0
     assert not np.allclose(stuck.poses[-1], frozen.poses[-1])
+
+
+def test_reversed_odometry_reports_the_opposite_translation(robot, world):
+    faulty = inject(robot, Fault("odometry_reversed", 5.0, 6.0, 2.5), world, 1).odometry
+    stamps, first = robot.odometry.stamps, robot.truth.stamps[0]
+    motions, reported = (compose(inverse(o.poses[:-1]), o.poses[1:]) for o in (robot.odometry, faulty))
+    wrong = (stamps[1:] >= first + 5.0) & (stamps[1:] < first + 11.0)
+    np.testing.assert_allclose(reported[wrong], motions[wrong] * (-2.5, -2.5, 1.0), atol=1e-9)
+    np.testing.assert_allclose(reported[~wrong], motions[~wrong], atol=1e-9)
+    assert np.hypot(*motions[wrong, :2].T).sum() > 1.0  # it drove meanwhile
+    np.testing.assert_allclose(faulty.poses[:, 2], robot.odometry.poses[:, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("at", [0.0, 15.0])
+def test_odometry_may_be_reversed_to_either_end_of_a_drive(robot, world, at):
+    faulty = inject(robot, Fault("odometry_reversed", at, 60.0), world, 1).odometry
+    assert steps(faulty) == pytest.approx(steps(robot.odometry), abs=1e-9)
+    assert not np.allclose(faulty.poses[-1], robot.odometry.poses[-1])
 
 
 def test_odometry_in_another_unit(robot, world):
@@ -135,12 +154,15 @@ def test_a_carried_robot_loses_the_way_between(robot, world):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("people", "a fault must look like laser_gap@30 or laser_gap@30"),
+        ("people", r"a fault must look like laser_gap@30, laser_gap@30\+60 or"),
         ("fire@3", "a fault must be one of odometry_gap, .*, got 'fire'"),
         ("people@3+0", "seconds be positive, got 3.0, 0.0"),
+        ("odometry_reversed@3+4x0", "scale must be positive, got 0.0"),
+        ("people@3+4x2", "only odometry_reversed has a scale, got 2.0 for people"),
     ],
 )
 def test_faults_that_cannot_be_meant(text, message):
     with pytest.raises(ValueError, match=message):
         Fault.parse(text)
     assert Fault.parse("people@3+2.5") == Fault("people", 3.0, 2.5)
+    assert Fault.parse("odometry_reversed@3+4x2.7") == Fault("odometry_reversed", 3.0, 4.0, 2.7)
