@@ -5,8 +5,9 @@ memory and errors. `scaling` drives ever further through a simulated building of
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
 is worth. `merge` prints what a merge costs by area, beside the paper's own program. `split` cuts recordings into robots
 that do not know of each other, maps each, merges the maps and holds the result against the recording mapped uncut.
-`strangers` counts how often maps that do not belong together are merged all the same. `limits` maps a recording of 24
-hours and a building of 1 km2.
+`perturb` maps recordings as they are and a little different, and prints by how much the errors grow. `strangers`
+counts how often maps that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a
+building of 1 km2.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -40,6 +41,8 @@ EXAMPLES = """examples:
       one table of our methods and the related work's
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots that do not know of each other, mapped, merged, and held against itself uncut
+  python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without tracker.walking=1.0 --without deskew.enabled=false
+      a recording with other angles, odometry, scans and mounts of the laser, and with two parameters tried otherwise
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
@@ -55,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
     commands = grammar.add_subparsers(
-        dest="command", required=True, metavar="slam|scaling|align|merge|split|strangers|limits"
+        dest="command", required=True, metavar="slam|scaling|align|merge|split|perturb|strangers|limits"
     )
     for name, about, add in (
         ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam),
@@ -63,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
         ("align", "how often pairs of maps are aligned rightly", _add_align),
         ("merge", "cost of a merge against the area of the maps, and of many robots", _add_merge),
         ("split", "recordings cut into robots, mapped and merged again", _add_split),
+        ("perturb", "how much errors grow when recordings are a little different", _add_perturb),
         ("strangers", "how often maps that do not belong together are merged", _add_strangers),
         ("limits", "whether a day of recording and 1 km2 of building fit into memory", _add_limits),
     ):
@@ -133,6 +137,23 @@ def _add_split(split: argparse.ArgumentParser) -> None:
     split.add_argument("--robots", default="2,3,5", metavar="N,...", help="into how many each is cut (2,3,5)")
 
 
+def _add_perturb(perturb: argparse.ArgumentParser) -> None:
+    perturb.add_argument(
+        "recordings",
+        nargs="+",
+        metavar="RECORDING[,option=value]...",
+        help="bags or logs with .relations or .truth.tum beside them",
+    )
+    perturb.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="A.B=C",
+        help="also try the recordings with this parameter, as one that turns a rule off; may be repeated",
+    )
+    perturb.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time; the result is the same (1)")
+
+
 def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument(
@@ -175,6 +196,8 @@ def _check(args: argparse.Namespace) -> None:
             raise ValueError("--areas must lie within 1 and 1e7 m2, --resolution within 0.001 and 100 m")
     elif args.command == "split":
         _check_split(args)
+    elif args.command == "perturb":
+        _check_perturb(args)
     elif args.command == "limits":
         if not 1e-4 <= args.share <= 1.0:
             raise ValueError(f"--share must lie within 0.0001 and 1, got {args.share}")
@@ -204,6 +227,15 @@ def _check_split(args: argparse.Namespace) -> None:
     args.robots = [int(count) for count in counts]
     for text in args.recordings:
         parse_recording_spec(text)
+
+
+def _check_perturb(args: argparse.Namespace) -> None:
+    """Turn the texts of `perturb` into what they mean; see `_check`."""
+    from tools.benchmarks.recording_spec import parse_recording_spec
+
+    if args.jobs < 1:
+        raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
+    args.recordings = [parse_recording_spec(text) for text in args.recordings]
 
 
 def _check_drives(args: argparse.Namespace) -> None:
@@ -255,6 +287,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.benchmarks.split import benchmark_split
 
         benchmark_split(args)
+    elif args.command == "perturb":
+        from tools.benchmarks.perturb import benchmark_perturbations
+
+        benchmark_perturbations(args)
     elif args.command == "limits":
         from tools.benchmarks.limits import benchmark_limits
 

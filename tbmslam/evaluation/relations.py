@@ -47,6 +47,8 @@ class RelationErrors:
     ----------
     translations_m, rotations_deg
         Absolute error (M,) of every relation that could be checked.
+    checked
+        Indices (M,) of these relations.
     pairs
         Indices (M, 2) of the estimated poses that each of them was checked at: from, to.
     unmatched
@@ -55,6 +57,7 @@ class RelationErrors:
 
     translations_m: FloatArray
     rotations_deg: FloatArray
+    checked: npt.NDArray[np.int64]
     pairs: npt.NDArray[np.int64]
     unmatched: int
 
@@ -103,4 +106,4 @@ def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: flo
         estimated = trajectory.pose(indices[k, 0]).inverse() @ trajectory.pose(indices[k, 1])
         error = SE2.from_array(relations.motions[k]).inverse() @ estimated
         translations[number], rotations[number] = np.hypot(error.x, error.y), np.degrees(abs(error.theta))
-    return RelationErrors(translations, rotations, indices[checked], len(indices) - len(checked))
+    return RelationErrors(translations, rotations, checked, indices[checked], len(indices) - len(checked))

@@ -4,10 +4,11 @@ import contextlib
 import multiprocessing
 import resource
 import sys
-from collections.abc import Callable
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Generic, ParamSpec, TypeVar, cast
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.worker_pool import interrupts_held
@@ -20,41 +21,95 @@ class MeasurementError(TbmSlamError):
     """What was to be measured did not come to its end."""
 
 
-def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
-    """Make a call in a new Python process and return what it returns.
+class FreshProcess(Generic[_R]):
+    """A call under way in a new Python process.
 
     Parameters
     ----------
     call
         A module's function; it, its arguments and its result are pickled.
+    """
+
+    def __init__(self, call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.answered, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(target=_answer, args=(theirs, call, args, keywords))
+        with interrupts_held():  # who waits for it hears Ctrl-C
+            self._process.start()
+        theirs.close()
+
+    def result(self) -> _R:
+        """Wait for the call's end and return what it returned.
+
+        Raises
+        ------
+        MeasurementError
+            The call raised a `TbmSlamError`, whose message this repeats, or the process died.
+        """
+        try:
+            is_good, answer = self.answered.recv()
+        except EOFError:
+            self._process.join()
+            raise MeasurementError(
+                f"the process died (exit code {self._process.exitcode}): memory may have run out; "
+                "see its messages above"
+            ) from None
+        except BaseException:
+            self._process.terminate()
+            raise
+        finally:
+            self._process.join()
+            self.answered.close()
+        if not is_good:
+            raise MeasurementError(str(answer))
+        return cast("_R", answer)
+
+    def stop(self) -> None:
+        """End the call where it is; nobody asks for its result."""
+        self._process.terminate()
+        self._process.join()
+        self.answered.close()
+
+
+def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
+    """Make a call in a new Python process and return what it returns; see `FreshProcess`.
 
     Raises
     ------
     MeasurementError
         The call raised a `TbmSlamError`, whose message this repeats, or the process died.
     """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, call, args, keywords))
-    with interrupts_held():  # who waits for it hears Ctrl-C
-        process.start()
-    theirs.close()
+    return FreshProcess(call, *args, **keywords).result()
+
+
+def in_fresh_processes(
+    call: Callable[..., _R], arguments: Iterable[tuple[object, ...]], jobs: int
+) -> Iterator[tuple[int, _R | MeasurementError]]:
+    """Make one call for each tuple of arguments, each in a process of its own and so many at a time.
+
+    Yields
+    ------
+    The number of each and what it returned, or why it did not, in the order in which they end.
+    """
+    waiting = enumerate(arguments)
+    running: dict[object, tuple[int, FreshProcess[_R]]] = {}
     try:
-        is_good, answer = ours.recv()
-    except EOFError:
-        process.join()
-        raise MeasurementError(
-            f"the process died (exit code {process.exitcode}): memory may have run out; see its messages above"
-        ) from None
-    except BaseException:
-        process.terminate()
-        raise
+        while True:
+            for number, args in islice(waiting, jobs - len(running)):
+                process = FreshProcess(call, *args)
+                running[process.answered] = number, process
+            if not running:
+                return
+            for answered in wait([process.answered for _, process in running.values()]):
+                number, process = running.pop(answered)
+                try:
+                    answer: _R | MeasurementError = process.result()
+                except MeasurementError as error:
+                    answer = error
+                yield number, answer
     finally:
-        process.join()
-        ours.close()
-    if not is_good:
-        raise MeasurementError(str(answer))
-    return cast("_R", answer)
+        for _, process in running.values():
+            process.stop()
 
 
 def peak_memory_mb() -> float:

@@ -18,14 +18,16 @@ def test_errors_are_those_of_relative_motions(tmp_path):
         tmp_path / "a.relations",
         [
             (1e9, 1e9 + 0.2, 1.3, 0.4, 9, 9, 9, 0.0),
-            (1e9, 1e9 + 0.4, 2.0, 0.0, 0, 0, 0, -np.pi / 2 + np.radians(2)),
             (1e9, 1e9 + 77, 0, 0, 0, 0, 0, 0),
+            (1e9, 1e9 + 0.4, 2.0, 0.0, 0, 0, 0, -np.pi / 2 + np.radians(2)),
         ],
     )
     errors = relation_errors(read_relations(path), trajectory)
     np.testing.assert_allclose(errors.translations_m, [0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(errors.rotations_deg, [0.0, 2.0], atol=1e-9)
     assert errors.unmatched == 1
+    assert errors.checked.tolist() == [0, 2]
+    assert errors.pairs.tolist() == [[0, 1], [0, 2]]
 
 
 def test_the_frame_of_the_trajectory_does_not_matter(tmp_path):

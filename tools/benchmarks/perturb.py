@@ -1,0 +1,155 @@
+"""How brittle the SLAM is: each recording as it is and perturbed, each run in a process of its own."""
+
+import argparse
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tbmslam.files.atomic_file import write_text
+from tools.benchmarks.drive_errors import DriveErrors, truth_beside
+from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
+from tools.benchmarks.perturbation import UNPERTURBED, Perturbation, perturbations
+from tools.benchmarks.perturbed_run import config_with, run_perturbed
+from tools.text_table import number, text_table
+
+NOTES = """\
+mean m, mean deg: errors of the relations that the run scores. unscored: relations that it cannot score, since a scan is
+not in the map or the two lie in maps that are not in one frame. left out: relations of scans that the perturbation took
+away; they count nowhere. ratio: the error in metres over the unperturbed one, both of the relations that both runs
+score. ok: at most 1.1 times the unperturbed error (without odometry 1.5 times) or 3 mm more. LOST: more than that and
+than 5 times, or relations unscored that were scored before. FAILED: no map. Where the truth is a trajectory, the same
+holds for its poses and the ATE. A laser that is stated elsewhere is scored by where the laser was."""
+
+_MORE_M = 0.003
+_LOST_RATIO = 5.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a perturbation did to the error.
+
+    Parameters
+    ----------
+    perturbation
+        Its name.
+    error_m, error_deg
+        Of all that the run scores; None where that is nothing.
+    unscored
+        Relations or poses that cannot be scored though their scans were given.
+    left_out
+        Those whose scans the perturbation took away.
+    ratio
+        Of the errors of what both runs score; None where that is nothing.
+    verdict
+        ok, MISS, LOST or FAILED; a dash for the recording as it is.
+    """
+
+    perturbation: str
+    error_m: float | None
+    error_deg: float | None
+    unscored: int
+    left_out: int
+    ratio: float | None
+    verdict: str
+
+    def is_miss(self) -> bool:
+        """Return whether it did too much."""
+        return self.verdict not in ("ok", "-")
+
+
+def benchmark_perturbations(args: argparse.Namespace) -> None:
+    """Run what the arguments ask for and print the tables."""
+    chosen = perturbations(args.without)
+    for setting in args.without:
+        config_with(setting)
+    for spec in args.recordings:
+        truth_beside(spec.path)
+    tasks = [(spec, perturbation) for spec in args.recordings for perturbation in chosen]
+    answers: dict[int, DriveErrors | MeasurementError] = {}
+    for index, answer in in_fresh_processes(run_perturbed, tasks, args.jobs):
+        answers[index] = answer
+        spec, perturbation = tasks[index]
+        sys.stderr.write(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}\n")
+        if perturbation is UNPERTURBED and isinstance(answer, MeasurementError):
+            raise answer
+    record = []
+    for begin, spec in zip(range(0, len(tasks), len(chosen)), args.recordings, strict=True):
+        scores = _scores(chosen, [answers[begin + index] for index in range(len(chosen))])
+        unperturbed = answers[begin]
+        is_ate = isinstance(unperturbed, DriveErrors) and unperturbed.kind == "poses"
+        name = spec.path.name.removesuffix(".bag")
+        print(_table(name, scores, "ATE m" if is_ate else "mean m"))
+        record.append({"recording": name, "kind": "poses" if is_ate else "relations", "scores": scores})
+    print(NOTES)
+    every = [score for entry in record for score in entry["scores"]]
+    print(summary(every))
+    if args.json:
+        write_text(args.json, json.dumps(record, indent=2, default=dataclasses.asdict) + "\n")
+
+
+def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, unperturbed: DriveErrors) -> Score:
+    """Hold a run against the run over the recording as it is."""
+    if isinstance(errors, MeasurementError):
+        return Score(perturbation.name, None, None, 0, 0, None, f"FAILED: {errors}")
+    counted = np.ones(len(errors.metres), dtype=np.bool_)
+    if errors.kind == "poses":  # of which there may be some between the scans
+        counted = unperturbed.has_scans
+    left_out = counted & unperturbed.has_scans & ~errors.has_scans
+    unscored = counted & ~left_out & ~errors.scored()
+    both = errors.scored() & unperturbed.scored() & ~left_out
+    error_m, before_m = errors.error_m(both), unperturbed.error_m(both)
+    ratio = error_m / before_m if error_m is not None and before_m else None
+    if perturbation is UNPERTURBED:
+        verdict = "-"
+    elif error_m is None or before_m is None or (unscored & unperturbed.scored()).any():
+        verdict = "LOST"
+    elif error_m <= max(perturbation.ratio * before_m, before_m + _MORE_M):
+        verdict = "ok"
+    else:
+        verdict = "LOST" if error_m > _LOST_RATIO * before_m else "MISS"
+    scored = errors.scored() & ~left_out
+    return Score(
+        perturbation.name,
+        errors.error_m(scored),
+        errors.error_deg(scored),
+        int(unscored.sum()),
+        int(left_out.sum()),
+        ratio,
+        verdict,
+    )
+
+
+def summary(scores: Sequence[Score]) -> str:
+    """Return one line on how many perturbations did too much."""
+    perturbed = [one for one in scores if one.verdict != "-"]
+    misses = [one for one in perturbed if one.is_miss()]
+    lost = sum(one.verdict != "MISS" for one in misses)
+    return f"{len(perturbed)} perturbed runs, {len(misses)} misses, {lost} of them lost or failed"
+
+
+def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | MeasurementError]) -> list[Score]:
+    unperturbed = answers[0]
+    if isinstance(unperturbed, MeasurementError):
+        raise unperturbed
+    return [score(one, errors, unperturbed) for one, errors in zip(chosen, answers, strict=True)]
+
+
+def _table(name: str, scores: Sequence[Score], measure: str) -> str:
+    head = (name, measure, "mean deg", "unscored", "left out", "ratio", "verdict")
+    rows = [
+        [
+            one.perturbation,
+            number(one.error_m, 4),
+            number(one.error_deg, 3),
+            str(one.unscored),
+            str(one.left_out),
+            number(one.ratio, 2),
+            one.verdict,
+        ]
+        for one in scores
+    ]
+    return text_table(head, rows) + "\n" + f"{name}: {summary(scores)}\n"
