@@ -41,6 +41,8 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["merge", "--areas", "4900,nan"], "--areas must lie within 1 and 1e7 m2"),
         (["merge", "--resolution", "nan"], "--resolution within 0.001 and 100 m"),
         (["merge", "--workers", "0"], "--repeat and --workers must be positive"),
+        (["perturb", "a.bag", "--jobs", "0"], "--jobs must be at least 1, got 0"),
+        (["perturb", "a.bag,angel=1"], "unrecognized arguments: --angel 1"),
         (["scaling", "--lengths", "0"], "--lengths must lie within 1 and 1e7 m, --beams be positive"),
     ],
 )
