@@ -19,10 +19,10 @@ from tools.text_table import number, text_table
 NOTES = """\
 mean m, mean deg: errors of the relations that the run scores. unscored: relations that it cannot score, since a scan is
 not in the map or the two lie in maps that are not in one frame. left out: relations of scans that the perturbation took
-away; they count nowhere. ratio: the error in metres over the unperturbed one, both of the relations that both runs
-score. ok: at most 1.1 times the unperturbed error (without odometry 1.5 times) or 3 mm more. LOST: more than that and
-than 5 times, or relations unscored that were scored before. FAILED: no map. Where the truth is a trajectory, the same
-holds for its poses and the ATE. A laser that is stated elsewhere is scored by where the laser was."""
+away; they count nowhere. ratio: the error in metres over that of the recording as it is, of those of the same relations
+that were scored there. ok: at most 1.1 times that error (without odometry 1.5 times) or 3 mm more. LOST: more than that
+and than 5 times, or relations unscored that were scored before. FAILED: no map. Where the truth is a trajectory, the
+same holds for its poses and the ATE. A laser that is stated elsewhere is scored by where the laser was."""
 
 _MORE_M = 0.003
 _LOST_RATIO = 5.0
@@ -43,7 +43,7 @@ class Score:
     left_out
         Those whose scans the perturbation took away.
     ratio
-        Of the errors of what both runs score; None where that is nothing.
+        Of the error to that of the unperturbed run where both score; None where that is nowhere.
     verdict
         ok, MISS, LOST or FAILED; a dash for the recording as it is.
     """
@@ -100,8 +100,9 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
         counted = unperturbed.has_scans
     left_out = counted & unperturbed.has_scans & ~errors.has_scans
     unscored = counted & ~left_out & ~errors.scored()
-    both = errors.scored() & unperturbed.scored() & ~left_out
-    error_m, before_m = errors.error_m(both), unperturbed.error_m(both)
+    scored = errors.scored() & ~left_out
+    # What only this run scores counts, too: parts that were not in one map before may now be in a torn one.
+    error_m, before_m = errors.error_m(scored), unperturbed.error_m(scored & unperturbed.scored())
     ratio = error_m / before_m if error_m is not None and before_m else None
     if perturbation is UNPERTURBED:
         verdict = "-"
@@ -111,10 +112,9 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
         verdict = "ok"
     else:
         verdict = "LOST" if error_m > _LOST_RATIO * before_m else "MISS"
-    scored = errors.scored() & ~left_out
     return Score(
         perturbation.name,
-        errors.error_m(scored),
+        error_m,
         errors.error_deg(scored),
         int(unscored.sum()),
         int(left_out.sum()),

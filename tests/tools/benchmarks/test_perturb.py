@@ -36,7 +36,8 @@ def scored(metres, before, ratio=1.1, **more):
         ([0.1, NAN], [0.1, 0.1], "LOST"),
         ([NAN, NAN], [0.1, 0.1], "LOST"),
         ([0.1, NAN], [0.1, NAN], "ok"),
-        ([0.1, 9.0], [0.1, NAN], "ok"),  # both score the first one only
+        ([0.1, 0.1], [0.1, NAN], "ok"),
+        ([0.1, 9.0], [0.1, NAN], "LOST"),  # what could not be scored before is torn now
     ],
 )
 def test_verdicts(metres, before, verdict):
