@@ -1,15 +1,13 @@
 """The only compiled code: plain functions on plain arrays, and the rules they share.
 
-A kernel validates nothing, raises nothing and does no I/O; the module above it does. It never uses fastmath (which
-breaks ``isnan``) nor parallel float reductions (which change the result from run to run). Out-of-range indices are
-silent in compiled code: callers make the grid large enough first, and CI runs the kernel tests once more with
+A kernel validates nothing, raises nothing and does no I/O; the module above it does. It never uses all of fastmath
+(which breaks ``isnan``) nor parallel float reductions (which change the result from run to run). Out-of-range indices
+are silent in compiled code: callers make the grid large enough first, and CI runs the kernel tests once more with
 ``NUMBA_BOUNDSCHECK=1``.
 """
 
-import hashlib
-import os
-import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -18,7 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from numba.core import config
 
+from tbmslam.kernels.cache_folders import cache_folder, cache_root
+
 _settings: Any = config  # numba sets the attributes of this module while it loads
+_njit: Any = numba.njit  # its type does not name all options
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
@@ -29,45 +30,36 @@ Pose = tuple[float, float, float]
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def _cache_directory() -> str | None:
-    """Name the cache by the sources and the bounds-check flag; None where there is no place for one.
-
-    Numba's own cache looks at one file at a time, so it runs stale code when a callee in another file changed, and it
-    ignores ``NUMBA_BOUNDSCHECK`` once something is cached.
-    """
-    digest = hashlib.sha256(os.environ.get("NUMBA_BOUNDSCHECK", "").encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode())
-        digest.update(source.read_bytes())
-    user_cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(user_cache) / "tbmslam")
-    try:
-        root = root.expanduser()
-    except RuntimeError:  # a user without a home, as in some containers
-        return None
-    return str(root / digest.hexdigest()[:16])
+_CACHE_ROOT = cache_root()
 
 
-def _writable(directory: str) -> bool:
-    try:
-        Path(directory).mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            return True
-    except OSError:
-        return False
-
-
-_CACHE_DIRECTORY = _cache_directory()
-_CACHE = _CACHE_DIRECTORY is not None and _writable(_CACHE_DIRECTORY)
+@cache
+def _folder(source: str) -> Path | None:
+    """Return where the kernels of a file are cached; asked once for each file."""
+    return None if _CACHE_ROOT is None else cache_folder(Path(source), _CACHE_ROOT)
 
 
 def kernel(function: Function) -> Function:
     """Compile a function with the project's options, cached on disk where a writable place exists."""
-    if not _CACHE:
-        return cast("Function", numba.njit(nogil=True, error_model="numpy")(function))
+    return _compiled(function, set())
+
+
+def summing_kernel(function: Function) -> Function:
+    """Compile a function as `kernel` does, its sums taken in the order that vector instructions are fastest in.
+
+    The order is the same in every run on one kind of processor; not-a-number stays what it is.
+    """
+    return _compiled(function, {"reassoc"})
+
+
+def _compiled(function: Function, fastmath: set[str]) -> Function:
+    folder = _folder(function.__code__.co_filename)
     previous = _settings.CACHE_DIR
-    _settings.CACHE_DIR = _CACHE_DIRECTORY
+    if folder is not None:
+        _settings.CACHE_DIR = str(folder)
+    # Nothing calls a kernel by its address: the wrapper for that is not compiled.
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "fastmath": fastmath}
     try:
-        return cast("Function", numba.njit(nogil=True, error_model="numpy", cache=True)(function))
+        return cast("Function", _njit(**options, cache=folder is not None)(function))
     finally:
         _settings.CACHE_DIR = previous

@@ -7,14 +7,13 @@ import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, kernel
 
-Ranges = npt.NDArray[np.float64] | npt.NDArray[np.float32]
 Motion = tuple[float, float, float]
 """x, y [m] and theta [rad]."""
 
 
 @kernel
 def hit_points(
-    ranges: Ranges, angle_min: float, angle_increment: float, beam_step: Motion, max_range: float
+    ranges: FloatArray, angle_min: float, angle_increment: float, beam_step: Motion, max_range: float
 ) -> FloatArray:
     """Return the end points (M, 2) [m] of the finite ranges (N,) up to `max_range`, in the order of the beams.
 
@@ -85,7 +84,7 @@ def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray
 
 @kernel
 def hits_of_scan(
-    ranges: Ranges,
+    ranges: FloatArray,
     angle_min: float,
     angle_increment: float,
     beam_step: Motion,
@@ -111,18 +110,23 @@ def hits_of_scans(
 
     The scans come as in `tbmslam.keyframes.Keyframes`; half the precision is left, a micrometre or so.
     """
-    begins = np.zeros(len(offsets), dtype=np.int64)
+    begins, longest = np.zeros(len(offsets), dtype=np.int64), 0
     for k in range(len(beams)):
         count = 0
         for i in range(offsets[k], offsets[k + 1]):
             count += ranges[i] <= max_range and math.isfinite(ranges[i])
-        begins[k + 1] = begins[k] + count
-    points = np.empty((begins[-1], 2), dtype=np.float32)
-    normals = np.empty_like(points)
+        begins[k + 1], longest = begins[k] + count, max(longest, offsets[k + 1] - offsets[k])
+    points, normals = np.empty((begins[-1], 2), dtype=np.float32), np.empty((begins[-1], 2), dtype=np.float32)
+    wide = np.empty(longest)
     for k in range(len(beams)):
         step = (beam_steps[k, 0], beam_steps[k, 1], beam_steps[k, 2])
-        own = hits_of_scan(ranges[offsets[k] : offsets[k + 1]], beams[k, 0], beams[k, 1], step, max_range)
-        points[begins[k] : begins[k + 1]], normals[begins[k] : begins[k + 1]] = own
+        for i in range(offsets[k], offsets[k + 1]):
+            wide[i - offsets[k]] = ranges[i]
+        own, facing = hits_of_scan(wide[: offsets[k + 1] - offsets[k]], beams[k, 0], beams[k, 1], step, max_range)
+        # Element by element: an array assigned to a slice takes seconds to compile.
+        for i in range(len(own)):
+            for axis in range(2):
+                points[begins[k] + i, axis], normals[begins[k] + i, axis] = own[i, axis], facing[i, axis]
     return points, normals, begins
 
 

@@ -75,16 +75,19 @@ def single_scan_hits(
         How far a hit may be, how far apart its neighbours, and how far it from the line between them [m], as of
         `tbmslam.kernels.wall_pieces.gather_hits`.
     """
-    size = 0
+    size, longest = 0, 0
     for k in chosen:
         count = offsets[k + 1] - offsets[k]
         size += count // max(count // most, 1) + 1
+        longest = max(longest, count)
     hits, begins = np.empty((size, 4)), np.zeros(len(chosen) + 1, dtype=np.int64)
     max_range, gap, bulge = limits
-    found = 0
+    found, wide = 0, np.empty(longest)
     for number in range(len(chosen)):
         k = chosen[number]
-        own = ranges[offsets[k] : offsets[k + 1]]
+        own = wide[: offsets[k + 1] - offsets[k]]
+        for i in range(len(own)):
+            own[i] = ranges[offsets[k] + i]
         step = (beam_steps[k, 0], beam_steps[k, 1], beam_steps[k, 2])
         points, normals = hits_of_scan(own, beams[k, 0], beams[k, 1], step, max_range)
         every, apart, last, hit = max(len(own) // most, 1), max(len(points) // 180, 1), len(points) - 1, -1
@@ -94,10 +97,11 @@ def single_scan_hits(
             hit += 1
             if i % every:
                 continue
-            before, after = points[max(hit - apart, 0)], points[min(hit + apart, last)]
+            before, after = max(hit - apart, 0), min(hit + apart, last)
+            before_x, before_y = points[before, 0], points[before, 1]
             x, y, nx, ny = points[hit, 0], points[hit, 1], normals[hit, 0], normals[hit, 1]
-            is_near = (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2 <= gap * gap
-            if is_near and abs(nx * (x - before[0]) + ny * (y - before[1])) <= bulge:
+            is_near = (points[after, 0] - before_x) ** 2 + (points[after, 1] - before_y) ** 2 <= gap * gap
+            if is_near and abs(nx * (x - before_x) + ny * (y - before_y)) <= bulge:
                 hits[found, 0], hits[found, 1] = math.hypot(x, y), math.atan2(y, x)
                 hits[found, 2] = (i - 0.5 * (len(own) - 1)) * beams[k, 1]
                 hits[found, 3] = math.atan2(ny, nx)
@@ -208,9 +212,10 @@ def _eliminate(
     """Take from the equations what the lines, free to turn and to shift, make good by themselves."""
     sums = np.empty((NUMBERS, 2))
     for line in range(len(seen.lines)):
-        iaa, iad, idd = system.inverses[line]
+        iaa, iad, idd = system.inverses[line, 0], system.inverses[line, 1], system.inverses[line, 2]
         turn, shift = iaa * pulls[line, 0] + iad * pulls[line, 1], iad * pulls[line, 0] + idd * pulls[line, 1]
-        sums[:] = 0.0
+        for j in range(NUMBERS):
+            sums[j, 0], sums[j, 1] = 0.0, 0.0
         for o in range(seen.begins[line], seen.begins[line + 1]):
             for j in range(NUMBERS):
                 sums[j, 0] += couplings[o, j, 0]

@@ -47,11 +47,11 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
         sums[piece, 8] += weight * (moments[o, 5] + 2.0 * y * dy + count * dy * dy)
     lines = np.zeros((seen.pieces_met, 5))
     for piece in range(len(lines)):
-        saw, x0, y0, n, sx, sy, sxx, sxy, syy = sums[piece]
+        saw, x0, y0, n = sums[piece, 0], sums[piece, 1], sums[piece, 2], sums[piece, 3]
         if saw < 2.0 or n < limits[0]:  # one sighting tells nothing of the poses
             continue
-        mx, my = sx / n, sy / n
-        cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
+        mx, my = sums[piece, 4] / n, sums[piece, 5] / n
+        cxx, cxy, cyy = sums[piece, 6] / n - mx * mx, sums[piece, 7] / n - mx * my, sums[piece, 8] / n - my * my
         spread = math.hypot(0.5 * (cxx - cyy), cxy)
         across, along = max(0.5 * (cxx + cyy) - spread, 0.0), 0.5 * (cxx + cyy) + spread
         if across > limits[1] ** 2 or along < limits[2] ** 2 or across > 0.1 * along:
@@ -104,14 +104,15 @@ def line_equations(
     blocks, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
     couplings, inverses = np.zeros((len(moments), 3, 2)), np.zeros((len(lines), 3))
     for piece in range(len(lines)):
-        px, py, lx, ly, half = lines[piece]
-        if half == 0.0:
+        px, py, lx, ly = lines[piece, 0], lines[piece, 1], lines[piece, 2], lines[piece, 3]
+        if lines[piece, 4] == 0.0:
             continue
         nx, ny = -ly, lx
         caa, cad, cdd, ga, gd = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for o in range(begins[piece], begins[piece + 1]):
             k = seers[o]
-            n, x, y, xx, xy, yy = moments[o]
+            n, x, y = moments[o, 0], moments[o, 1], moments[o, 2]
+            xx, xy, yy = moments[o, 3], moments[o, 4], moments[o, 5]
             dx, dy = poses[k, 0] - px, poses[k, 1] - py
             across, along = nx * dx + ny * dy, lx * dx + ly * dy
             # Sums over the hits of the distance e from the line, of the place a along it, and of the lever t of a turn.

@@ -44,11 +44,11 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
     own, lines, motions = system
     product = np.empty_like(changes)
     for k in range(len(changes)):
-        x, y, theta = changes[k]
+        x, y, theta = changes[k, 0], changes[k, 1], changes[k, 2]
         for i in range(3):
             product[k, i] = own[k, i, 0] * x + own[k, i, 1] * y + own[k, i, 2] * theta
     for e in range(len(motions.ends)):
-        source, target = motions.ends[e]
+        source, target = motions.ends[e, 0], motions.ends[e, 1]
         for i in range(3):
             for j in range(3):
                 product[source, i] += motions.across[e, i, j] * changes[target, j]
@@ -85,7 +85,7 @@ def eliminated(lines: LineSystem, count: int) -> FloatArray:
     """Return what eliminating the lines takes from the curvature of each pose by itself (N, 3, 3)."""
     taken = np.zeros((count, 3, 3))
     for line in range(len(lines.inverses)):
-        iaa, iad, idd = lines.inverses[line]
+        iaa, iad, idd = lines.inverses[line, 0], lines.inverses[line, 1], lines.inverses[line, 2]
         if idd == 0.0:
             continue
         for o in range(lines.begins[line], lines.begins[line + 1]):

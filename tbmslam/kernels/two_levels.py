@@ -45,7 +45,7 @@ def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
     alone = eliminated(system.lines, len(poses))
     nexts = np.zeros_like(alone)
     for e in range(len(system.motions.ends)):
-        source, target = system.motions.ends[e]
+        source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
         for i in range(3):
             for j in range(3):
                 if target == source + 1:
@@ -74,14 +74,16 @@ def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArr
     knots = np.zeros(3 * len(bends.knots))
     for k in range(len(forces)):
         for side in range(2):
-            share, (dx, dy), at = bends.shares[k, side], factors.levers[k, side], 3 * bends.sides[k, side]
+            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
             knots[at] += share * forces[k, 0]
             knots[at + 1] += share * forces[k, 1]
             knots[at + 2] += share * (forces[k, 2] + dx * forces[k, 1] - dy * forces[k, 0])
     solve(factors.bent, knots)
     for k in range(len(forces)):
         for side in range(2):
-            share, (dx, dy), at = bends.shares[k, side], factors.levers[k, side], 3 * bends.sides[k, side]
+            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
             changes[k, 0] += share * (knots[at] - dy * knots[at + 2])
             changes[k, 1] += share * (knots[at + 1] + dx * knots[at + 2])
             changes[k, 2] += share * knots[at + 2]
@@ -93,7 +95,7 @@ def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> N
     """Write changes (N, 3) to which the blocks of each pose and the next lead under forces (N, 3)."""
     x, y, theta = 0.0, 0.0, 0.0
     for k in range(len(forces)):
-        a, b, c = forces[k]
+        a, b, c = forces[k, 0], forces[k, 1], forces[k, 2]
         if k > 0:
             across = factors.nexts[k - 1]
             a -= across[0, 0] * x + across[1, 0] * y + across[2, 0] * theta
@@ -119,13 +121,16 @@ def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> N
 def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
     """Return the curvature (3 K, 3 K) of the knots, its upper triangle at least."""
     count = len(bends.knots)
-    bent = np.zeros((3 * count, 3 * count))
+    bent, turned = np.zeros((3 * count, 3 * count)), np.empty((3, 3))
     for k in range(len(system.own)):
         _add_bent(bent, bends, levers, k, k, system.own[k])
     for e in range(len(system.motions.ends)):
-        source, target = system.motions.ends[e]
+        source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
         _add_bent(bent, bends, levers, source, target, system.motions.across[e])
-        _add_bent(bent, bends, levers, target, source, np.ascontiguousarray(system.motions.across[e].T))
+        for i in range(3):
+            for j in range(3):
+                turned[i, j] = system.motions.across[e, j, i]
+        _add_bent(bent, bends, levers, target, source, turned)
     _eliminate_lines(bent, system.lines, bends, levers)
     return bent
 
@@ -179,9 +184,11 @@ def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse
 def _add_bent(bent: FloatArray, bends: Bends, levers: FloatArray, one: int, other: int, block: FloatArray) -> None:
     """Add a block (3, 3) of two poses to the upper triangle of those of their knots."""
     for side in range(2):
-        share, (dx, dy), row = bends.shares[one, side], levers[one, side], 3 * bends.sides[one, side]
+        share, row = bends.shares[one, side], 3 * bends.sides[one, side]
+        dx, dy = levers[one, side, 0], levers[one, side, 1]
         for end in range(2):
-            weight, (ex, ey), col = bends.shares[other, end], levers[other, end], 3 * bends.sides[other, end]
+            weight, col = bends.shares[other, end], 3 * bends.sides[other, end]
+            ex, ey = levers[other, end, 0], levers[other, end, 1]
             if col < row:
                 continue
             for j in range(3):

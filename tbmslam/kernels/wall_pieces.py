@@ -109,10 +109,11 @@ def gather_hits(
             x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
             if x * x + y * y > max_range * max_range:
                 continue
-            before, after = points[max(i - apart, first)], points[min(i + apart, last)]
-            is_near = (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2 <= gap * gap
+            before, after = max(i - apart, first), min(i + apart, last)
+            before_x, before_y = points[before, 0], points[before, 1]
+            is_near = (points[after, 0] - before_x) ** 2 + (points[after, 1] - before_y) ** 2 <= gap * gap
             there_x, there_y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
-            if is_near and abs(nx * (x - before[0]) + ny * (y - before[1])) <= bulge:
+            if is_near and abs(nx * (x - before_x) + ny * (y - before_y)) <= bulge:
                 walls[known, 0], walls[known, 1] = there_x, there_y
                 walls[known, 2] = math.atan2(s * nx + c * ny, c * nx - s * ny)
                 known += 1
@@ -169,7 +170,7 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
             if o < first:
                 latest[piece] = o = count
                 seers[o], pieces[o] = k, piece
-                moments[o] = 0.0
+                _add_no_hit(moments, o)
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
@@ -260,7 +261,7 @@ def join_walls(
             if o < 0 or seers[o] != k:
                 latest[piece] = o = count
                 seers[o], pieces[o] = k, piece
-                moments[o] = 0.0
+                _add_no_hit(moments, o)
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, seers, pieces)
@@ -284,13 +285,19 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
         number = numbers[seen.pieces[o]]
         if number >= 0:
             begins[number + 1] += 1
-    begins = np.cumsum(begins)
+    places = np.empty(count + 1, dtype=np.int64)
+    places[0] = 0
+    for number in range(count):
+        begins[number + 1] += begins[number]
+        places[number + 1] = begins[number + 1]
     moments, seers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
-    places = begins.copy()
     for o in range(seen.size):
         number = numbers[seen.pieces[o]]
         if number >= 0:
-            moments[places[number]], seers[places[number]] = seen.moments[o], seen.seers[o]
+            place = places[number]
+            for i in range(6):
+                moments[place, i] = seen.moments[o, i]
+            seers[place] = seen.seers[o]
             places[number] += 1
     return moments, seers, begins
 
@@ -302,6 +309,12 @@ def _used(begins: IntArray, every: int) -> int:
     for k in range(len(begins) - 1):
         total += (begins[k + 1] - begins[k] + every - 1) // every
     return total
+
+
+@kernel
+def _add_no_hit(moments: FloatArray, o: int) -> None:
+    for i in range(6):
+        moments[o, i] = 0.0
 
 
 @kernel
@@ -347,8 +360,10 @@ def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
     for old in range(len(table)):
         if table[old, 0] != _NOBODY:
-            larger[_place_of(larger, table[old, 0])] = table[old]
-    more[: len(numbers)] = numbers
+            place = _place_of(larger, table[old, 0])
+            larger[place, 0], larger[place, 1] = table[old, 0], table[old, 1]
+    for at in range(len(numbers)):
+        more[at] = numbers[at]
     return larger, more
 
 

@@ -1,0 +1,140 @@
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tbmslam.kernels.cache_folders import cache_folder, cache_root, imported_files
+
+PACKAGE = Path(__file__).parents[3] / "tbmslam"
+HEAD = "from tbmslam.kernels import kernel\n"
+KERNELS = {
+    "inner": HEAD + "\n\n@kernel\ndef inner(x):\n    return x + 1\n",
+    "middle": HEAD + "from tbmslam.kernels.inner import inner\n\n\n@kernel\ndef middle(x):\n    return inner(x)\n",
+    "outer": HEAD + "from tbmslam.kernels.middle import middle\n\n\n@kernel\ndef outer(x):\n    return middle(x)\n",
+    "other": HEAD + "\n\n@kernel\ndef other(x):\n    return x - 1\n",
+}
+RUN = """
+from tbmslam.kernels.other import other
+from tbmslam.kernels.outer import outer
+print(outer(1), sum(outer.stats.cache_hits.values()), other(1), sum(other.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """Return the folder of a package of four small files of kernels."""
+    kernels = tmp_path / "tbmslam" / "kernels"
+    kernels.mkdir(parents=True)
+    for name in ("__init__.py", "kernels/__init__.py", "kernels/cache_folders.py"):
+        shutil.copy(PACKAGE / name, tmp_path / "tbmslam" / name)
+    for name, text in KERNELS.items():
+        (kernels / f"{name}.py").write_text(text, encoding="utf-8")
+    return kernels
+
+
+def surroundings(package, **changes):
+    own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    return {
+        **own,
+        "PYTHONPATH": str(package.parents[1]),
+        "NUMBA_CACHE_DIR": str(package.parents[1] / "cache"),
+        **changes,
+    }
+
+
+def start(package, **changes):
+    command = [sys.executable, "-B", "-c", RUN]
+    return subprocess.Popen(  # noqa: S603 - our code
+        command, env=surroundings(package, **changes), cwd=package, stdout=subprocess.PIPE, text=True
+    )
+
+
+def run(package, **changes):
+    with start(package, **changes) as process:
+        return process.communicate()[0].split()
+
+
+def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(package):
+    assert run(package) == ["2", "0", "0", "0"]
+    assert run(package) == ["2", "1", "0", "1"]
+    (package / "inner.py").write_text(KERNELS["inner"].replace("x + 1", "x + 7"), encoding="utf-8")
+    assert run(package) == ["8", "0", "0", "1"]
+    (package / "other.py").write_text(KERNELS["other"].replace("x - 1", "x - 2"), encoding="utf-8")
+    assert run(package) == ["8", "1", "-1", "0"]
+
+
+def test_the_check_of_bounds_has_a_cache_of_its_own(package):
+    run(package)
+    assert run(package, NUMBA_BOUNDSCHECK="1") == ["2", "0", "0", "0"]
+    assert run(package, NUMBA_BOUNDSCHECK="1") == ["2", "1", "0", "1"]
+
+
+def test_several_processes_compile_at_once(package):
+    started = [start(package) for _ in range(3)]
+    said = [process.communicate()[0].split() for process in started]
+    assert [(each[0], each[2]) for each in said] == [("2", "0")] * 3
+    assert run(package) == ["2", "1", "0", "1"]
+
+
+def test_a_place_where_nothing_can_be_made_is_done_without(package):
+    blocked = package.parents[1] / "cache"
+    blocked.mkdir()
+    (blocked / "tbmslam").write_bytes(b"")
+    assert run(package) == ["2", "0", "0", "0"]
+    assert not list(package.rglob("*.nbi"))
+
+
+def test_a_folder_in_which_no_one_can_write_is_done_without(tmp_path, monkeypatch):
+    def refuse(**_):
+        raise PermissionError
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    assert cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path) is None
+    assert cache_folder(tmp_path / "archive.zip" / "hits.py", tmp_path) is None
+
+
+def test_the_place_is_the_one_asked_for(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    assert cache_root() == tmp_path / "user" / "tbmslam"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    assert cache_root() == tmp_path / "numba" / "tbmslam"
+
+
+def test_old_folders_go_when_a_new_one_is_made(tmp_path):
+    names = [f"hits-{number:016x}" for number in range(25)]
+    for age, name in enumerate([*names, "scoring-00000000000000aa", "00000000000000bb", "not-ours", "old-not-ours"]):
+        (tmp_path / name).mkdir()
+        used = time.time() - (age if age < 25 else 31 * 86400)
+        os.utime(tmp_path / name, (used, used))
+    folder = cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {folder.name, *names[:19], "not-ours", "old-not-ours"}
+
+
+def test_a_folder_in_use_is_marked_as_used(tmp_path):
+    folder = cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path)
+    os.utime(folder, (0, 0))
+    assert cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path) == folder
+    assert time.time() - folder.stat().st_mtime < 60.0
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").glob("[a-z]*.py")), ids=lambda path: path.stem)
+def test_all_imports_of_a_file_of_kernels_are_found(path):
+    text = path.read_bytes()
+    nodes = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    from_them = [node.module or "." for node in nodes if isinstance(node, ast.ImportFrom)]
+    ours = {name for name in from_them if name.startswith((".", "tbmslam"))}
+    assert not [
+        name.name for node in nodes if isinstance(node, ast.Import) for name in node.names if "tbm" in name.name
+    ]
+    found = {".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts) for file in imported_files(text)}
+    assert {name.removesuffix(".__init__") for name in found} == ours
+    assert all(file.exists() for file in imported_files(text))
+    by_name = [name.name for node in nodes if getattr(node, "module", "") == "tbmslam.kernels" for name in node.names]
+    assert not any((PACKAGE / "kernels" / f"{name}.py").exists() for name in by_name)
