@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise
+from tbmslam.kernels.surfel_alignment import pair_up
 
 
 def observation(probability, quality):
@@ -200,3 +201,73 @@ def facing_normals(points, apart, longest):
         normal = normal / np.linalg.norm(normal)
         normals.append(-normal if normal @ point > 0 else normal)
     return np.array(normals)
+
+
+def laser_motion(heading, mount):
+    """How the laser moves in the map's frame (3, 3) as the robot moves along, across and turns."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    lever = np.array([[cosine, -sine], [sine, cosine]]) @ np.array(mount[:2])
+    return np.array([[cosine, -sine, -lever[1]], [sine, cosine, lever[0]], [0.0, 0.0, 1.0]])
+
+
+def prior_information(deviations, heading, mount):
+    """Information of the laser's pose: the inverse of the robot's covariance carried to the laser."""
+    motion = laser_motion(heading, mount)
+    back = np.linalg.inv(motion)
+    return back.T @ np.diag(1.0 / np.array(deviations) ** 2) @ back
+
+
+def seen_by_robot(information, heading, mount):
+    """Information of the robot's pose in its own frame from that of the laser's pose in the map's."""
+    motion = laser_motion(heading, mount)
+    return motion.T @ information @ motion
+
+
+def robust_cost(pairs, pose, tolerance):
+    """Sum of Geman and McClure's cost of pairs (8, M) of `surfel_alignment.pair_up`."""
+    x, y, theta = pose
+    cosine, sine = np.cos(theta), np.sin(theta)
+    placed = np.column_stack((x + cosine * pairs[0] - sine * pairs[1], y + sine * pairs[0] + cosine * pairs[1]))
+    total = 0.0
+    for (dx, dy), (xx, xy, yy), weight in zip(placed - pairs[2:4].T, pairs[4:7].T, pairs[7], strict=True):
+        squared = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+        total += weight * tolerance**2 * squared / (tolerance**2 + squared)
+    return total
+
+
+def normal_equations(pairs, pose, tolerance):
+    """Matched hits, Hessian and gradient of pairs (8, M), one after the other."""
+    x, y, theta = pose
+    rotation = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    matched, hessian, gradient = 0.0, np.zeros((3, 3)), np.zeros(3)
+    for pair in pairs.T:
+        turned = rotation @ pair[:2]
+        error = turned + np.array([x, y]) - pair[2:4]
+        information = np.array([[pair[4], pair[5]], [pair[5], pair[6]]])
+        jacobian = np.array([[1.0, 0.0, -turned[1]], [0.0, 1.0, turned[0]]])
+        influence = tolerance**2 / (tolerance**2 + error @ information @ error)
+        matched += pair[7] * influence
+        hessian += pair[7] * influence**2 * jacobian.T @ information @ jacobian
+        gradient += pair[7] * influence**2 * jacobian.T @ information @ error
+    return matched, hessian, gradient
+
+
+def matched_share(surfels, points, normals, pose, tolerance):
+    """Share of points that lie on surfels, each counting alike, as `surfel_search.search` has it."""
+    pairs = np.empty((8, len(points) + 1))
+    total = 0.0
+    for k in range(len(points)):  # one at a time, so that no hit has a neighbour
+        one = slice(k, k + 1)
+        count, _ = pair_up(surfels, points[one], normals[one], 1, 1.0, pose, pairs)
+        if count:
+            total += normal_equations(pairs[:, :1], pose, tolerance)[0]
+    return total / len(points)
+
+
+def ranges_in_box(pose, angles, half_width, half_height):
+    """Return the ranges that a laser at a pose in a box about the origin sees in some directions."""
+    directions = pose[2] + angles
+    with np.errstate(divide="ignore"):
+        across = np.where(np.cos(directions) > 0, half_width - pose[0], -half_width - pose[0]) / np.cos(directions)
+        along = np.where(np.sin(directions) > 0, half_height - pose[1], -half_height - pose[1]) / np.sin(directions)
+    return np.minimum(across, along)

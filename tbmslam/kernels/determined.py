@@ -1,5 +1,7 @@
 """How much of a pose a measurement determined, and how much of it a guess did."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,7 +10,7 @@ from tbmslam.kernels import kernel
 
 @kernel
 def determined_shares(
-    information: npt.NDArray[np.float64], deviations: npt.NDArray[np.float64]
+    information: npt.NDArray[np.float64], deviations: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Return how much, in [0, 1], of each coordinate of a pose a measurement determines against a guess.
 
@@ -25,3 +27,52 @@ def determined_shares(
         1.0 - pb * minor_b / determinant,
         1.0 - pc * minor_c / determinant,
     )
+
+
+@kernel
+def prior_information(
+    deviations: tuple[float, float, float], heading: float, mount: tuple[float, float, float]
+) -> npt.NDArray[np.float64]:
+    """Return the information (3, 3) of the laser's pose in the map's frame.
+
+    Parameters
+    ----------
+    deviations
+        Of the robot's pose along, across [m] and in heading [rad].
+    heading
+        Of the robot in the map [rad].
+    mount
+        Pose of the laser on the robot: a robot that turns moves it.
+    """
+    cosine, sine = math.cos(heading), math.sin(heading)
+    along, across, turn = deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0
+    xx = along * cosine * cosine + across * sine * sine
+    xy = (along - across) * cosine * sine
+    yy = along * sine * sine + across * cosine * cosine
+    # The robot's x and y are those of the laser, less what the lever turns by: x = x' + ly t, y = y' - lx t.
+    lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]
+    xt, yt = xx * ly - xy * lx, xy * ly - yy * lx
+    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, turn + ly * xt - lx * yt]])
+
+
+@kernel
+def seen_by_robot(
+    information: npt.NDArray[np.float64], heading: float, mount: tuple[float, float, float]
+) -> npt.NDArray[np.float64]:
+    """Return an information (3, 3) of the laser's pose in the map's frame as one of the robot's pose in its own frame.
+
+    `heading` [rad] and `mount` are as for `prior_information`, which is the opposite.
+    """
+    cosine, sine = math.cos(heading), math.sin(heading)
+    lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]
+    jacobian = np.array([[cosine, -sine, -ly], [sine, cosine, lx], [0.0, 0.0, 1.0]])
+    carried, seen = np.zeros((3, 3)), np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                carried[a, b] += information[a, c] * jacobian[c, b]
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                seen[a, b] += jacobian[c, a] * carried[c, b]
+    return seen

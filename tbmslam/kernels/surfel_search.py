@@ -61,11 +61,14 @@ def _most_promising_first(bounds: npt.NDArray[np.float32]) -> npt.NDArray[np.int
 
     The sooner a good pose is looked at, the more of the others are ruled out.
     """
-    lowest, highest = math.floor(bounds.min()), math.floor(bounds.max())
+    lowest, highest = math.floor(bounds[0]), math.floor(bounds[0])
+    for bound in bounds:
+        lowest, highest = min(lowest, math.floor(bound)), max(highest, math.floor(bound))
     begins = np.zeros(highest - lowest + 2, dtype=np.int64)
     for bound in bounds:
         begins[highest - math.floor(bound) + 1] += 1
-    begins = np.cumsum(begins)
+    for place in range(1, len(begins)):
+        begins[place] += begins[place - 1]
     order = np.empty(len(bounds), dtype=np.int64)
     for place in range(len(bounds)):
         bucket = highest - math.floor(bounds[place])

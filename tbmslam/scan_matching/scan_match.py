@@ -20,12 +20,18 @@ class ScanMatch(NamedTuple):
         Whether the map was able to correct the initial guess at all.
     information
         Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say.
+    trust
+        Weight of the prior's information beside it: near 0 where the prior was far off, as where wheels slipped.
+    is_lost
+        Whether the scan sees much and hardly anything of it was seen before.
     """
 
     T_map_sensor: SE2
     score: float
     moved: bool
     information: FloatArray | None = None
+    trust: float = 1.0
+    is_lost: bool = False
 
 
 class ScanMatcher(Protocol):

@@ -19,8 +19,8 @@ logger = logging.getLogger(__name__)
 _UNSETTLED = 20.0
 """Travelled length at the end of a drive on which nothing is forgotten yet [m]."""
 
-_GAP_VARIANCES = np.array([0.05**2, 0.05**2, 0.01**2])
-"""Of the motion over what was forgotten: closures on both sides know better."""
+_GAP = np.diag([0.05**-2.0, 0.05**-2.0, 0.01**-2.0])
+"""Information of the motion over what was forgotten: closures on both sides know better."""
 
 
 class DriveMemory:
@@ -62,27 +62,6 @@ class DriveMemory:
         self.keyframes.append(keyframe.moved(self._T_kept_tracked) if self._forgotten else keyframe)
         self._number += 1
 
-    def split(self, reading: int) -> "DriveMemory":
-        """Give what comes from a reading of the drive on to a memory of its own.
-
-        It is as it was tracked where nothing of it is forgotten yet, as is usual. What was forgotten on one side, and
-        is known only as seen from the other, is known no more.
-        """
-        later = DriveMemory(reading, self._config)
-        first = reading - self.start
-        T_tracked_kept = self._T_kept_tracked.inverse()
-        for keyframe in self.keyframes:
-            if keyframe.index >= first:
-                moved = keyframe.moved(T_tracked_kept) if self._forgotten else keyframe
-                later.add(replace(moved, index=keyframe.index - first))
-        self.keyframes = [keyframe for keyframe in self.keyframes if keyframe.index < first]
-        self._number -= len(later)
-        known = np.array(self._forgotten).reshape(-1, 5)
-        is_later = known[:, :2] >= first
-        later._forgotten = array("d", (known - (first, first, 0.0, 0.0, 0.0))[is_later.all(axis=1)].ravel())
-        self._forgotten = array("d", known[~is_later.any(axis=1)].ravel())
-        return later
-
     def is_full(self) -> bool:
         """Tell whether it is time to forget."""
         return len(self.keyframes) >= self._limit
@@ -115,7 +94,7 @@ class DriveMemory:
                     @ keyframe.match.T_map_sensor.inverse()
                 )
                 match = keyframe.match._replace(information=None)
-                keyframe = replace(keyframe, match=match, variances=_GAP_VARIANCES)
+                keyframe = replace(keyframe, match=match, prior=_GAP)
             kept.append(keyframe.moved(T_new_old))
         logger.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))
         self.keyframes = kept

@@ -1,6 +1,5 @@
 """vinySLAM's way to follow the robot: match in the belief grid, write every scan into it."""
 
-from collections.abc import Callable
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -13,7 +12,7 @@ from tbmslam.scan_matching.hill_climbing import HillClimbingConfig, HillClimbing
 from tbmslam.scan_matching.monte_carlo import MonteCarloConfig, MonteCarloMatcher
 from tbmslam.scan_matching.scan_match import ScanMatch, ScanMatcher
 from tbmslam.se2 import SE2, FloatArray
-from tbmslam.tracking.tracker import Since
+from tbmslam.tracking.pose_prior import PosePrior
 
 
 class GridTrackerConfig(FrozenConfig):
@@ -28,8 +27,6 @@ class GridTrackerConfig(FrozenConfig):
 class GridTracker:
     """Matches scans in the growing grid itself, section by section vinySLAM's single hypothesis."""
 
-    sees_walkers = False
-
     def __init__(self, config: GridTrackerConfig, grid: EvidenceGrid, inserter: ScanInserter, seed: int) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = grid
@@ -41,19 +38,9 @@ class GridTracker:
             else HillClimbingMatcher(config.matcher)
         )
 
-    def match(
-        self,
-        scan: LaserScan,
-        guess: SE2,
-        deviations: FloatArray,  # noqa: ARG002
-        other_guess: Callable[[], SE2],  # noqa: ARG002
-    ) -> ScanMatch:
-        """Search the grid around the guess; the original's steps are fixed, whatever the guess's deviations."""
-        return self._matcher.match(scan, self._cells, guess)
-
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:  # noqa: ARG002
-        """Leave the scan where it was placed."""
-        return match
+    def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
+        """Search the grid around the start; the original's steps are fixed, whatever the prior's deviations."""
+        return self._matcher.match(scan, self._cells, prior.start @ T_robot_sensor)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Write the scan into the grid."""

@@ -6,7 +6,6 @@ efficient FastSLAM algorithm for generating maps of large-scale cyclic environme
 IROS 2003 (scan-matched motion as the filter's odometry).
 """
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -20,8 +19,8 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tracking.ancestry import Ancestry
+from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.tile_maps import TileMaps
-from tbmslam.tracking.tracker import Since
 
 
 class ParticleTrackerConfig(FrozenConfig):
@@ -62,8 +61,6 @@ class ParticleTracker:
         Of the random numbers by which particles differ.
     """
 
-    sees_walkers = False
-
     def __init__(self, config: ParticleTrackerConfig, maps: TileMaps, factors: BeamFactors, seed: int) -> None:
         if len(maps) != config.particles:
             raise ValueError(f"maps must be one for each of {config.particles} particles, got {len(maps)}")
@@ -78,26 +75,16 @@ class ParticleTracker:
         self._last = SE2.identity()  # of the best particle, when it learnt
         self._T_now_before = SE2.identity()  # by how much the last keyframe was moved after it had been placed
 
-    def match(
-        self,
-        scan: LaserScan,
-        guess: SE2,
-        deviations: FloatArray,
-        other_guess: Callable[[], SE2],  # noqa: ARG002
-    ) -> ScanMatch:
-        """Search the best particle's map around the guess."""
-        guess = self._T_now_before @ guess
+    def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
+        """Search the best particle's map around the start."""
+        guess, deviations = self._T_now_before @ prior.start @ T_robot_sensor, np.array(prior.motion)
         self._T_now_before = SE2.identity()
-        self._variances += deviations**2
+        self._variances = deviations**2
         points = self._matched_points(scan)
         if len(points) == 0 or not deviations.any():
             return ScanMatch(guess, 0.0, moved=False)
         pose, value = self._climb(self._ancestry.best(), points, guess, deviations)
         return ScanMatch(pose, value, moved=pose != guess)
-
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:  # noqa: ARG002
-        """Leave the scan where it was placed."""
-        return match
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Move, weigh and perhaps resample the particles, and write the scan into the map of each."""

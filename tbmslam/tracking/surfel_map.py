@@ -13,11 +13,12 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfel_alignment import align
+from tbmslam.kernels.surfel_alignment import Search, SurfelArrays, align, place_scan
 from tbmslam.kernels.surfel_search import search
 from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
-from tbmslam.laser_scan import Hits
+from tbmslam.laser_scan import Hits, LaserScan
 from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tracking.pose_prior import PosePrior
 
 
 class SurfelConfig(FrozenConfig):
@@ -42,15 +43,18 @@ class Registration(NamedTuple):
     hessian
         Curvature (3, 3) of the cost in x, y [1/m^2] and theta there, without the prior.
     matched
-        Share of the points' weight that lies on surfaces, in [0, 1].
-    cost
-        Robust sum of squared distances in standard deviations, all hits together being as many as they count for.
+        Share of the hits that lie on surfaces, in [0, 1].
+    independent
+        How many independent hits the scan counts for.
+    surprise
+        Squared Mahalanobis distance of the pose from the prior's mean.
     """
 
     pose: SE2
     hessian: FloatArray
     matched: float
-    cost: float
+    independent: float
+    surprise: float
 
 
 class SurfelMap:
@@ -77,6 +81,12 @@ class SurfelMap:
         )
         self._used = 1
 
+    @property
+    def _arrays(self) -> SurfelArrays:
+        """The surfels as plain tuples."""
+        tiles, moments, fits, lattice, limits = self._surfels
+        return tiles, moments, fits, (*lattice,), limits
+
     def insert(self, hits: Hits, pose: SE2) -> None:
         """Add hits of a frame at a pose."""
         if not len(hits.points):
@@ -90,39 +100,45 @@ class SurfelMap:
             self._make_room(CELLS * used)
             insert_hits(self._surfels, used, hits.points, hits.normals, pose)
 
-    def register(
-        self,
-        hits: Hits,
-        guess: SE2,
-        deviations: FloatArray,
-        say: float,
-        tolerances: FloatArray,
-        iterations: int,
-        every: int = 1,
-    ) -> Registration:
+    def place(
+        self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search
+    ) -> tuple[Registration, Hits]:
+        """Lay a scan onto the surfaces; return where it lies, and its hits.
+
+        Parameters
+        ----------
+        scan, max_range
+            The scan, and the range up to which its hits count [m].
+        prior
+            Where the robot probably was.
+        T_robot_sensor
+            Pose of the laser on the robot.
+        search
+            See `tbmslam.kernels.surfel_alignment.align`.
+        """
+        # Plain tuples come in in a third of the time of named ones.
+        beams = scan.angle_min, scan.angle_increment, (*scan.beam_step,), max_range
+        start, mean, mount = (*prior.start,), (*prior.mean,), (*T_robot_sensor,)
+        arrays = self._arrays
+        placed, points, normals = place_scan(arrays, scan.ranges, beams, start, mean, prior.deviations, mount, search)
+        return Registration(SE2(*placed[0]), *placed[1:]), Hits(points, normals)
+
+    def register(self, hits: Hits, start: SE2, mean: SE2, information: FloatArray, search: Search) -> Registration:
         """Lay hits onto the surfaces.
 
         Parameters
         ----------
         hits
-            Hits in the scan's frame.
-        guess
+            Hits in the scan's frame, in the order of the beams.
+        start
             Where the scan's frame is thought to lie.
-        deviations
-            The guess's standard deviations (3,) of x, y [m] and theta [rad]; what the surfaces leave open keeps to it.
-        say
-            How many independent hits all of them together count for.
-        tolerances
-            Distances beyond which a hit loses its say [standard deviations], from wide to narrow.
-        iterations
-            Gauss-Newton steps for each tolerance, at the most.
-        every
-            Every n-th hit is enough.
+        mean, information
+            The prior's mean, and its inverse scale (3, 3); what the surfaces leave open keeps to the mean.
+        search
+            See `tbmslam.kernels.surfel_alignment.align`.
         """
-        pose, hessian, matched, cost = align(
-            self._surfels, hits.points, hits.normals, every, (*guess,), deviations, say, tolerances, iterations
-        )  # a plain tuple comes in in half the time
-        return Registration(SE2(*pose), hessian, matched, cost)
+        placed = align(self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search)
+        return Registration(SE2(*placed[0]), *placed[1:])
 
     def search(
         self, hits: Hits, guess: SE2, reach: int, turns: FloatArray, tolerance: float, costs: tuple[float, float]

@@ -31,8 +31,8 @@ class TrackedKeyframe:
         Pose of the laser on the robot.
     match
         Where the tracker placed it.
-    variances
-        Variances (3,) of x, y [m^2] and theta [rad^2] that the odometry gathered since the last keyframe.
+    prior
+        Information (3, 3) of the laser's pose in the map's frame that the motion since the last keyframe gave.
     T_odom_robot
         Pose of the robot as the odometry has it; None where there was none.
     """
@@ -42,7 +42,7 @@ class TrackedKeyframe:
     ranges: npt.NDArray[np.float32]
     T_robot_sensor: SE2
     match: ScanMatch
-    variances: FloatArray
+    prior: FloatArray
     T_odom_robot: SE2 | None = None
 
     @classmethod
@@ -52,12 +52,12 @@ class TrackedKeyframe:
         scan: LaserScan,
         T_robot_sensor: SE2,
         match: ScanMatch,
-        variances: FloatArray,
+        prior: FloatArray,
         T_odom_robot: SE2 | None = None,
     ) -> "TrackedKeyframe":
         """Keep a scan."""
         ranges = scan.ranges.astype(np.float32)
-        return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, variances, T_odom_robot)
+        return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, prior, T_odom_robot)
 
     @property
     def scan(self) -> LaserScan:
@@ -71,10 +71,10 @@ class TrackedKeyframe:
     def moved(self, T_new_map: SE2) -> "TrackedKeyframe":
         """Return it as seen from another frame."""
         match = self.match._replace(T_map_sensor=T_new_map @ self.match.T_map_sensor)
+        rotation = SE2(0.0, 0.0, T_new_map.theta).matrix()
         if match.information is not None:
-            rotation = SE2(0.0, 0.0, T_new_map.theta).matrix()
             match = match._replace(information=rotation @ match.information @ rotation.T)
-        return replace(self, match=match)
+        return replace(self, match=match, prior=rotation @ self.prior @ rotation.T)
 
 
 _NO_RANGES = np.zeros(0)
@@ -114,13 +114,13 @@ def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
     poses = np.array([k.match.T_map_sensor for k in keyframes])
     steps = compose(inverse(poses[:-1]), poses[1:])
     seen = np.array([np.zeros((3, 3)) if k.match.information is None else k.match.information for k in keyframes[1:]])
-    wheels = 1.0 / np.maximum([k.variances for k in keyframes[1:]], 1e-8)
+    wheels = np.array([k.prior for k in keyframes[1:]])
     rotations = np.zeros_like(seen)
     rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(poses[1:, 2])
     rotations[:, 1, 0] = np.sin(poses[1:, 2])
     rotations[:, 0, 1] = -rotations[:, 1, 0]
     rotations[:, 2, 2] = 1.0
-    known = seen + wheels[:, :, None] * np.eye(3)
+    known = seen + wheels
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     position, heading = 0.002 + 0.004 * distance, 0.001 + 0.004 * turn
     floor = np.column_stack((position, position, heading))[:, :, None] ** 2 * np.eye(3)

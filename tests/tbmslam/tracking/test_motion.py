@@ -7,6 +7,7 @@ import pytest
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2
 from tbmslam.tracking.motion import MotionConfig, MotionModel
+from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 
 
 def reading(stamp, pose):
@@ -14,15 +15,15 @@ def reading(stamp, pose):
 
 
 def test_the_first_reading_lies_at_its_odometry_pose():
-    assert MotionModel(MotionConfig()).predict(reading(0.0, SE2(1, 2, 3))).T_map_robot == (1, 2, 3)
-    assert MotionModel(MotionConfig()).predict(reading(0.0, None)).T_map_robot == (0, 0, 0)
+    assert MotionModel(MotionConfig()).predict(reading(0.0, SE2(1, 2, 3))).mean == (1, 2, 3)
+    assert MotionModel(MotionConfig()).predict(reading(0.0, None)).mean == (0, 0, 0)
 
 
 def test_a_step_is_taken_in_the_robots_frame():
     model = MotionModel(MotionConfig())
     model.correct(reading(0.0, SE2(5, 5, 0)), SE2(0, 0, math.pi / 2))
     prediction = model.predict(reading(1.0, SE2(6, 5, 0)))
-    assert prediction.T_map_robot == pytest.approx((0.0, 1.0, math.pi / 2))
+    assert prediction.mean == pytest.approx((0.0, 1.0, math.pi / 2))
 
 
 @pytest.mark.parametrize("odometry", [True, False])
@@ -46,7 +47,7 @@ def test_odometry_at_the_last_beam_tells_the_motion_during_a_scan():
 def test_the_original_adds_components():
     model = MotionModel(MotionConfig(composition="component"))
     model.correct(reading(0.0, SE2(5, 5, 0)), SE2(0, 0, math.pi / 2))
-    assert model.predict(reading(1.0, SE2(6, 5, 0.1))).T_map_robot == pytest.approx((1.0, 0.0, math.pi / 2 + 0.1))
+    assert model.predict(reading(1.0, SE2(6, 5, 0.1))).mean == pytest.approx((1.0, 0.0, math.pi / 2 + 0.1))
 
 
 def test_longer_steps_are_less_certain():
@@ -55,21 +56,21 @@ def test_longer_steps_are_less_certain():
     short = model.predict(reading(0.1, SE2(0.01, 0, 0))).deviations
     far = model.predict(reading(0.1, SE2(1.0, 0, 0))).deviations
     turned = model.predict(reading(0.1, SE2(0, 0, 1.0))).deviations
-    assert (far > short).all()
-    assert (turned > short).all()
+    assert np.greater(far, short).all()
+    assert np.greater(turned, short).all()
 
 
 def test_without_odometry_the_motion_goes_on():
     model = MotionModel(MotionConfig())
     model.correct(reading(0.0, None), SE2(0, 0, 0))
-    assert model.predict(reading(0.1, None)).T_map_robot == (0, 0, 0)
+    assert model.predict(reading(0.1, None)).mean == (0, 0, 0)
     model.correct(reading(0.1, None), SE2(0.1, 0, 0.05))
-    ahead = model.predict(reading(0.3, None)).T_map_robot
+    ahead = model.predict(reading(0.3, None)).mean
     assert ahead.theta == pytest.approx(0.15)
     assert math.hypot(ahead.x, ahead.y) == pytest.approx(0.3, rel=0.01)
     # A stamp that steps back predicts no motion backwards, and a long pause no flight.
-    assert model.predict(reading(0.05, None)).T_map_robot == pytest.approx((0.1, 0, 0.05))
-    assert model.predict(reading(500.0, None)).T_map_robot.x < 1.2
+    assert model.predict(reading(0.05, None)).mean == pytest.approx((0.1, 0, 0.05))
+    assert model.predict(reading(500.0, None)).mean.x < 1.2
 
 
 def test_a_step_that_no_robot_makes_is_not_believed():
@@ -77,9 +78,10 @@ def test_a_step_that_no_robot_makes_is_not_believed():
     model.correct(reading(0.0, SE2(0, 0, 0)), SE2.identity())
     prediction = model.predict(reading(0.1, SE2(1e30, 0, 0)))
     assert prediction.jump == pytest.approx(1e30)
-    assert prediction.T_map_robot == SE2.identity()
+    assert prediction.mean == prediction.start == SE2.identity()
+    assert not prediction.by_odometry
     assert model.predict(reading(10.0, SE2(100.0, 0, 0))).jump == 0.0
-    assert model.predict(reading(0.1, SE2(1.9, 0, 0))).T_map_robot.x == pytest.approx(1.9)
+    assert model.predict(reading(0.1, SE2(1.9, 0, 0))).mean.x == pytest.approx(1.9)
 
 
 def believed(steps, seconds=0.05):
@@ -109,39 +111,104 @@ def test_odometry_that_was_impossible_for_a_while_is_believed_in_the_end():
     assert believed([5.0] * 20 + [0.05] * 600)[-1]
 
 
-def test_odometry_that_stands_still_while_scans_move_on_is_not_believed():
+def driven(model, number, distance=0.4, turn=0.2):
+    """Drive an arc in some number of readings after a keyframe; return the last prior."""
+    model.correct(reading(0.0, SE2.identity()), SE2.identity())
+    for k in range(1, number + 1):
+        part = k / number
+        now = reading(2.0 * part, SE2.exp(distance * part, 0.0, turn * part))
+        prior = model.predict(now)
+        model.correct(now, prior.start)
+    return prior
+
+
+def test_the_rate_of_scans_does_not_change_the_deviations():
+    once, often = (driven(MotionModel(MotionConfig()), number) for number in (1, 20))
+    assert often.deviations == pytest.approx(once.deviations, rel=0.01)
+    assert often.mean == pytest.approx(once.mean, abs=1e-9)
+    assert often.deviations[0] == pytest.approx(0.005 + 0.05 * 0.4 + 0.05 * 0.2, rel=0.01)
+    assert often.deviations[2] == pytest.approx(0.005 + 0.05 * 0.4 + 0.1 * 0.2, rel=0.01)
+
+
+def test_the_mean_goes_on_from_the_last_keyframe_and_the_search_from_the_last_scan():
     model = MotionModel(MotionConfig())
-    for k in range(5):  # the scans go on by 15 cm each
-        now = reading(0.1 * k, SE2(1.0, 2.0, 0.5))
-        prediction = model.predict(now)
-        assert prediction.is_frozen == (k == 4)
-        model.correct(now, SE2(0.15 * k, 0.0, 0.0))
-    assert prediction.T_map_robot == pytest.approx((0.6, 0.0, 0.0))  # as it moved before
-    assert model.predict(reading(0.5, SE2(1.3, 2.0, 0.5))).is_frozen is False
+    model.correct(reading(0.0, SE2(5.0, 5.0, 0.0)), SE2.identity())
+    model.correct(reading(0.5, SE2(5.1, 5.0, 0.0)), SE2(0.1, 0.03, 0.02))
+    prior = model.predict(reading(1.0, SE2(5.2, 5.0, 0.0)))
+    assert prior.by_odometry
+    assert prior.mean == pytest.approx((0.2, 0.0, 0.0))
+    assert prior.start == pytest.approx(SE2(0.1, 0.03, 0.02) @ SE2(0.1, 0.0, 0.0))
+    assert prior.coasting() == pytest.approx(SE2(0.1, 0.03, 0.02) @ SE2(0.1, 0.03, 0.02), abs=2e-3)
+    model.begin_at_keyframe(reading(0.5, SE2(5.1, 5.0, 0.0)), SE2(0.1, 0.03, 0.02))
+    prior = model.predict(reading(1.0, SE2(5.2, 5.0, 0.0)))
+    assert prior.mean == pytest.approx(prior.start)
 
 
-def test_a_robot_that_stands_is_believed_to_stand():
+def test_after_a_jump_the_odometry_counts_from_where_the_scan_was_placed():
     model = MotionModel(MotionConfig())
-    for k in range(100):
-        now = reading(0.1 * k, SE2(1.0, 2.0, 0.5))
-        assert not model.predict(now).is_frozen
-        model.correct(now, SE2(0.05 * (k % 2), 0.0, 0.1))
+    driven(model, 4)
+    far = SE2(40.0, -9.0, 2.0)
+    model.predict(reading(2.5, far))
+    model.correct(reading(2.5, far), SE2(0.5, 0.1, 0.3))
+    prior = model.predict(reading(3.0, far @ SE2(0.1, 0.0, 0.0)))
+    assert prior.mean == pytest.approx(SE2(0.5, 0.1, 0.3) @ SE2(0.1, 0.0, 0.0))
+    before, after = driven(MotionModel(MotionConfig()), 4).deviations, model.deviations_since_keyframe(prior)
+    # Before the jump, half a second without odometry, and after it.
+    without = 0.005 + 0.5 * 0.5
+    assert after == pytest.approx(np.sqrt(np.square(before) + without**2 + np.square(prior.deviations)), rel=0.01)
 
 
-def test_odometry_that_scans_contradict_is_doubted():
+def test_a_keyframe_forgets_how_the_robot_came_there():
     model = MotionModel(MotionConfig())
+    far = driven(model, 4)
+    assert model.deviations_since_keyframe(far) == pytest.approx(far.deviations)
+    model.begin_at_keyframe(reading(2.0, SE2.exp(0.4, 0.0, 0.2)), far.mean)
+    near = model.predict(reading(2.1, SE2.exp(0.4, 0.0, 0.2)))
+    assert near.deviations == (0.005, 0.005, 0.005)
+    assert model.deviations_since_keyframe(near) == pytest.approx(near.deviations)
+
+
+@pytest.mark.parametrize("number", [1, 5])
+def test_deviations_without_odometry_add_up_since_the_keyframe(number):
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, None), SE2.identity())
+    for k in range(1, number + 1):
+        now = reading(0.2 * k, None)
+        prior = model.predict(now)
+        assert not prior.by_odometry
+        assert prior.deviations == pytest.approx((0.105,) * 3)
+        model.correct(now, SE2.identity())
+    assert model.deviations_since_keyframe(prior) == pytest.approx((math.sqrt(number) * 0.105,) * 3)
+
+
+def test_keyframes_teach_how_good_the_odometry_is():
+    """A heading that is wrong by 0.1 rad each time, seen by a laser ahead of the robot's middle."""
+    mount = SE2(0.4, 0.0, 0.3)
+    prior, model = None, MotionModel(MotionConfig())
     model.correct(reading(0.0, SE2.identity()), SE2.identity())
     stated = model.predict(reading(0.1, SE2(0.1, 0.0, 0.0)))
-    assert stated.by_odometry
     for _ in range(50):
-        model.learn(stated, stated.T_map_robot, stated.T_map_robot, None)
-        without = stated._replace(by_odometry=False)
-        model.learn(without, stated.T_map_robot, SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6)
-    assert model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))).deviations.tolist() == stated.deviations.tolist()
-    for _ in range(5):
-        model.learn(
-            model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))), SE2(0.1, 0.0, 0.0), SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6
-        )
-    doubted = model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))).deviations
-    assert doubted[2] > 2.0 * stated.deviations[2]
-    assert doubted[0] == pytest.approx(stated.deviations[0])
+        model.learn(stated._replace(by_odometry=False), SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6, mount)
+    assert model.predict(reading(0.1, SE2(0.1, 0.0, 0.0))).motion == stated.motion
+    for _ in range(20):
+        prior = model.predict(reading(0.1, SE2(0.1, 0.0, 0.0)))
+        model.learn(prior, SE2(0.1, 0.0, 0.1), np.eye(3) * 1e6, mount)
+    assert prior.deviations[2] > 3.0 * stated.deviations[2]
+    assert max(prior.deviations[:2]) < 0.6 * stated.deviations[0]
+
+
+def test_a_keyframe_that_no_scan_placed_hands_its_deviations_on():
+    mount, step = SE2.identity(), SE2(0.4, 0.0, 0.0)
+    for information, within in ((None, (1.3, 1.5)), (np.eye(3) * 1e9, (0.99, 1.01))):
+        model = MotionModel(MotionConfig(odometry=OdometryNoiseConfig(learning=False)))
+        model.correct(reading(0.0, SE2.identity()), SE2.identity())
+        first = model.predict(reading(1.0, step))
+        model.correct(reading(1.0, step), first.mean)
+        model.learn(first, first.mean, information, mount)
+        model.begin_at_keyframe(reading(1.0, step), first.mean)
+        second = model.predict(reading(2.0, step @ step))
+        assert second.motion == pytest.approx(first.motion)
+        grown = np.divide(second.deviations, first.deviations)
+        assert within[0] < grown.min() <= grown.max() < within[1]
+        model.correct(reading(2.0, step @ step), second.mean)
+        assert model.deviations_since_keyframe(second) == pytest.approx(second.motion)

@@ -4,90 +4,156 @@ import numpy as np
 import pytest
 
 from tbmslam.laser_scan import LaserScan
-from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2
+from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 
-BEAMS = 360
-SLACK = np.array([0.05, 0.05, 0.02])
+BEAMS = 720
+DEVIATIONS = (0.02, 0.02, 0.015)
 
 
-def room_scan(pose, stamp=0.0, shorter=0):
+def prior_at(mean, coasting=None, deviations=DEVIATIONS):
+    return PosePrior(mean, deviations, deviations, mean, lambda: coasting or mean, by_odometry=True)
+
+
+def room_scan(pose, stamp=0.0, shorter=0, half=(4.0, 3.0), noise=0.003):
     """The scan of a room of 8 x 6 m at a pose; some beams end early, where nothing is known."""
     angles = -np.pi + (np.arange(BEAMS) + 0.3) * 2 * np.pi / BEAMS
     cosine, sine = np.cos(angles + pose.theta), np.sin(angles + pose.theta)
-    to_x = np.where(cosine > 0, (4.0 - pose.x) / cosine, (-4.0 - pose.x) / cosine)
-    to_y = np.where(sine > 0, (3.0 - pose.y) / sine, (-3.0 - pose.y) / sine)
+    to_x = np.where(cosine > 0, (half[0] - pose.x) / cosine, (-half[0] - pose.x) / cosine)
+    to_y = np.where(sine > 0, (half[1] - pose.y) / sine, (-half[1] - pose.y) / sine)
     ranges = np.minimum(to_x, to_y)
     ranges[:shorter] *= 0.6
-    return LaserScan(stamp, angles[0], 2 * np.pi / BEAMS, 0.1, 30.0, ranges)
+    ranges += np.random.default_rng(round(1e3 * abs(pose.x + pose.y + stamp))).normal(0.0, noise, BEAMS)
+    return LaserScan(stamp, angles[0], 2 * np.pi / BEAMS, 0.1, 20.0, ranges)
+
+
+def corridor_scan(pose, stamp=0.0):
+    """The scan of a corridor without ends, 2 m wide."""
+    return room_scan(pose, stamp, half=(1e6, 1.0))
+
+
+def learnt(first):
+    """Return a tracker that knows one scan, of a robot at the origin."""
+    tracker = SurfelTracker(SurfelTrackerConfig())
+    tracker.learn(first, tracker.match(first, prior_at(SE2.identity(), deviations=(0.0, 0.0, 0.0)), SE2.identity()))
+    return tracker
 
 
 @pytest.fixture
-def tracker(monkeypatch):
-    """A tracker that knows the room, and a list of the guesses it searched around."""
-    tracker, searched = SurfelTracker(SurfelTrackerConfig()), []
-    first = room_scan(SE2.identity())
-    tracker.learn(first, tracker.match(first, SE2.identity(), np.zeros(3), SE2.identity))
-    search = tracker._search
-    monkeypatch.setattr(tracker, "_search", lambda hits, guess: searched.append(guess) or search(hits, guess))
-    return tracker, searched
+def tracker():
+    """A tracker that knows the room."""
+    return learnt(room_scan(SE2.identity()))
+
+
+@pytest.fixture
+def searched(tracker, monkeypatch):
+    """The guesses that it searches around."""
+    searched, search = [], tracker._best_near
+    monkeypatch.setattr(tracker, "_best_near", lambda hits, guess: searched.append(guess) or search(hits, guess))
+    return searched
+
+
+def only(scan, beams):
+    """Return a scan in which just some beams come back."""
+    ranges = np.full(BEAMS, np.inf)
+    ranges[beams] = scan.ranges[beams]
+    return replace(scan, ranges=ranges)
 
 
 def test_the_first_scan_lies_where_it_lies():
     pose = SE2(1.0, 2.0, 0.5)
-    match = SurfelTracker(SurfelTrackerConfig()).match(room_scan(pose), pose, np.zeros(3), SE2.identity)
+    match = SurfelTracker(SurfelTrackerConfig()).match(
+        room_scan(pose), prior_at(pose, deviations=(0.0, 0.0, 0.0)), SE2.identity()
+    )
     assert match.T_map_sensor == pose
     assert not match.moved
 
 
-def test_a_slip_is_found_by_a_search(tracker):
-    tracker, searched = tracker
+def test_a_scan_moves_what_the_odometry_says_within_its_deviations(tracker):
+    pose, mount = SE2(0.3, -0.1, 0.1), SE2(0.2, 0.1, 0.5)
+    prior = prior_at(pose @ mount.inverse() @ SE2(0.02, -0.02, 0.01))
+    match = tracker.match(room_scan(pose), prior, mount)
+    np.testing.assert_allclose(match.T_map_sensor, pose, atol=3e-3)
+    assert match.moved
+    assert not match.is_lost
+    assert match.score > 0.8
+    assert match.trust > 0.7
+
+
+def test_a_slip_is_found_by_a_search(tracker, searched):
     pose = SE2(0.3, -0.2, 0.6)
-    match = tracker.match(room_scan(pose), SE2(0.1, 0.0, 0.0), SLACK, lambda: SE2(0.1, 0.0, 0.0))
-    assert len(searched) == 1
-    np.testing.assert_allclose(match.T_map_sensor, pose, atol=0.02)
-
-
-def test_what_was_searched_for_in_vain_is_not_searched_for_at_once_again(tracker):
-    tracker, searched = tracker
-    for number in range(8):
-        new = room_scan(SE2(0.01 * number, 0.0, 0.0), float(number), shorter=200)
-        match = tracker.match(new, SE2(0.01 * number, 0.0, 0.0), SLACK, lambda: SE2(0.0, 0.0, 0.0))
-        assert match.score < 0.55
-    assert len(searched) == 2  # the first one, and the one after five without
-
-
-def test_a_scan_that_matches_worse_is_searched_for_all_the_same(tracker):
-    tracker, searched = tracker
-    for number, shorter in enumerate((200, 200, 280)):
-        tracker.match(room_scan(SE2.identity(), float(number), shorter), SE2.identity(), SLACK, SE2.identity)
+    match = tracker.match(room_scan(pose), prior_at(SE2(0.1, 0.0, 0.0)), SE2.identity())
     assert len(searched) == 2
+    np.testing.assert_allclose(match.T_map_sensor, pose, atol=5e-3)
+    assert match.trust < 0.05
 
 
-def test_odometry_that_stood_still_or_turned_otherwise_is_doubted_for_a_while(tracker):
-    tracker, _ = tracker
-    found, deviations = SE2(0.25, 0.0, 0.1), np.array([0.03, 0.03, 0.02])
-
-    def holds_back(*there):
-        return tracker._may_hold_back(found, SE2(*there), deviations)
-
-    further, still, turned = (0.5, 0.0, 0.1), (0.0, 0.0, 0.1), (0.5, 0.0, 0.0)
-    assert holds_back(*further)
-    assert not holds_back(0.2, 0.0, 0.1)
-    assert holds_back(*further)
-    for wrong in (still, turned):
-        assert not holds_back(*wrong)
-        doubted = [not holds_back(*further) for _ in range(12)]
-        assert doubted == [True] * 9 + [False] * 3
-    scan = room_scan(found)
-    tracker.settled(scan, ScanMatch(found, 0.0, moved=False), None)
-    assert not holds_back(*further)
+def test_what_was_searched_for_in_vain_is_not_searched_for_at_once_again(tracker, searched):
+    for number in range(8):
+        pose = SE2(0.01 * number, 0.0, 0.0)
+        match = tracker.match(room_scan(pose, float(number), shorter=400), prior_at(pose), SE2.identity())
+        assert match.score < 0.55
+    assert len(searched) == 2 * 2  # the first one, and the one after five without
 
 
-def test_a_scan_without_hits_keeps_the_guess(tracker):
-    tracker, _ = tracker
+def test_a_scan_that_matches_worse_is_searched_for_all_the_same(tracker, searched):
+    for number, shorter in enumerate((400, 400, 560)):
+        scan = room_scan(SE2.identity(), float(number), shorter)
+        tracker.match(scan, prior_at(SE2.identity()), SE2.identity())
+    assert len(searched) == 2 * 2
+
+
+def test_a_scan_without_hits_keeps_the_mean(tracker):
     blind = replace(room_scan(SE2.identity()), ranges=np.full(BEAMS, np.inf))
-    match = tracker.match(blind, SE2(0.1, 0.0, 0.0), SLACK, SE2.identity)
+    match = tracker.match(blind, prior_at(SE2(0.1, 0.0, 0.0)), SE2.identity())
     assert match.T_map_sensor == SE2(0.1, 0.0, 0.0)
     assert not match.moved
+    assert not match.is_lost
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.6])
+def test_along_a_bare_corridor_the_odometry_is_kept(heading):
+    """And across it and in heading the scan tells."""
+    tracker = learnt(corridor_scan(SE2.identity()))
+    true, mean = SE2(0.3, 0.1, heading), SE2(0.4, 0.07, heading + 0.02)
+    match = tracker.match(corridor_scan(true), prior_at(mean), SE2.identity())
+    assert match.T_map_sensor.x == pytest.approx(mean.x, abs=1e-4)
+    assert match.T_map_sensor.y == pytest.approx(true.y, abs=2e-3)
+    assert match.T_map_sensor.theta == pytest.approx(true.theta, abs=1e-3)
+
+
+def test_one_hit_does_not_turn_the_robot(tracker):
+    mean = SE2(0.1, 0.0, 0.05) @ SE2(0.01, -0.01, 0.0)
+    match = tracker.match(only(room_scan(SE2(0.1, 0.0, 0.05)), [90]), prior_at(mean), SE2.identity())
+    assert np.abs(np.subtract(match.T_map_sensor, mean)).max() < 4e-3
+
+
+@pytest.mark.parametrize("beams", [[90, 92, 94], [20, 260, 500]])
+@pytest.mark.parametrize("stray", [0.0, 0.5, 1.0])
+def test_a_laser_with_three_hits_stays_at_the_odometry(tracker, beams, stray):
+    """Hits of people, who stand before the walls, do not move it."""
+    mean = SE2(0.1, 0.0, 0.05)
+    scan = only(room_scan(mean), beams)
+    match = tracker.match(replace(scan, ranges=scan.ranges - stray), prior_at(mean), SE2.identity())
+    np.testing.assert_allclose(match.T_map_sensor, mean, atol=0.01)
+    assert not match.is_lost
+
+
+@pytest.mark.parametrize("step", [0.1, 0.2, 0.4])
+def test_odometry_that_says_the_opposite_is_overruled_by_a_room(tracker, step):
+    true, mean = SE2(step, 0.0, 0.0), SE2(-step, 0.0, 0.0)
+    match = tracker.match(room_scan(true), prior_at(mean, coasting=SE2(0.9 * step, 0.0, 0.0)), SE2.identity())
+    np.testing.assert_allclose(match.T_map_sensor, true, atol=2e-3)
+    assert match.trust < 0.1
+
+
+@pytest.mark.parametrize("half", [(8.0, 7.0), (1.5, 1.0), (2.0, 9.0)])
+def test_a_lost_scan_is_held_by_odometry_and_marked(tracker, half):
+    mean, mount = SE2(0.1, 0.0, 0.0), SE2(0.2, 0.0, 0.3)
+    match = tracker.match(room_scan(SE2(0.2, 0.1, 0.7), half=half), prior_at(mean), mount)
+    assert match.is_lost
+    assert not match.moved
+    assert match.T_map_sensor == mean @ mount
+    assert match.information is None
+    assert match.trust == 0.01

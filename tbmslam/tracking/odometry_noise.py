@@ -1,0 +1,90 @@
+"""How far odometry errs, estimated on the way from where scans put the robot.
+
+The deviations of a motion grow with its length and its turn. By which factor they are larger or smaller than stated is
+learnt for each axis from the corrections between keyframes: a correction's square counts as much as the scan determined
+of that axis, so that along a featureless wall nothing is learnt (D. MacKay, "Bayesian interpolation", 1992: a prior's
+variance is the sum of squares over the number of well-determined parameters). Slips are outliers of Student's t
+distribution and count little.
+"""
+
+import math
+
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+
+Deviations = tuple[float, float, float]
+"""Of a pose in its own frame: along [m], across [m] and in heading [rad]."""
+
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t distribution: about one correction of twenty is a slip."""
+
+_LEAST, _MOST = 0.05, 20.0
+"""Bounds of the factors: scans themselves err by a few millimetres from keyframe to keyframe."""
+
+
+class OdometryNoiseConfig(FrozenConfig):
+    """Standard deviations of odometry before anything is learnt, and how they are learnt."""
+
+    position_floor: float = Field(0.005, gt=0, description="position deviation of any motion [m]")
+    position_per_metre: float = Field(0.05, ge=0, description="more of it per travelled metre [m/m]")
+    position_per_radian: float = Field(0.05, ge=0, description="more of it per turned radian [m/rad]")
+    heading_floor: float = Field(0.005, gt=0, description="heading deviation of any motion [rad]")
+    heading_per_metre: float = Field(0.05, ge=0, description="more of it per travelled metre [rad/m]")
+    heading_per_radian: float = Field(0.1, ge=0, description="more of it per turned radian [rad/rad]")
+    learning: bool = Field(True, description="learn from scans by which factor the deviations differ")
+    memory: float = Field(100.0, gt=0, description="number of keyframes that are looked back at")
+    certainty: float = Field(3.0, gt=0, description="keyframes that the stated deviations count for")
+
+
+class OdometryNoise:
+    """Estimates the odometry's deviations.
+
+    Attributes
+    ----------
+    factors
+        By which the deviations along, across and in heading differ from those stated.
+    """
+
+    def __init__(self, config: OdometryNoiseConfig) -> None:
+        self._config = config
+        self._kept = math.exp(-1.0 / config.memory)
+        self._squares, self._determined = [config.certainty] * 3, [config.certainty] * 3
+        self.factors: Deviations = (1.0, 1.0, 1.0)
+
+    def deviations(self, distance: float, turn: float) -> Deviations:
+        """Return the deviations of a motion of some length [m] and turn [rad]."""
+        config = self._config
+        position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
+        heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
+        along, across, turning = self.factors
+        return position * along, position * across, heading * turning
+
+    def learn(self, error: Deviations, deviations: Deviations, motion: Deviations, determined: Deviations) -> None:
+        """Learn from a correction.
+
+        Parameters
+        ----------
+        error
+            Where the robot was found in the frame of where the odometry put it: along, across [m], heading [rad].
+        deviations
+            Of where the odometry put it: its correction is that much on average.
+        motion
+            Those of the motion alone, as `deviations` returned them.
+        determined
+            Shares in [0, 1] of each that the scan determined.
+        """
+        if not self._config.learning:
+            return
+        weight = (FREEDOM + 3.0) / (FREEDOM + sum((e / d) ** 2 for e, d in zip(error, deviations, strict=True)))
+        factors = []
+        for axis, factor in enumerate(self.factors):
+            own, all_in_all, share = motion[axis] / factor, deviations[axis], determined[axis]
+            # What the keyframe's own pose explains of the correction tells nothing of the motion.
+            explained = share * (all_in_all * all_in_all - motion[axis] * motion[axis])
+            square = (weight * error[axis] * error[axis] - explained) / (own * own)
+            self._squares[axis] = self._kept * self._squares[axis] + square
+            self._determined[axis] = self._kept * self._determined[axis] + share
+            factors.append(min(max(self._squares[axis] / max(self._determined[axis], 1e-9), _LEAST**2), _MOST**2))
+        along, across, turning = factors
+        self.factors = math.sqrt(along), math.sqrt(across), math.sqrt(turning)
