@@ -23,11 +23,11 @@ from tbmslam.speeds import drive_speeds, turn_rates
 _LENGTH, _TURN = 0.5, 0.3
 """Way [m] or turn [rad] of a motion: over less, scans err by as much, and over more the odometry does."""
 _LONGEST_S = 20.0
-_LEAST_ERROR = 0.005
+LEAST_ERROR = 0.005
 """Of a motion: scans know it no better [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
-_FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
+FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 """What holds unknowns that no motion tells: the place, the turn twice, and the lag."""
 
 
@@ -40,6 +40,24 @@ class SensorPlace(NamedTuple):
     """Standard deviations of the same."""
     scale: float
     """How many times as far as the scans the odometry went."""
+
+
+class Motions(NamedTuple):
+    """Motions between two moments, and the equations that odometry and scans give of them.
+
+    Parameters
+    ----------
+    ends
+        Between which poses (2, M) there is a motion.
+    slopes
+        Slopes (M, 2, 5) by the laser's x, y, by cosine and sine of its turn, and by the lag.
+    sides
+        Right sides (M, 2) [m].
+    """
+
+    ends: npt.NDArray[np.int64]
+    slopes: FloatArray
+    sides: FloatArray
 
 
 def sensor_place(
@@ -60,11 +78,11 @@ def sensor_place(
     least
         Motions that each must have.
     """
-    slopes, sides = _equations(stamps, odometry, sensors)
+    _, slopes, sides = motions_of(stamps, odometry, sensors)
     if len(sides) < parts * least:
         return None
-    whole, _ = _solved(slopes, sides)
-    told = [_solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
+    whole, _ = solved(slopes, sides)
+    told = [solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
     values, informations = (np.array(some) for some in zip(*told, strict=True))
     deviations = deviations_of_parts(values, informations, whole)
     scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
@@ -85,9 +103,10 @@ def turns(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tupl
     return wheels[told], seen[told]
 
 
-def _equations(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the equations' slopes (M, 2, 5) by x, y, cosine, sine and lag, and their right sides (M, 2) [m]."""
-    first, last = _ends(sensors)
+def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> Motions:
+    """Return the motions of a drive that both know; parameters are those of `sensor_place`."""
+    ends = _ends(sensors)
+    first, last = ends
     wheels = compose(inverse(odometry[first]), odometry[last])
     seen = compose(inverse(sensors[first]), sensors[last])
     speeds, rates = drive_speeds(stamps, odometry), turn_rates(stamps, sensors[:, 2])
@@ -99,27 +118,27 @@ def _equations(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) ->
     slopes, sides = np.stack((along, across), axis=1), wheels[:, :2]
     lasted = stamps[last] - stamps[first]
     told = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(sides).all(axis=1) & (lasted < _LONGEST_S)
-    return slopes[told], sides[told]
+    return Motions(ends[:, told], slopes[told], sides[told])
 
 
 def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
     """Return between which poses (2, M) there is a motion."""
-    ends, first = [], 0
-    for k in range(1, len(sensors)):
-        step = sensors[k] - sensors[first]
-        if math.hypot(step[0], step[1]) >= _LENGTH or abs(math.remainder(step[2], 2.0 * math.pi)) >= _TURN:
+    ends, first, poses = [], 0, sensors.tolist()
+    x, y, heading = poses[0] if poses else (0.0, 0.0, 0.0)
+    for k, (there_x, there_y, turned) in enumerate(poses):
+        if math.hypot(there_x - x, there_y - y) >= _LENGTH or abs(math.remainder(turned - heading, math.tau)) >= _TURN:
             ends.append((first, k))
-            first = k
+            first, x, y, heading = k, there_x, there_y, turned
     return np.array(ends, dtype=np.int64).reshape(-1, 2).T
 
 
-def _solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the unknowns (5,) and their information (5, 5); motions in which wheels slipped lose their say."""
-    weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), _FREE
+    weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), FREE
     for _ in range(_ROUNDS):
-        curvature = np.einsum("m,mij,mik->jk", weights, slopes, slopes) + _FREE
+        curvature = np.einsum("m,mij,mik->jk", weights, slopes, slopes) + FREE
         unknowns = np.linalg.solve(curvature, np.einsum("m,mij,mi->j", weights, slopes, sides))
         errors = np.linalg.norm(sides - slopes @ unknowns, axis=1)
-        error = max(1.48 * float(np.median(errors)), _LEAST_ERROR)
+        error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
         weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
     return unknowns, curvature / error**2

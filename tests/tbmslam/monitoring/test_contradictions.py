@@ -1,0 +1,46 @@
+"""Scans that contradict the odometry after a pause, or for a while."""
+
+import pytest
+
+from tbmslam.monitoring.contradictions import DISAGREE, ELSEWHERE, Contradictions
+from tbmslam.scan_matching.scan_match import ScanMatch
+from tbmslam.se2 import SE2
+from tbmslam.tracking.pose_prior import PosePrior
+
+DEVIATIONS = (0.01, 0.01, 0.01)
+
+
+def told(readings):
+    """Return what is said of readings: stamp, way by odometry [m] and trust."""
+    watch = Contradictions()
+    return [watch.told_by(stamp, match(trust), prior(way)) for stamp, way, trust in readings]
+
+
+def match(trust, moved=True):
+    return ScanMatch(SE2.identity(), 0.9, moved, trust=trust)
+
+
+def prior(way, by_odometry=True):
+    pose = SE2(way, 0.0, 0.0)
+    return PosePrior(pose, DEVIATIONS, DEVIATIONS, pose, lambda: pose, by_odometry=by_odometry)
+
+
+def test_a_robot_that_was_carried_in_a_pause():
+    assert told([(0.0, 0.0, 1.5), (0.1, 0.05, 1.5), (2.2, 0.1, 0.005), (2.3, 0.15, 1.5)]) == ["", "", ELSEWHERE, ""]
+
+
+@pytest.mark.parametrize(("pause", "way", "trust"), [(0.5, 0.1, 0.005), (2.0, 0.9, 0.005), (2.0, 0.1, 0.3)])
+def test_one_that_was_not(pause, way, trust):
+    assert told([(0.0, 0.0, 1.5), (pause, way, trust)]) == ["", ""]
+
+
+def test_scans_that_contradict_for_a_while_are_told_and_single_ones_are_not():
+    said = told([(0.125 * k, 0.05 * k, 0.01 if 10 <= k < 40 else 1.5) for k in range(60)])
+    assert [k for k, what in enumerate(said) if what == DISAGREE] == list(range(26, 40))
+    assert not any(told([(0.1 * k, 0.05 * k, 0.01 if k % 10 else 1.5) for k in range(60)]))
+
+
+def test_without_odometry_or_a_place_nothing_contradicts():
+    watch = Contradictions()
+    for k in range(60):
+        assert watch.told_by(0.1 * k, match(0.01, moved=k % 2 == 0), prior(0.0, by_odometry=k % 2 == 1)) == ""
