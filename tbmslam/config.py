@@ -12,7 +12,6 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loops.loop_closing import LoopClosingConfig
 from tbmslam.mapping import InsertionConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
-from tbmslam.monitoring.continuity import ContinuityConfig
 from tbmslam.monitoring.laser_check import LaserCheckConfig
 from tbmslam.monitoring.mount_check import MountCheckConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
@@ -24,6 +23,7 @@ from tbmslam.tracking.deskew import DeskewConfig
 from tbmslam.tracking.forgetting import ForgettingConfig
 from tbmslam.tracking.grid_tracker import GridTrackerConfig
 from tbmslam.tracking.motion import MotionConfig
+from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 from tbmslam.tracking.particle_tracker import ParticleTrackerConfig
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 
@@ -79,7 +79,6 @@ class SlamConfig(FrozenConfig):
     adjustment: AdjustmentConfig = AdjustmentConfig()
     laser_fit: LaserFitConfig = LaserFitConfig()
     laser_check: LaserCheckConfig = LaserCheckConfig()
-    continuity: ContinuityConfig = ContinuityConfig()
     blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
     odometry_check: OdometryCheckConfig = OdometryCheckConfig()
     mount_check: MountCheckConfig = MountCheckConfig()
@@ -99,21 +98,15 @@ _TINY_MAP = _VINY_MAP.model_copy(update={"sensor_model": SensorModelConfig(wall_
 _CREDIBILIST_MAP = _VINY_MAP.model_copy(update={"resolution": 0.05, "sensor_model": SensorModelConfig(wall_blur=0.1)})
 
 
-_EVERY_ODOMETRY = MotionConfig(frozen=1e9)
-"""The methods compared with believe odometry that stands still."""
-
-
 def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: MapConfig = _VINY_MAP) -> SlamConfig:
     """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
     return SlamConfig(
         preset=name,
-        motion=_EVERY_ODOMETRY,
         deskew=DeskewConfig(enabled=False),
         tracker=GridTrackerConfig(matcher=matcher),
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
         laser_fit=LaserFitConfig(enabled=False),
-        continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),
         map=cells,
     )
@@ -127,7 +120,6 @@ PRESETS: Mapping[str, SlamConfig] = {
     "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
     "particles": SlamConfig(
         preset="particles",
-        motion=_EVERY_ODOMETRY,
         tracker=ParticleTrackerConfig(),
         keyframes=KeyframeConfig(distance=0.5, angle=0.35),
         loop_closing=LoopClosingConfig(enabled=False),
@@ -140,8 +132,15 @@ PRESETS: Mapping[str, SlamConfig] = {
                 hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
             ),
         ),
-        continuity=ContinuityConfig(enabled=False),
         blocked_beams=BlockedBeamsConfig(enabled=False),
+    ),
+    "odometry": SlamConfig(
+        preset="odometry",
+        motion=MotionConfig(odometry=OdometryNoiseConfig(learning=False)),
+        tracker=SurfelTrackerConfig(min_matched=1.0),
+        loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
     ),
 }
 

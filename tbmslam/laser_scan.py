@@ -158,12 +158,10 @@ class Reading:
             A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, all of its
             beams have one direction, or a range is negative.
         """
-        for pose in (self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept):
-            if pose is None:
-                continue
-            x, y, theta = pose
-            if not (abs(x) + abs(y) + abs(theta) <= FARTHEST_PLACE):
-                name = next(n for n in ("T_odom_robot", "T_robot_sensor", "T_odom_swept") if getattr(self, n) is pose)
+        for name in ("T_odom_robot", "T_robot_sensor", "T_odom_swept"):
+            pose = getattr(self, name)
+            # This way round, since nothing is true of not-a-number.
+            if pose is not None and not (abs(pose[0]) + abs(pose[1]) + abs(pose[2]) <= FARTHEST_PLACE):
                 raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
         scan = self.scan
         if not math.isfinite(scan.stamp + scan.angle_min + scan.angle_increment):

@@ -4,7 +4,7 @@ Odometry may count from a point in another country, as in a grid of the whole ea
 precision, which tells no more than half a metre apart there; so drives are mapped in a frame with its origin near by.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tbmslam.grid import TbmGrid
 from tbmslam.laser_scan import Reading
@@ -27,6 +27,12 @@ class NearFrame:
     """
 
     T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # which nobody can change
+    is_far: bool = field(init=False)
+    """Whether the two frames differ; asked for every scan."""
+
+    def __post_init__(self) -> None:
+        """Compare the frames."""
+        object.__setattr__(self, "is_far", self.T_far_near != SE2.identity())
 
     @classmethod
     def around(cls, T_far_robot: SE2 | None) -> "NearFrame":
@@ -34,11 +40,6 @@ class NearFrame:
         if T_far_robot is None or max(abs(T_far_robot.x), abs(T_far_robot.y)) <= FAR_M:
             return cls()
         return cls(SE2(float(round(T_far_robot.x)), float(round(T_far_robot.y)), 0.0))
-
-    @property
-    def is_far(self) -> bool:
-        """Whether the two frames differ."""
-        return self.T_far_near != SE2.identity()
 
     def reading(self, reading: Reading) -> Reading:
         """Return a reading with its odometry as it is seen here."""

@@ -3,7 +3,7 @@
 import logging
 import math
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +15,14 @@ from tbmslam.corrections import Corrections
 from tbmslam.drive_motions import DriveMotions
 from tbmslam.evidence_grid import EvidenceGrid
 from tbmslam.grid import TbmGrid
+from tbmslam.kernels.determined import prior_information
 from tbmslam.keyframes import Keyframes
 from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.left_out import left_out_said
 from tbmslam.loops.loop_closing import LoopCloser
 from tbmslam.mapping import ScanInserter
 from tbmslam.monitoring.drive_monitor import DriveMonitor
+from tbmslam.monitoring.drive_review import DriveReview
 from tbmslam.monitoring.laser_check import laser_doubts
-from tbmslam.monitoring.mount_check import mount_doubt
 from tbmslam.near_frame import NearFrame
 from tbmslam.pose_graph import MotionEdge
 from tbmslam.rendering import render
@@ -34,22 +34,17 @@ from tbmslam.tbm_map import Drive, TbmMap
 from tbmslam.tracking.deskew import deskewed
 from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.grid_tracker import GridTracker, GridTrackerConfig
-from tbmslam.tracking.motion import MotionModel, Prediction
+from tbmslam.tracking.motion import MotionModel
 from tbmslam.tracking.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tracking.tile_maps import TileMaps
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, odometry, packed
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 from tbmslam.tracking.tracker import Tracker
 from tbmslam.trajectory import Trajectory
 from tbmslam.watch import Watch
 
 logger = logging.getLogger(__name__)
-
-_HELD_BACK_SAID = (
-    "what goes along holds the robot back, the odometry is believed instead; where walls look alike, the way may "
-    "still come out too short"
-)
-_HELD_BACK = 0.1  # worth telling [m]
 
 
 class Slam:
@@ -99,18 +94,13 @@ class Slam:
         # Plain numbers, three for each pose: a day has millions.
         self._stamps, self._poses = array("d"), array("d")
         self._T_map_keyframe: SE2 | None = None
-        self._T_odom_keyframe: SE2 | None = None  # None where the odometry since then is not believed
-        self._variances = [0.0, 0.0, 0.0]
         self._frame = NearFrame()
         self._mount = SE2.identity(), SE2.identity()  # T_robot_sensor and its inverse
         self._closures = np.zeros((0, 2), dtype=np.int64)
         self._measured: DriveMotions | None = None
-        continuity = self.config.continuity
-        if not isinstance(self.config.tracker, SurfelTrackerConfig):  # whose scores alone tell that the robot got lost
-            continuity = continuity.model_copy(update={"enabled": False})
-        self._monitor = DriveMonitor(continuity, self.config.blocked_beams, self.config.odometry_check)
+        self._monitor = DriveMonitor(self.config.blocked_beams, self.config.odometry_check)
         self.incidents = self._monitor.incidents
-        self._parts = [DriveMemory(0, self.config.forgetting)]  # each hangs together
+        self._part = DriveMemory(0, self.config.forgetting)
 
     @property
     def started(self) -> float:
@@ -132,57 +122,41 @@ class Slam:
         if not self._stamps:
             self._frame = NearFrame.around(reading.T_odom_robot)
         reading = self._monitor.cleaned(self._frame.reading(reading))
-        prediction = self._motion.predict(reading)
+        prior = self._motion.predict(reading)
         T_robot_sensor, T_sensor_robot = self._mounted(reading)
-        guess = prediction.T_map_robot @ T_robot_sensor
-        scan, match = self._placed(reading, prediction, guess)
-        match = self._checked(scan, match, prediction, guess)
+        scan, match = self._placed(reading, prior)
         T_map_robot = match.T_map_sensor @ T_sensor_robot
-        is_keyframe = (
-            self._tracker.is_novel(match) or self._has_moved_to(T_map_robot) or self._may_be_held_back(reading)
-        )
-        if is_keyframe:
-            match = self._settled(scan, match, reading)
-            T_map_robot = match.T_map_sensor @ T_sensor_robot
         self._motion.correct(reading, T_map_robot)
-        # On plain numbers: three of them take NumPy ten times as long.
-        for axis, deviation in enumerate(prediction.deviations.tolist()):
-            self._variances[axis] += deviation * deviation
-        if is_keyframe:
+        self._monitor.check(scan, match, prior)
+        if self._tracker.is_novel(match) or self._has_moved_to(T_map_robot):
             self._tracker.learn(scan, match)
-            if not self._tracker.sees_walkers:  # who may hold the robot back, and the odometry is right
-                self._motion.learn(prediction, guess, match.T_map_sensor, match.information)
-            self._keep(scan, match, reading)
-            self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot
-            self._variances = [0.0, 0.0, 0.0]
+            self._keep(scan, match, prior, reading)
+            self._motion.learn(prior, T_map_robot, match.information, T_robot_sensor)
+            self._motion.begin_at_keyframe(reading, T_map_robot)
+            self._T_map_keyframe = T_map_robot
             self._monitor.note_keyframe(reading, T_map_robot)
         self._stamps.append(scan.stamp)
         self._poses.extend(T_map_robot)
-        self._cut(self._monitor.came_out_elsewhere(scan, match.T_map_sensor, T_map_robot, learnt=is_keyframe))
         return self._frame.pose_there(T_map_robot)
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
         """Close the loops, adjust drive and walls, render the map of everything processed so far and return it.
 
-        Where the robot got lost, it is the map of the longest part of the drive that hangs together. The drive may go
-        on after it, and be finished again.
+        The drive may go on after it, and be finished again.
         """
         self._monitor.reopen()
-        self._cut(self._monitor.ended_elsewhere())
-        readings, part = self._longest_part()
-        poses = np.array(self._poses).reshape(-1, 3)[readings]
+        part = self._part
+        poses = np.array(self._poses).reshape(-1, 3)
         tracked = poses
         keyframes = self._packed(part, tracked)
         poses = self._close_loops(poses, part, keyframes)
         if len(self._closures):  # without, there was no drift that anybody knows of
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
-        trajectory = Trajectory(np.array(self._stamps[readings]), poses)
+        trajectory = Trajectory(np.array(self._stamps), poses)
         chosen = [k.index for k in part.keyframes]
         keyframes = replace(keyframes, poses=poses[chosen].reshape(-1, 3))
-        what = mount_doubt(keyframes, odometry(part.keyframes), self.config.mount_check)
-        if what and "angles" not in self._monitor.said_all_along:  # which turn all of the view, too
-            self._monitor.note_all_along("mount", what, self.started)
-        self._monitor.tell(self.name, self.started, self._corrections.odometry_scale)
+        self._review(trajectory, keyframes, part.keyframes)
+        self._monitor.log(self.name, self.started)
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
         logger.info(
@@ -191,103 +165,55 @@ class Slam:
         drive = Drive(self.name, trajectory, keyframes, self._closures, self._measured)
         return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
+    def _review(self, trajectory: Trajectory, keyframes: Keyframes, tracked: Sequence[TrackedKeyframe]) -> None:
+        """Warn of what only the whole drive tells, with keyframes at their final poses and as they were tracked."""
+        config, scale = self.config, self._corrections.odometry_scale
+        review = DriveReview(config.mount_check, config.odometry_check, self.started, scale)
+        warnings = review.warnings(trajectory, keyframes, tracked)
+        if "angles" in self._monitor.whole_drive_warnings:  # which turn all of the view, too
+            warnings = [warning for warning in warnings if warning.subject != "mount"]
+        self._monitor.warn_at_end(warnings, self.started)
+
     def _mounted(self, reading: Reading) -> tuple[SE2, SE2]:
         """Return T_robot_sensor and T_sensor_robot; lasers hardly ever move on their robots."""
         if self._mount[0] != reading.T_robot_sensor:
             self._mount = reading.T_robot_sensor, reading.T_robot_sensor.inverse()
         return self._mount
 
-    def _placed(self, reading: Reading, prediction: Prediction, guess: SE2) -> tuple[LaserScan, ScanMatch]:
+    def _placed(self, reading: Reading, prior: PosePrior) -> tuple[LaserScan, ScanMatch]:
         """Return the scan without the motion of the robot while the laser turned, and where the laser was."""
-        (T_robot_sensor, T_sensor_robot), deviations = self._mount, prediction.deviations
+        T_robot_sensor, T_sensor_robot = self._mount
         scan, sweep = reading.scan, reading.scan.sweep() if self.config.deskew.enabled else 0.0
         if sweep > 0.0:
             scan = deskewed(scan, self._motion.motion_after(reading, sweep), T_robot_sensor, self.config.deskew)
-
-        def other_guess() -> SE2:
-            return self._motion.alternative(reading, prediction.T_map_robot) @ T_robot_sensor
-
-        match = self._tracker.match(scan, guess, deviations, other_guess)
+        match = self._tracker.match(scan, prior, T_robot_sensor)
         if reading.T_odom_robot is None and sweep > 0.0:
             # Only the poses tell the motion then, and the motion of before would feed its error back into the next one.
-            T_robot_swept = self._motion.motion_to(reading, match.T_map_sensor @ T_sensor_robot, sweep)
-            scan = deskewed(reading.scan, T_robot_swept, T_robot_sensor, self.config.deskew)
-            match = self._tracker.match(scan, match.T_map_sensor, deviations, other_guess)
+            T_map_robot = match.T_map_sensor @ T_sensor_robot
+            scan = deskewed(
+                reading.scan,
+                self._motion.motion_to(reading, T_map_robot, sweep),
+                T_robot_sensor,
+                self.config.deskew,
+            )
+            match = self._tracker.match(scan, prior._replace(start=T_map_robot), T_robot_sensor)
         return scan, match
 
-    def _settled(self, scan: LaserScan, match: ScanMatch, reading: Reading) -> ScanMatch:
-        """Return where a keyframe was taken, which what walks along must not decide."""
-        T_map_before, T_odom_before, T_odom_robot = self._T_map_keyframe, self._T_odom_keyframe, reading.T_odom_robot
-        if T_map_before is None or T_odom_before is None or T_odom_robot is None or not match.moved:
-            return self._tracker.settled(scan, match, None)
-
-        def since() -> tuple[SE2, FloatArray]:
-            by_odometry = self._motion.by_odometry(T_odom_before, T_odom_robot, T_map_before)
-            return by_odometry.T_map_robot @ reading.T_robot_sensor, by_odometry.deviations
-
-        settled = self._tracker.settled(scan, match, since)
-        moved = match.T_map_sensor.to(settled.T_map_sensor)
-        # Where scans went too far, as in a fast turn, the odometry brings the robot back, and nobody held it.
-        way, way_found = (
-            T_map_before.to(T_map_sensor @ reading.T_robot_sensor.inverse())
-            for T_map_sensor in (settled.T_map_sensor, match.T_map_sensor)
-        )
-        is_farther = math.hypot(way.x, way.y) > math.hypot(way_found.x, way_found.y)
-        if is_farther and math.hypot(moved.x, moved.y) > _HELD_BACK:
-            self.incidents.add(scan.stamp, _HELD_BACK_SAID)
-        return settled
-
-    def _checked(self, scan: LaserScan, match: ScanMatch, prediction: Prediction, guess: SE2) -> ScanMatch:
-        """Return where the laser was; where it got lost, a new part of the drive begins."""
-        if prediction.is_frozen or prediction.jump:
-            self._T_odom_keyframe = None
-        if prediction.is_frozen:
-            self.incidents.add(
-                scan.stamp, "the odometry stands still while the robot moves, scans alone tell the motion"
-            )
-        found = self._monitor.checked(scan, match, guess, prediction.jump)
-        if found is None:
-            self._T_odom_keyframe = None
-            self._tracker = self._make_tracker()
-            self._parts.append(DriveMemory(len(self._stamps), self.config.forgetting))
-            found = ScanMatch(guess, 0.0, moved=False)
-        return found
-
-    def _cut(self, stamp: float | None) -> None:
-        """Begin a new part of the drive at a stamp that lies a while back, if there is one."""
-        if stamp is None:
-            return
-        part, begin = self._parts[-1], len(self._stamps) - 1
-        # Stamps may have stepped back since: where they last passed it.
-        while begin - 1 > part.start and not self._stamps[begin - 1] < stamp <= self._stamps[begin]:
-            begin -= 1
-        self._parts.append(part.split(begin))
-        self._tracker = self._make_tracker()
-        for keyframe in self._parts[-1].keyframes:
-            self._tracker.learn(keyframe.scan, keyframe.match)
-
-    def _keep(self, scan: LaserScan, match: ScanMatch, reading: Reading) -> None:
+    def _keep(self, scan: LaserScan, match: ScanMatch, prior: PosePrior, reading: Reading) -> None:
         """Keep a scan as a keyframe; once there are very many, forget those that show nothing new."""
-        part = self._parts[-1]
+        part = self._part
         if self._closer is not None and part.is_full():
             keyframes = self._packed(part, np.array(self._poses).reshape(-1, 3)[part.start :])
             part.forget(*self._closed(self._closer, part, self._hits_of(keyframes), Watch()))
-        index, variances = len(self._stamps) - part.start, np.array(self._variances)
-        part.add(TrackedKeyframe.of(index, scan, reading.T_robot_sensor, match, variances, reading.T_odom_robot))
-
-    def _longest_part(self) -> tuple[slice, DriveMemory]:
-        """Return the readings of the part with the most keyframes, and its memory."""
-        ends = [*(part.start for part in self._parts[1:]), len(self._stamps)]
-        longest = max(range(len(self._parts)), key=lambda number: len(self._parts[number]))
-        for number, (part, end) in enumerate(zip(self._parts, ends, strict=True)):
-            if number != longest:
-                self._leave_out(part.start, end)
-        return slice(self._parts[longest].start, ends[longest]), self._parts[longest]
+        mount, heading = reading.T_robot_sensor, prior.mean.theta
+        deviations = self._motion.deviations_since_keyframe(prior)
+        motion = match.trust * prior_information(deviations, heading, (*mount,)) if self._stamps else 1e8 * np.eye(3)
+        part.add(TrackedKeyframe.of(len(self._stamps), scan, mount, match, motion, reading.T_odom_robot))
 
     def _packed(self, part: DriveMemory, poses: FloatArray) -> Keyframes:
         """Return the keyframes of a part with poses (N, 3) of the robot, without what is known to be wrong by now."""
         kept = part.keyframes
-        if self._monitor.knows_blocked_beams():
+        if self._monitor.has_blocked_beams():
             kept = [self._cleared(keyframe) for keyframe in kept]
         return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
 
@@ -295,12 +221,6 @@ class Slam:
         scan = keyframe.scan
         cleared = self._monitor.cleared(scan)
         return keyframe if cleared is scan else keyframe.with_scan(cleared)
-
-    def _leave_out(self, begin: int, end: int) -> None:
-        """Note that a part of the drive is not in the map."""
-        since, until = self._stamps[begin], self._stamps[end - 1]
-        what = left_out_said(np.array(self._stamps), begin, end, self.started)
-        self.incidents.conclude(since, what, max(until - since, 0.0))
 
     def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:
         """Return the poses (N, 3) of the robot after what it saw again was brought to coincide."""
@@ -334,7 +254,7 @@ class Slam:
         if errors is not None:
             offset = self._corrections.range_offset
             for about, what in laser_doubts(errors, keyframes, self.config.laser_check, offset).items():
-                self._monitor.note_all_along(about, what, self.started)
+                self._monitor.warn_of_whole_drive(about, what, self.started)
 
     def _hits_of(self, keyframes: Keyframes) -> ScanHits:
         return ScanHits.of(keyframes, self.config.loop_closing.submap.max_range)
@@ -362,16 +282,6 @@ class Slam:
             return True
         distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
         return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
-
-    def _may_be_held_back(self, reading: Reading) -> bool:
-        """Tell whether the odometry has gone twice as far as makes a keyframe, though the scans have not gone so far.
-
-        Only at keyframes the tracker is asked whom to believe; without one, people could hold a robot back for long.
-        """
-        before, now = self._T_odom_keyframe, reading.T_odom_robot
-        if before is None or now is None or not isinstance(self.config.tracker, SurfelTrackerConfig):
-            return False
-        return math.hypot(now.x - before.x, now.y - before.y) >= 2.0 * self.config.keyframes.distance
 
     def _make_tracker(self) -> Tracker:
         config = self.config.tracker

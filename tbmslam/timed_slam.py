@@ -16,7 +16,8 @@ from tbmslam.scan_matching.scan_match import ScanMatch
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.slam import Slam
 from tbmslam.tracking.drive_memory import DriveMemory
-from tbmslam.tracking.tracker import Since, Tracker
+from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.tracker import Tracker
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -73,19 +74,8 @@ class _TimedTracker:
         self.is_novel = tracker.is_novel
         self.revised_poses = tracker.revised_poses
 
-    @property
-    def sees_walkers(self) -> bool:
-        return self._tracker.sees_walkers
-
-    @sees_walkers.setter
-    def sees_walkers(self, sees: bool) -> None:
-        self._tracker.sees_walkers = sees
-
-    def match(self, scan: LaserScan, guess: SE2, deviations: FloatArray, other_guess: Callable[[], SE2]) -> ScanMatch:
-        return self._clock.timed("matching", self._tracker.match, scan, guess, deviations, other_guess)
-
-    def settled(self, scan: LaserScan, match: ScanMatch, since: Since | None) -> ScanMatch:
-        return self._clock.timed("matching", self._tracker.settled, scan, match, since)
+    def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
+        return self._clock.timed("matching", self._tracker.match, scan, prior, T_robot_sensor)
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         self._clock.timed("inserting", self._tracker.learn, scan, match)

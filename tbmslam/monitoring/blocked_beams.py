@@ -10,7 +10,6 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.blocked_beams import follow_beams
 from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_spans import BlockedSpans
-from tbmslam.monitoring.parts_in_view import PartsInViewConfig
 from tbmslam.se2 import SE2, FloatArray
 
 
@@ -27,7 +26,6 @@ class BlockedBeamsConfig(FrozenConfig):
     soon_turned: float = Field(0.35, gt=0, description="turn for ranges as near as that [rad]")
     fewest: int = Field(5, ge=1, description="neighbouring beams that must be blocked together")
     step: float = Field(0.3, gt=0, description="way or turn between two looks [m, rad]")
-    parts: PartsInViewConfig = PartsInViewConfig()
 
 
 class BlockedBeams:

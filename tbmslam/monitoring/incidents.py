@@ -34,7 +34,8 @@ class Incident(NamedTuple):
         if self.all_along:
             return self.what
         lasting = f", for {self.seconds:.1f} s" if self.seconds else ""
-        return f"at {self.stamp - start:.1f} s: {self.what}{lasting}"
+        fact, colon, remedy = self.what.partition(": ")
+        return f"at {self.stamp - start:.1f} s: {fact}{lasting}{colon}{remedy}"
 
     def as_dict(self, start: float) -> dict[str, object]:
         """Return the same for JSON."""

@@ -10,7 +10,6 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig
 from tbmslam.monitoring.blocked_spans import directions
 from tbmslam.monitoring.incidents import Incidents
-from tbmslam.monitoring.parts_in_view import PartsInView
 from tbmslam.se2 import SE2
 
 _LATELY_S = 60.0  # beams that were blocked so lately are no news
@@ -38,43 +37,35 @@ class LaserView:
     def __init__(self, config: BlockedBeamsConfig, incidents: Incidents) -> None:
         self._incidents = incidents
         self._beams = BlockedBeams(config)
-        self._parts = PartsInView(config.parts) if config.parts.enabled else None
         self._told: _Told | None = None
         # When each beam was last known to be blocked, and when one beside it was [s].
         self._known, self._beside = np.zeros(0), np.zeros(0)
         self._raw: LaserScan | None = None
 
-    def cleaned(self, scan: LaserScan, T_odom_robot: SE2) -> LaserScan:
+    def cleaned(self, scan: LaserScan) -> LaserScan:
         """Return a scan without beams that are known to be blocked."""
         self._raw = scan
+        return self._beams.without(scan)
+
+    def look(self, T_odom_robot: SE2) -> None:
+        """Learn from the last scan, now that the robot has moved."""
+        scan = self._raw
+        if scan is None:
+            return
         if self._beams.look(scan, T_odom_robot):
             self._tell(scan, self._beams)
         else:
             self._note(scan, self._beams.blocked)
-        scan = self._beams.without(scan)
-        return scan if self._parts is None else self._parts.without(scan)
-
-    def note_place(self, T_map_sensor: SE2, T_odom_sensor: SE2 | None) -> None:
-        """Learn where the last scan was taken."""
-        if self._parts is not None and self._raw is not None:
-            self._parts.look(self._raw, T_map_sensor, T_odom_sensor)
-            self._tell(self._raw, self._parts)
-
-    def forget(self, before: float = math.inf) -> None:
-        """Forget where scans were taken before a stamp [s]; all of them where the robot got lost."""
-        if self._parts is not None:
-            self._parts.forget(before)
 
     def were_any_blocked(self) -> bool:
         """Tell whether any beam was blocked at any time."""
-        return self._beams.were_any() or (self._parts is not None and self._parts.were_any())
+        return self._beams.were_any()
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked, as is known afterwards."""
-        scan = self._beams.cleared(scan)
-        return scan if self._parts is None else self._parts.cleared(scan)
+        return self._beams.cleared(scan)
 
-    def _tell(self, scan: LaserScan, found: BlockedBeams | PartsInView) -> None:
+    def _tell(self, scan: LaserScan, found: BlockedBeams) -> None:
         """Tell which beams are blocked that were not lately, with the time since when they are."""
         blocked = found.blocked
         if len(self._known) != len(blocked):

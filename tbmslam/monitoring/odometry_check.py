@@ -1,8 +1,6 @@
 """Whether the odometry goes where the scans say: wheels slip, counters jump, drivers freeze."""
 
 import math
-import statistics
-from array import array
 from collections import deque
 
 from pydantic import Field
@@ -12,7 +10,6 @@ from tbmslam.se2 import SE2
 
 _SHORTEST_S = 0.02  # stamps may be anything
 _USUAL_STEPS = 20
-_LENGTH, _LEAST = 1.0, 0.1  # [m]
 _FORGETTING = 0.995  # of the top speed, from reading to reading
 
 
@@ -36,8 +33,6 @@ class OdometryCheck:
         self._config = config
         self._known: deque[tuple[SE2, SE2]] = deque(maxlen=config.keyframes + 1)
         self._last: tuple[float, SE2] | None = None
-        self._from: tuple[SE2, SE2] | None = None
-        self._ratios = array("d")
         self._steps = 0
         self._top_speed = 0.0
 
@@ -59,10 +54,8 @@ class OdometryCheck:
         """Tell whether the motions since the first keyframe that is remembered differ by too much."""
         if T_odom_robot is None:
             self._known.clear()
-            self._from = None
             return False
         self._known.append((T_odom_robot, T_map_robot))
-        self._compare_lengths(T_odom_robot, T_map_robot)
         T_odom_first, T_map_first = self._known[0]
         by_wheels, by_scans = T_odom_first.to(T_odom_robot), T_map_first.to(T_map_robot)
         apart = by_wheels.to(by_scans)
@@ -74,26 +67,3 @@ class OdometryCheck:
             return False
         self._known.clear()
         return True
-
-    def scale(self) -> float:
-        """Return how many times as far as the odometry the scans went, mostly; 1 where that is worth no warning.
-
-        The median of many short ways: wheels that slip now and then do not change it. Ranges or wheels may be scaled
-        wrong; who goes along, or a corridor alike everywhere, lets scans follow the odometry and hides it.
-        """
-        if len(self._ratios) < self._config.lengths:
-            return 1.0
-        ratio = statistics.median(self._ratios)
-        return ratio if abs(math.log(ratio)) > math.log1p(self._config.scale) else 1.0
-
-    def _compare_lengths(self, T_odom_robot: SE2, T_map_robot: SE2) -> None:
-        """Note how both lengths of a way compare as soon as one of them is long enough."""
-        if self._from is None:
-            self._from = T_odom_robot, T_map_robot
-            return
-        by_wheels, by_scans = self._from[0].to(T_odom_robot), self._from[1].to(T_map_robot)
-        wheels, scans = math.hypot(by_wheels.x, by_wheels.y), math.hypot(by_scans.x, by_scans.y)
-        if max(wheels, scans) >= _LENGTH:
-            self._from = T_odom_robot, T_map_robot
-            if min(wheels, scans) >= _LEAST:  # else one of them stood still
-                self._ratios.append(scans / wheels)

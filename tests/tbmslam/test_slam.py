@@ -10,14 +10,14 @@ from datasets.synthetic.endless_drive import EndlessDrive
 from datasets.synthetic.faults import Fault, inject
 from datasets.synthetic.laser import SimulatedLaser
 from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.config import SlamConfig, config_from_dict, preset
+from datasets.synthetic.simulation import poses_at
+from tbmslam.config import config_from_dict, preset
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.laser_scan import LaserScan, Reading
 from tbmslam.se2 import SE2, compose, inverse
 from tbmslam.segmentation import in_frame
 from tbmslam.slam import Slam
-from tbmslam.tracking.surfel_tracker import SurfelTracker
 
 
 def mapped(readings, config=None):
@@ -183,51 +183,6 @@ def test_a_turn_between_two_slow_scans_is_that_of_the_odometry():
     assert errors.max() < 0.1
 
 
-def test_people_who_go_along_in_a_corridor_do_not_hold_the_robot_back(drive_in):
-    """All along the corridor looks the same but they, who are as far ahead in every scan."""
-    alone = drive_in("corridor", 30.0, odometry="good", seed=2)
-    robot = inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", 2))
-    config = SlamConfig()
-    believing = config.model_copy(update={"tracker": config.tracker.model_copy(update={"walking": 1.0})})
-    held_back = ate(robot, mapped(robot.readings, believing))
-    slam = Slam()
-    for reading in robot.readings:
-        slam.process(reading)
-    settled = ate(robot, slam.finish())
-    assert settled < 0.5 * held_back
-    assert settled < 0.1
-
-
-@pytest.mark.parametrize(("ahead", "told"), [(0.3, 1), (0.05, 0), (-0.15, 0)])
-def test_only_a_robot_that_the_odometry_moves_on_was_held_back(drive_in, monkeypatch, ahead, told):
-    """One whose scans went too far is moved back."""
-    keyframes = 0
-
-    def settled(tracker, scan, match, since):
-        nonlocal keyframes
-        keyframes += 1
-        return match._replace(T_map_sensor=match.T_map_sensor @ SE2(ahead, 0.0, 0.0)) if keyframes == 12 else match
-
-    monkeypatch.setattr(SurfelTracker, "settled", settled)
-    slam = Slam()
-    for reading in drive_in("corridor", 30.0, odometry="good", seed=2).readings[:60]:
-        slam.process(reading)
-    assert keyframes > 12
-    assert sum("goes along holds the robot back" in incident.what for incident in slam.incidents) == told
-
-
-def test_nobody_is_thought_to_walk_once_no_odometry_could_tell(drive_in):
-    """Who was seen before it failed would else be sought in every scan, and the odometry's errors never be learnt."""
-    alone = drive_in("corridor", 30.0, odometry="good", seed=2)
-    readings = iter(inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", 2)).readings)
-    slam = Slam()
-    while not slam._tracker.sees_walkers:
-        slam.process(next(readings))
-    while slam._tracker.sees_walkers:
-        slam.process(replace(next(readings), T_odom_robot=None))
-    assert slam._T_odom_keyframe is None
-
-
 def test_a_laser_described_wrong_is_told(drive_in):
     robot = drive_in("office", 60.0, "good", seed=2)
 
@@ -307,22 +262,16 @@ def test_walls_straighten_a_drive_that_closes_little(drive_in):
     readings = [replace(r, T_odom_robot=None) for r in robot.readings]
     before = ate(robot, mapped(readings, config_from_dict({"adjustment": {"enabled": False}})))
     after = ate(robot, mapped(readings))
-    assert after < 0.5 * before
-    assert after < 0.02
+    assert after < 0.8 * before
+    assert after < 0.005
 
 
-def test_whom_to_believe_is_asked_again_and_again_while_only_the_odometry_moves():
-    """Who is held back altogether would else make no keyframe, and only there the odometry may be believed."""
-    slam = Slam()
-    step, near = 2.0 * math.pi / 180, np.full(180, 1.5)
-    for k in range(43):
-        slam.process(Reading(LaserScan(0.1 * k, -math.pi, step, 0.1, 30.0, near), SE2(0.05 * k, 0.0, 0.0)))
-    assert len(slam.finish().drives[0].keyframes) == 5
-
-
-@pytest.mark.parametrize("seed", [9, 27, 30])
+@pytest.mark.xfail(
+    strict=True, reason="hits of people who go along count as walls since scans are not searched for them"
+)
+@pytest.mark.parametrize("seed", [9, 27])
 def test_a_crowd_in_a_corridor_that_hides_all_but_its_walls_does_not_hold_the_robot_back(drive_in, seed):
-    """Nor a crowd that is close around from the start, so that nobody sees anyone walk (27, 30)."""
+    """Nor a crowd that is close around from the start (27)."""
     alone = drive_in("corridor", 30.0, odometry="good", seed=seed)
     robot = inject(alone, Fault("crowd", 0.0, math.inf), make_world("corridor", seed))
     assert ate(robot, mapped(robot.readings)) < 0.1
@@ -334,3 +283,28 @@ def test_a_laser_of_a_single_beam_needs_no_step():
         scan = LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, 0.5 + rng.normal(0.0, 0.003, 1))
         slam.process(Reading(scan, SE2(0.3 * k, 0.0, 0.0)))
     assert len(slam.finish().drives[0].trajectory) == 30
+
+
+def test_odometry_that_tells_the_opposite_for_six_seconds_is_overruled(drive_in):
+    alone = drive_in("office", 40.0, odometry="good", seed=2)
+    robot = inject(alone, Fault("odometry_reversed", 20.0, 6.0), make_world("office", 2))
+    odometry = poses_at(robot.odometry, robot.truth.stamps)
+    readings = [replace(r, T_odom_robot=SE2(*pose)) for r, pose in zip(robot.readings, odometry.tolist(), strict=True)]
+    back = np.hypot(*(odometry - [r.T_odom_robot for r in alone.readings])[:, :2].T).max()
+    assert back > 2.0
+    assert ate(robot, mapped(readings)) < 0.006
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_in, seed):
+    """Learnt from the few scans that determine anything."""
+    robot = drive_in("apartment", 60.0, odometry="good", seed=seed)
+    readings = [
+        replace(r, scan=replace(r.scan, range_max=1.0, ranges=np.where(r.scan.ranges < 1.0, r.scan.ranges, np.inf)))
+        for r in robot.readings
+    ]
+    learning = ate(robot, mapped(readings))
+    stated = ate(robot, mapped(readings, config_from_dict({"motion": {"odometry": {"learning": False}}})))
+    assert learning < 0.4 * stated
+    assert learning < 0.08

@@ -2,7 +2,7 @@ import json
 import re
 from pathlib import Path
 
-from tbmslam.monitoring.drive_monitor import CHANGED, LOST, MOVED
+from tbmslam.monitoring.drive_monitor import LOST
 from tbmslam.monitoring.incidents import Incident, Incidents
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -67,10 +67,7 @@ def test_everything_that_can_go_wrong_is_explained():
     """The words that programs give incidents are the rows of a table."""
     text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
     named = [
-        LOST.partition(", as")[0],
-        CHANGED.partition(": ")[0],
-        MOVED.partition(": ")[0],
-        "what goes along holds the robot back",
+        LOST.partition(": ")[0],
         "something on the robot",
         "the scans go",
     ]
@@ -82,7 +79,7 @@ def test_everything_that_can_go_wrong_is_explained():
             r"incidents\.(?:add|conclude)\([^\"()]*f?\"(?P<words>[^\"]+)\"", path.read_text(encoding="utf-8")
         )
     ]
-    assert len(written) >= 9
+    assert len(written) >= 7
     assert [words for words in (*named, *written) if words not in text] == []
 
 

@@ -1,4 +1,4 @@
-"""Beams blocked by either sign are left out, and told once."""
+"""Beams blocked by the robot are left out, and told once."""
 
 import math
 
@@ -9,7 +9,6 @@ from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.incidents import Incidents
 from tbmslam.monitoring.laser_view import LaserView
-from tbmslam.monitoring.parts_in_view import PartsInViewConfig
 from tbmslam.se2 import SE2
 
 ANGLES = -1.0 + 0.02 * np.arange(100)
@@ -27,46 +26,34 @@ def drive(turning, until=40, config=None):
         if k < until:
             ranges[COVERED] = 0.6 + rng.normal(0.0, 0.005, 20)
         scan = LaserScan(float(k), -1.0, 0.02, 0.02, 30.0, ranges)
-        cleaned = view.cleaned(scan, pose)
-        view.note_place(pose, pose)
+        cleaned = view.cleaned(scan)
+        view.look(pose)
     return view, [incident.text(0.0) for incident in incidents], cleaned
 
 
-def test_it_is_told_once_with_the_time_whichever_sign_shows_it_first():
-    for turning in (0.0, 1.0):
-        view, told, cleaned = drive(turning)
-        assert told == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
-        assert view.were_any_blocked()
-        assert np.isfinite(cleaned.ranges).all()
-        early = view.cleared(LaserScan(3.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 0.6)))
-        assert np.isnan(early.ranges[COVERED]).all()
+def test_it_is_told_once_with_the_time():
+    view, told, cleaned = drive(1.0)
+    assert told == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+    assert view.were_any_blocked()
+    assert np.isfinite(cleaned.ranges).all()
+    early = view.cleared(LaserScan(3.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 0.6)))
+    assert np.isnan(early.ranges[COVERED]).all()
 
 
-def test_without_the_look_at_parts_only_turning_tells():
-    config = BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False))
-    assert drive(0.0, config=config)[1] == []
-    assert len(drive(1.0, config=config)[1]) == 1
-
-
-def test_a_lost_robot_s_places_are_forgotten():
-    view, _, _ = drive(0.0, until=0)
-    view.forget()
-    assert not view.were_any_blocked()
-    scan = LaserScan(99.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 8.0))
-    view.cleaned(scan, SE2.identity())
-    view.note_place(SE2(500.0, 0.0, 0.0), None)
-    assert view.cleared(scan) is scan
+def test_only_turning_tells():
+    assert drive(0.0)[1] == []
 
 
 @pytest.mark.parametrize("step", [math.radians(0.25), -math.radians(0.25), 1e-9, 1e-320])
 def test_a_fan_narrower_than_what_counts_as_beside(step):
     incidents, rng = Incidents(), np.random.default_rng(2)
-    view = LaserView(BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False)), incidents)
+    view = LaserView(BlockedBeamsConfig(), incidents)
     for k in range(40):
         ranges = 8.0 + rng.normal(0.0, 0.005, 30)
         ranges[:10] = 0.25
         scan = LaserScan(float(k), 0.0, step, 0.02, 30.0, ranges)
-        cleaned = view.cleaned(scan, SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
+        cleaned = view.cleaned(scan)
+        view.look(SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
     assert np.flatnonzero(np.isnan(cleaned.ranges)).tolist() == list(range(10))
     assert len(incidents) == 1
 
@@ -76,21 +63,23 @@ def test_a_single_beam_without_a_step():
     view = LaserView(config, incidents)
     for k in range(40):
         pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k))
-        cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)), pose)
+        cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)))
+        view.look(pose)
     assert np.isnan(cleaned.ranges).all()
     assert len(incidents) == 1
 
 
 def told_by(blocked_at, stamps):
-    """Return what is told, without the look at parts, where beams are blocked at some times."""
+    """Return what is told, where beams are blocked at some times."""
     incidents, rng = Incidents(), np.random.default_rng(2)
-    view = LaserView(BlockedBeamsConfig(parts=PartsInViewConfig(enabled=False)), incidents)
+    view = LaserView(BlockedBeamsConfig(), incidents)
     for k, stamp in enumerate(stamps):
         ranges = 8.0 + rng.normal(0.0, 0.005, 100)
         for beams, near in blocked_at(k):
             ranges[beams] = near
         pose = SE2(0.31 * k, 0.0, 0.8 * math.sin(0.5 * k))
-        view.cleaned(LaserScan(float(stamp), -1.0, 0.02, 0.02, 30.0, ranges), pose)
+        view.cleaned(LaserScan(float(stamp), -1.0, 0.02, 0.02, 30.0, ranges))
+        view.look(pose)
     return [incident.text(0.0) for incident in incidents]
 
 

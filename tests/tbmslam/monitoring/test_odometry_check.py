@@ -36,22 +36,3 @@ def test_without_experience_nothing_is_a_jump():
     check = OdometryCheck(OdometryCheckConfig())
     assert not check.jumps(0.0, at(0))
     assert not check.jumps(0.1, at(100))
-
-
-def test_lengths_that_differ_all_along_are_a_wrong_scale():
-    for speed, scale in ((0.33, 1.0 / 1.1), (0.24, 1.25), (0.29, 1.0), (0.3, 1.0)):
-        check = OdometryCheck(OdometryCheckConfig())
-        for k in range(60):
-            check.disagrees(at(k, speed), at(k))
-        assert math.isclose(check.scale(), scale)
-
-
-def test_wheels_that_slip_stand_still_or_are_silent_for_a_while_tell_no_scale():
-    check, x = OdometryCheck(OdometryCheckConfig()), 0.0
-    for k in range(100):
-        x += 0.9 if 20 < k < 40 else 0.0 if 60 < k < 80 else 0.3
-        check.disagrees(None if k % 37 == 0 else SE2(x, 0.0, 0.0), at(k))
-    assert check.scale() == 1.0
-    short = OdometryCheck(OdometryCheckConfig())
-    assert not any(short.disagrees(at(k, 0.25), at(k)) for k in range(30))
-    assert short.scale() == 1.0
