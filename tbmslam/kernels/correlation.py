@@ -38,8 +38,29 @@ def search_field(counts: Counts, free_penalty: float) -> GainField:
     for row in range(rows):
         for col in range(cols):
             if hits_in(counts[row, col]) > 0:
-                field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = np.int8(WALL)
+                for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+                    for near_col in range(max(col - 1, 0), min(col + 2, cols)):
+                        field[near_row, near_col] = WALL
     return field
+
+
+@kernel
+def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattice]:
+    """Return a field of cells twice as large, each with the largest value in it, and its lattice."""
+    resolution, first_row, first_col = lattice
+    rows, cols = field.shape
+    top, left = first_row // 2, first_col // 2
+    height, width = (first_row + rows - 1) // 2 - top + 1, (first_col + cols - 1) // 2 - left + 1
+    coarse = np.full((height, width), -128, dtype=np.int8)
+    for row in range(rows):
+        for col in range(cols):
+            r, c = (first_row + row) // 2 - top, (first_col + col) // 2 - left
+            coarse[r, c] = max(coarse[r, c], field[row, col])
+    for r in range(height):
+        for c in range(width):
+            if coarse[r, c] == -128:
+                coarse[r, c] = 0
+    return coarse, Lattice(2.0 * resolution, top, left)
 
 
 @kernel
@@ -82,9 +103,11 @@ def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatAr
             for col in range(width):
                 if top[row, col] > scores[number]:
                     scores[number] = top[row, col]
-                    places[number] = turn[row, col], row, col
-        _, row, col = places[number]
-        top[max(row - clear, 0) : row + clear + 1, max(col - clear, 0) : col + clear + 1] = -np.inf
+                    places[number, 0], places[number, 1], places[number, 2] = turn[row, col], row, col
+        at_row, at_col = places[number, 1], places[number, 2]
+        for row in range(max(at_row - clear, 0), min(at_row + clear + 1, width)):
+            for col in range(max(at_col - clear, 0), min(at_col + clear + 1, width)):
+                top[row, col] = -np.inf
     return scores, places
 
 
@@ -116,7 +139,9 @@ def correlate(
     width, margin = 2 * reach + 1, blocks_for(reach)
     # The field gets a border that spares all questions.
     wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
-    wide[margin : margin + rows, margin : margin + cols] = field
+    for row in range(rows):
+        for col in range(cols):
+            wide[margin + row, margin + col] = field[row, col]
     cells, (wide_rows, wide_cols) = wide.reshape(-1), wide.shape
     sums = np.zeros((len(turns), width, width), dtype=np.int32)
     few = np.empty(width * margin, dtype=np.int16)
@@ -124,7 +149,8 @@ def correlate(
         theta = guess[2] + turns[k]
         cosine, sine = math.cos(theta), math.sin(theta)
         for first in range(0, len(points), SHORT_SUM):
-            few[:] = 0
+            for cell in range(len(few)):
+                few[cell] = 0
             for i in range(first, min(first + SHORT_SUM, len(points))):
                 x = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
                 y = guess[1] + sine * points[i, 0] + cosine * points[i, 1]

@@ -51,6 +51,13 @@ class ClosingTargets:
         Travelled length after which a stretch may be met again [m].
     familiar
         Share of a stretch's keyframes searched for, from which on it counts as laid onto older ones.
+
+    Attributes
+    ----------
+    length
+        Travelled length of a target [m].
+    last_met
+        Travelled length at which a keyframe was last laid onto a target [m].
     """
 
     def __init__(
@@ -64,6 +71,9 @@ class ClosingTargets:
         self._firsts, self._lasts = np.zeros((2, len(self._stretches)), dtype=np.int64)
         self._ends: list[float] = []  # where on the way they end [m]
         self._graph = DriftGraph()
+        self._latest = np.zeros(len(self._stretches), dtype=np.int64)  # keyframes that were laid onto them last
+        self.length = config.length
+        self.last_met = 0.0
         self._searched, self._laid = np.zeros((2, len(hits.poses)), dtype=np.bool_)
         self._submaps: dict[int, Submap] = {}
 
@@ -78,6 +88,7 @@ class ClosingTargets:
             laid, searched = self._laid[first : last + 1].sum(), self._searched[first : last + 1].sum()
             if laid == 0 or laid < self._familiar * searched:
                 self._firsts[len(self._ends)], self._lasts[len(self._ends)] = first, last
+                self._latest[len(self._ends)] = (first + last) // 2
                 self._ends.append(float(travelled[last]))
                 self._graph.add_place(float(travelled[(first + last) // 2]))
 
@@ -85,7 +96,8 @@ class ClosingTargets:
         """Note which targets a keyframe that was searched for was laid onto; keyframes come in the drive's order."""
         self._searched[keyframe], self._laid[keyframe] = True, bool(targets)
         for target in targets:
-            self._graph.meet(target, float(self._hits.travelled[keyframe]))
+            self._latest[target], self.last_met = keyframe, float(self._hits.travelled[keyframe])
+            self._graph.meet(target, self.last_met)
 
     def near(self, keyframe: int, poses: FloatArray, limit: float) -> NearTargets:
         """Return the targets of earlier visits whose ways, by the poses (K, 3), are within a limit [m]."""
@@ -97,6 +109,18 @@ class ClosingTargets:
     def ways(self, keyframe: int) -> FloatArray:
         """Return the shortest way (T,), over all that was laid onto targets, from a keyframe to each of them [m]."""
         return self._graph.ways_from(float(self._hits.travelled[keyframe]))
+
+    def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) that were last laid onto them.
+
+        Where none was laid, that is the middle one.
+        """
+        old = bisect_left(self._ends, self._hits.travelled[keyframe] - self._min_gap)
+        return (self._firsts[:old] + self._lasts[:old]) // 2, self._latest[:old]
+
+    def stretch(self, target: int) -> tuple[int, int]:
+        """Return the first and the last keyframe of a target."""
+        return int(self._firsts[target]), int(self._lasts[target])
 
     def submap(self, target: int) -> Submap:
         """Return a target as a submap; those used last are kept, however long the drive is."""

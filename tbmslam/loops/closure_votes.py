@@ -28,6 +28,7 @@ class ClosureVotesConfig(FrozenConfig):
     together_rad: float = Field(0.03, gt=0, description="and turn it alike [rad]")
     apart: float = Field(0.8, gt=0, description="finds that put the robot so far from each other contradict [m]")
     stops: int = Field(4, ge=1, description="places on the way at which finds must agree")
+    min_sum: float = Field(0.0, ge=0, description="weight of the best votes of all places that agree, together")
     margin: float = Field(1.5, ge=1, description="votes for one place over those for any other")
     memory: float = Field(12.0, gt=0, description="length of way over which finds are remembered [m]")
 
@@ -104,7 +105,7 @@ class ClosureVotes:
         best = int(sums.argmax())
         agreeing = together[best]
         rival = sums[apart[best]].max(initial=0.0)
-        if len(np.unique(stops[agreeing])) < config.stops or sums[best] < config.margin * rival:
+        if len(np.unique(stops[agreeing])) < config.stops or sums[best] < max(config.margin * rival, config.min_sum):
             return []
         chosen = [vote for vote, agrees in zip(self._votes, agreeing, strict=True) if agrees]
         self._votes = []

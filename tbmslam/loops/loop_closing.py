@@ -19,9 +19,11 @@ from pydantic import Field
 from tbmslam.drive_correction import spread_corrections
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.laser_scan import Hits
+from tbmslam.loops.chain_drift import ChainDrift
 from tbmslam.loops.closing_targets import ClosingTargets
 from tbmslam.loops.closure_votes import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loops.drive_hits import DriveHits
+from tbmslam.loops.far_search import FarSearch
 from tbmslam.loops.submap import SubmapConfig
 from tbmslam.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
 from tbmslam.scan_hits import ScanHits
@@ -34,6 +36,25 @@ logger = logging.getLogger(__name__)
 
 _SAME_PLACE = 0.005  # [m]
 _SAME_HEADING = 0.0015  # [rad]
+_FAR_STEP = 2.0
+"""Travelled length between keyframes that are searched for far away [m]."""
+
+_FAR_BUNDLE = 4.0
+"""Keyframes within this length before and after join a search far away: many places are alike at one glance [m]."""
+
+_FAR_VOTES = ClosureVotesConfig(
+    min_matched=0.1,
+    violation_cost=2.0,
+    min_vote=0.05,
+    stops=6,
+    min_sum=1.0,
+    margin=2.0,
+    memory=24.0,
+    together=0.5,
+    apart=1.0,
+)
+"""So long a bundle sees far beyond a target, so that a small share of it may match; more of them must agree."""
+
 _ROUGHLY = 0.01  # precision of poses that the next search begins from
 
 
@@ -133,6 +154,10 @@ class _Drive:
         self._chain = MotionChain(chain)
         self._graph = PoseGraph(config.robust_width)
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
+        drift = ChainDrift(poses, chain)
+        self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
+        self._far_votes = ClosureVotes(_FAR_VOTES, self._hits.travelled)
+        self._far_stop = -1
 
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
@@ -140,9 +165,12 @@ class _Drive:
         for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
-            self._targets.note(keyframe, [fit.target for fit in fits if fit.keyframe == keyframe])
-            self._new += fits
-            if any(map(self._is_surprising, fits)):
+            elected = [] if fits else self._found_far(keyframe)
+            self._targets.note(keyframe, [fit.target for fit in (*fits, *elected) if fit.keyframe == keyframe])
+            self._new += fits + elected
+            if elected:
+                self._pull_together()
+            elif any(map(self._is_surprising, fits)):
                 self._optimise(_ROUGHLY)
         self._optimise()
 
@@ -194,6 +222,21 @@ class _Drive:
             solved = self._graph.solve(self.poses, nodes, self._chain.between(nodes), closures, precision)
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
+    def _pull_together(self) -> None:
+        """Solve for the poses that new closures join, however far they are from them.
+
+        Where a closure is far from being met it has lost its say; so it is believed first, which moves the poses to
+        where it and all others can be weighed.
+        """
+        new = [(found.keyframe, found.target) for found in self._new]
+        self._add_closures()
+        believed = [self.closures[key] for key in new]
+        nodes = np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
+        chain = [*self._chain.between(nodes), *believed]
+        solved = self._graph.solve(self.poses, nodes, chain, self.closures.values(), _ROUGHLY)
+        self.poses = spread_corrections(self._tracked, nodes, solved)
+        self._optimise(_ROUGHLY)
+
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the targets that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
         config = self.config
@@ -223,14 +266,37 @@ class _Drive:
         if bundle is None:
             return []
         points, guess = bundle.thinned(config.search_points).points, relative_pose(self.poses, submap.anchor, keyframe)
-        votes = []
-        for place in submap.places(points, guess, shift, turn, config.votes.places):
-            fit = submap.fit(bundle, place)
-            weight = self._votes.weight(fit.matched, fit.violated)
-            is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= config.max_slide
-            if weight > 0.0 and is_near and self._open_direction(fit.hessian) is None:
-                votes.append(PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight))
-        return votes
+        places = submap.places(points, guess, shift, turn, config.votes.places)
+        votes = (self._vote(self._votes, keyframe, target, bundle, place) for place in places)
+        return [vote for vote in votes if vote is not None]
+
+    def _vote(self, votes: ClosureVotes, keyframe: int, target: int, bundle: Hits, place: SE2) -> PlacedBundle | None:
+        """Return where a keyframe's bundle lies in a target near a place, with its weight, if it may lie there."""
+        submap = self._targets.submap(target)
+        fit = submap.fit(bundle, place)
+        weight = votes.weight(fit.matched, fit.violated)
+        is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= self.config.max_slide
+        if weight <= 0.0 or not is_near or self._open_direction(fit.hessian) is not None:
+            return None
+        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight)
+
+    def _found_far(self, keyframe: int) -> list[PlacedBundle]:
+        """Return where a keyframe's bundle was found beyond its window, once several along the way agree."""
+        stop = int(self._hits.travelled[keyframe] / _FAR_STEP)
+        if stop == self._far_stop:
+            return []
+        self._far_stop = stop
+        bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
+        if len(bundle.points) < self.config.search_points // 2:
+            return []
+        points, votes = bundle.thinned(self.config.search_points).points, []
+        for target, rough in self._far.places(keyframe, self.poses, bundle, self.config.search_points // 2):
+            place = self._targets.submap(target).search(points, rough, 0.6, 0.06).pose
+            vote = self._vote(self._far_votes, keyframe, target, bundle, place)
+            if vote is not None:
+                votes.append(vote)
+        self._far_votes.add(votes)
+        return self._far_votes.elected(self.poses) if votes else []
 
     def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
         """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""

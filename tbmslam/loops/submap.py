@@ -8,7 +8,15 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.correlation import WALL, GainField, correlate, search_field, share_in_free_space, top_places
+from tbmslam.kernels.correlation import (
+    WALL,
+    GainField,
+    coarser_field,
+    correlate,
+    search_field,
+    share_in_free_space,
+    top_places,
+)
 from tbmslam.kernels.counting import count_scans
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfels import extent
@@ -84,15 +92,15 @@ class Submap:
         Indices of the first and the last keyframe in it.
     """
 
-    _TOLERANCES = np.array([30.0, 12.0, 4.5])
-    _DEVIATIONS = np.array([0.5, 0.5, 0.2])
-    _SAY = 40.0
+    _PRIOR = np.diag([0.5**-2.0, 0.5**-2.0, 0.2**-2.0])
+    _SEARCH = 1e9, 0.25, 40.0, np.array([30.0, 12.0, 4.5]), 10_000, 10  # a normal prior; bundles count for 40 hits
 
     def __init__(self, first: int, last: int, drive: DriveHits, config: SubmapConfig, surfels: SurfelConfig) -> None:
         self.first, self.last, self.anchor = first, last, (first + last) // 2
         self._config = config
         chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor)
+        self._coarse: tuple[GainField, Lattice] | None = None
         self._surfaces = SurfelMap(surfels, spare=0.0)
         self._surfaces.insert(hits, SE2.identity())
         T_map_anchor = drive.poses[None, self.anchor]
@@ -118,6 +126,28 @@ class Submap:
         scores, places, cells = self._best(points, guess, shift, turn, count)
         found = zip(scores.tolist(), places, cells, strict=True)
         return [place for score, place, cell in found if score > 0.0 and not self._at_border(cell, shift)]
+
+    def rough_places(
+        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
+    ) -> list[tuple[float, SE2]]:
+        """Return the scores [walls a point] and places of up to `count` best ones, searched in steps twice as large.
+
+        Wherever they are in the window, none costs more than another.
+        """
+        if self._coarse is None:
+            self._coarse = coarser_field(self._field, self._lattice)
+        field, lattice = self._coarse
+        step = 2.0 * self._config.turn_step
+        reach, half = math.ceil(shift / lattice.resolution), math.ceil(min(turn, math.pi) / step)
+        turns = np.arange(-half, half + 1, dtype=np.float64) * step
+        clear = math.ceil(self._config.same_place / lattice.resolution)
+        scores, found = top_places(correlate(field, lattice, points, guess, turns, reach), 0.0, clear, count)
+        cells = (found[:, 1:] - reach) * lattice.resolution
+        return [
+            (score / (WALL * len(points)), SE2(guess.x + col, guess.y + row, guess.theta + float(turns[k])))
+            for score, k, (row, col) in zip(scores.tolist(), found[:, 0].tolist(), cells.tolist(), strict=True)
+            if score > 0.0
+        ]
 
     def _best(
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
@@ -145,7 +175,7 @@ class Submap:
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Lay hits onto the surfaces near a guess, and tell how well they fit there."""
-        laid = self._surfaces.register(hits, guess, self._DEVIATIONS, self._SAY, self._TOLERANCES, 10)
+        laid = self._surfaces.register(hits, guess, guess, self._PRIOR, self._SEARCH)
         violated = share_in_free_space(self._field, self._lattice, hits.points, laid.pose)
         return Fit(laid.pose, laid.hessian, laid.matched, violated)
 

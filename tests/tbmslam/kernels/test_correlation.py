@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels.correlation import WALL, correlate, search_field, share_in_free_space, top_places
+from tbmslam.kernels.correlation import WALL, coarser_field, correlate, search_field, share_in_free_space, top_places
 from tbmslam.kernels.counting import ONE_HIT
 from tbmslam.kernels.lattice import Lattice
 
@@ -27,6 +27,18 @@ def test_sums_are_the_plain_ones():
                     if 0 <= row < 20 and 0 <= col < 30:
                         total += int(field[row, col])
                 assert sums[k, dr + 4, dc + 4] == total
+
+
+def test_a_coarser_field_has_the_largest_values():
+    field = np.random.default_rng(0).integers(-100, 101, (5, 7)).astype(np.int8)
+    coarse, lattice = coarser_field(field, Lattice(0.2, -3, 2))
+    assert lattice == (0.4, -2, 1)
+    expected = np.full((3, 4), -128)
+    for row in range(5):
+        for col in range(7):
+            cell = (row - 3) // 2 + 2, (col + 2) // 2 - 1
+            expected[cell] = max(expected[cell], field[row, col])
+    np.testing.assert_array_equal(coarse, expected)
 
 
 def test_a_field_out_of_reach_is_nothing():

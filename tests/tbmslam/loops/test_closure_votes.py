@@ -68,3 +68,9 @@ def test_what_was_elected_is_not_elected_again():
 )
 def test_free_space_outweighs_what_matches(matched, violated, weight):
     assert ClosureVotes(ClosureVotesConfig(), POSES[:, 0]).weight(matched, violated) == pytest.approx(weight)
+
+
+def test_weak_votes_must_add_up():
+    stops = [[vote(20 + k, SE2(2.0, 1.0, 0.1))] for k in range(3)]
+    assert len(elected_after(stops, CONFIG.model_copy(update={"min_sum": 1.1}))) == 3
+    assert elected_after(stops, CONFIG.model_copy(update={"min_sum": 1.3})) == []

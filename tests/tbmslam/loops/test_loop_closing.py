@@ -4,6 +4,7 @@ import pytest
 from tbmslam.laser_scan import LaserScan
 from tbmslam.loops.loop_closing import LoopCloser, LoopClosingConfig
 from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.se2 import SE2
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tests.tbmslam.drifting_drive import drifting_keyframes, errors, packed
@@ -57,3 +58,36 @@ def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
     assert len(expected.closures) > 0
     np.testing.assert_array_equal(found.closures, expected.closures)
     np.testing.assert_array_equal(found.trajectory.poses, expected.trajectory.poses)
+
+
+def drifting_far(robot, seed):
+    """Return true and tracked laser poses, scans, and motions whose headings are honestly said to be poor."""
+    true, _, scans = drifting_keyframes(robot, 0.0, 0.4)
+    generator, deviations = np.random.default_rng(seed), np.array([0.02, 0.005, 0.02])
+    tracked, chain = [SE2.from_array(true[0])], []
+    for k in range(len(true) - 1):
+        step = relative_pose(true, k, k + 1) @ SE2(*generator.normal(0.0, deviations))
+        tracked.append(tracked[-1] @ step)
+        chain.append(MotionEdge(k, k + 1, step, np.diag(deviations**-2.0)))
+    return true, np.array(tracked), scans, chain
+
+
+def false_closures(true, closures):
+    errors = [relative_pose(true, edge.source, edge.target).inverse() @ edge.T_source_target for edge in closures]
+    return [error for error in errors if np.hypot(error.x, error.y) > 0.5]
+
+
+def test_a_drive_that_drifted_beyond_every_window_closes(drive_in):
+    true, tracked, scans, chain = drifting_far(drive_in("halls", 250.0, "good", seed=1), 1)
+    assert errors(true, tracked).max() > 30.0
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert errors(true, closed)[-1] < 0.5
+    assert len(closures) > 10
+    assert false_closures(true, closures) == []
+
+
+def test_a_far_drift_closes_nothing_false_where_all_is_alike(drive_in):
+    true, tracked, scans, chain = drifting_far(drive_in("corridor", 80.0, "good", seed=1), 1)
+    assert errors(true, tracked).max() > 20.0
+    _, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert false_closures(true, closures) == []

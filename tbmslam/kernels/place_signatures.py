@@ -1,0 +1,53 @@
+"""What is seen of a place whatever the frame: how far apart its surfaces are, and how they face each other."""
+
+import math
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+
+FACINGS = 5
+"""Classes of the angle between two surfaces, from face to face over square to side by side."""
+
+
+@kernel
+def spread_points(points: FloatArray, cell: float, most: int) -> IntArray:
+    """Return indices of points (N, 2): the first in each cell of a lattice, and at most so many, evenly chosen."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    cols, rows = np.floor(points[:, 0] / cell), np.floor(points[:, 1] / cell)
+    first_row, first_col = rows.min(), cols.min()
+    taken = np.zeros((int(rows.max() - first_row) + 1, int(cols.max() - first_col) + 1), dtype=np.bool_)
+    chosen = np.empty(len(points), dtype=np.int64)
+    count = 0
+    for k in range(len(points)):
+        row, col = int(rows[k] - first_row), int(cols[k] - first_col)
+        if not taken[row, col]:
+            taken[row, col] = True
+            chosen[count] = k
+            count += 1
+    kept = min(count, most)
+    for k in range(kept):
+        chosen[k] = chosen[k * count // kept]
+    return chosen[:kept]
+
+
+@kernel
+def pair_signature(points: FloatArray, normals: FloatArray, width: float, bins: int) -> FloatArray:
+    """Return the square roots of the shares of pairs of points (N, 2) by distance and facing, a vector of length 1.
+
+    Neither turning nor shifting the points changes it. Bins of a distance are `width` wide, pairs beyond the last are
+    left out; each has `FACINGS` classes of the cosine between both normals (N, 2).
+    """
+    shares = np.zeros(bins * FACINGS)
+    pairs = 0
+    for i in range(len(points)):
+        for k in range(i):
+            dx, dy = points[i, 0] - points[k, 0], points[i, 1] - points[k, 1]
+            slot = int(math.sqrt(dx * dx + dy * dy) / width)
+            if slot < bins:
+                cosine = normals[i, 0] * normals[k, 0] + normals[i, 1] * normals[k, 1]
+                facing = int(cosine > -0.85) + int(cosine > -0.3) + int(cosine > 0.3) + int(cosine > 0.85)
+                shares[slot * FACINGS + facing] += 1.0
+                pairs += 1
+    return np.sqrt(shares / max(pairs, 1))
