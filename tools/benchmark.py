@@ -41,8 +41,8 @@ EXAMPLES = """examples:
       one table of our methods and the related work's
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots that do not know of each other, mapped, merged, and held against itself uncut
-  python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without tracker.walking=1.0 --without deskew.enabled=false
-      a recording with other angles, odometry, scans and mounts of the laser, and with two parameters tried otherwise
+  python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
+      a recording with other angles, odometry, scans and mounts of the laser, and with a parameter tried otherwise
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """

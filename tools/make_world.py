@@ -49,7 +49,17 @@ FAULTS = (
         "beams_blocked",
         "parts_in_view",
     ),
-    *("range_scale", "range_offset", "angle_step", "mount", "scans_repeated", "glass", "people", "crowd"),
+    *(
+        "range_scale",
+        "range_offset",
+        "angle_step",
+        "mount",
+        "laser_knocked",
+        "scans_repeated",
+        "glass",
+        "people",
+        "crowd",
+    ),
     *("furniture", "carried", "lift"),
 )
 

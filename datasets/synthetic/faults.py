@@ -29,6 +29,7 @@ _CARRIED_FOR = 2.0  # [s]
 _TOO_LONG = 1.1  # factor
 _TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of angles between beams, and what ranges are too long by [m]
 _ELSEWHERE = SE2(0.0, 0.3, math.radians(10.0))  # of the laser, as seen from where it is
+_KNOCKED = math.radians(10.0)  # to the left
 _COVER = 0.25  # where blocked beams end [m]
 
 
@@ -236,6 +237,18 @@ def _mount(scene: _Scene) -> SimulatedRobot:
     return replace(scene.robot, laser=replace(scene.robot.laser, T_robot_sensor=stated), readings=readings)
 
 
+def _laser_knocked(scene: _Scene) -> SimulatedRobot:
+    """Turn the laser on its robot to the left, so that its last beams, which would now look elsewhere, say nothing."""
+    ranges, step = ranges_of(scene.robot), scene.robot.readings[0].scan.angle_increment
+    beams = min(round(_KNOCKED / abs(step)), ranges.shape[1])
+    turned = np.full_like(ranges, np.nan)
+    if step > 0.0:
+        turned[:, : ranges.shape[1] - beams] = ranges[:, beams:]
+    else:
+        turned[:, beams:] = ranges[:, : ranges.shape[1] - beams]
+    return _rescanned(scene.robot, scene.scans(), turned)
+
+
 def _scans_repeated(scene: _Scene) -> SimulatedRobot:
     """Let the laser send one scan again and again."""
     ranges, those = ranges_of(scene.robot), scene.scans()
@@ -308,6 +321,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "range_offset": _range_offset,
     "angle_step": _angle_step,
     "mount": _mount,
+    "laser_knocked": _laser_knocked,
     "scans_repeated": _scans_repeated,
     "glass": _glass,
     "people": _people,

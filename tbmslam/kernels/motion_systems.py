@@ -43,7 +43,7 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
     across = np.zeros((len(motions.ends), 3, 3))
     error, pull, slopes = np.empty(3), np.empty(3), np.zeros((2, 3, 3))
     for e in range(len(motions.ends)):
-        source, target = motions.ends[e]
+        source, target = motions.ends[e, 0], motions.ends[e, 1]
         _linearise(motions.levers[e], motions.measured[e], poses[source], poses[target], error, slopes)
         information, square = motions.informations[e], 0.0
         for i in range(3):
@@ -60,7 +60,9 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
             for i in range(3):
                 for j in range(3):
                     own[source, i, j] += across[e, i, j] + across[e, j, i]
-            across[e] = 0.0
+            for i in range(3):
+                for j in range(3):
+                    across[e, i, j] = 0.0
     return own, MotionSystem(motions.ends, across), gradient
 
 

@@ -65,7 +65,7 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
 
 
 def test_a_map_holds_what_only_the_end_of_its_drive_tells(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr("tbmslam.slam.mount_doubt", lambda *_: "the laser sits elsewhere")
+    monkeypatch.setattr("tbmslam.monitoring.drive_review.mount_doubt", lambda *_: "the laser sits elsewhere")
     assert run(bag, "-o", tmp_path) == 0
     record, provenance = run_record(tmp_path / "robot_0"), load_map(tmp_path / "robot_0").provenance
     assert any("the laser sits elsewhere" in warning for warning in record["warnings"])

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.evaluation.relations import Relations, read_relations, relation_errors
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.evaluation.trajectory_alignment import matching_stamps
 from tbmslam.files.tum import read_tum
 from tbmslam.se2 import FloatArray
 from tbmslam.trajectory import Trajectory
