@@ -6,7 +6,7 @@ what was seen from near by, with all that they saw so.
 """
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
@@ -110,7 +110,7 @@ def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
         doubtful = found.accepted and found.confidence < config.graph.sure_alone
         if found.method != "correlation" or found.T_target_source is None or not doubtful:
             continue
-        sides = _parted_without(pair, group, alignments)
+        sides = _parted_without(pair, group, alignments, config)
         if sides is not None and len(group) > 2:
             here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
             joins.append(LoneJoin(pair, found.T_target_source, (here, there)))
@@ -118,7 +118,7 @@ def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
 
 
 def _parted_without(
-    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment]
+    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
 ) -> tuple[frozenset[str], frozenset[str]] | None:
     """Return the maps on the target's side and on the source's; None where other accepted alignments join these.
 
@@ -127,6 +127,21 @@ def _parted_without(
     """
     others = [one for one in group.used if one != pair]
     surest_first = sorted(others, key=lambda one: (alignments[one].accepted, alignments[one].confidence), reverse=True)
+    # A map that lies where its user put it, whatever the walls say, knows nothing of what lies there.
+    unfounded = {
+        one
+        for one in others
+        if alignments[one].method == "told" and alignments[one].confidence < config.verification.min_confidence
+    }
+    if unfounded and _sides(pair, group, alignments, surest_first) is None:
+        return None
+    return _sides(pair, group, alignments, [one for one in surest_first if one not in unfounded])
+
+
+def _sides(
+    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], surest_first: Sequence[Pair]
+) -> tuple[frozenset[str], frozenset[str]] | None:
+    """Return the maps on either side of a pair that these alignments put there; None where accepted ones join both."""
     sides = {name: frozenset({name}) for name in group.poses}
     for one in surest_first:
         both = sides[one[0]] | sides[one[1]]

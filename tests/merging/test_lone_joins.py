@@ -113,6 +113,30 @@ def test_maps_are_on_the_side_that_refused_alignments_put_them(wholes):
     assert refusal.reason.startswith("groups of 3 and 1 maps")
 
 
+def told(pair, confidence):
+    return {tuple(pair): replace(found(pair, confidence)[tuple(pair)], method="told")}
+
+
+def test_a_map_laid_where_walls_do_not_bear_it_out_is_on_no_side(wholes):
+    asked, answers = wholes
+    answers += found("bc", 0.95).values()
+    nothing, fitting = refuted(told("ab", 0.001) | found("bc", 0.95) | found("cd", 0.999))
+    assert (nothing, asked) == (None, [("b", "cd")])
+    assert fitting == {(("b", "c"), frozenset("b"), frozenset("cd"))}
+
+
+def test_a_map_laid_where_walls_bear_it_out_is(wholes):
+    asked, answers = wholes
+    answers += found("ac", 0.05, accepted=False).values()
+    (pair, _), _ = refuted(told("ab", 0.9) | found("bc", 0.95) | found("cd", 0.999))
+    assert (pair, asked) == (("b", "c"), [("ab", "cd")])
+
+
+def test_told_poses_join_both_sides_whatever_walls_say(wholes):
+    assert refuted(told("ab", 0.001) | found("bc", 0.95) | told("ac", 0.001)) == (None, set())
+    assert wholes[0] == []
+
+
 def test_what_was_judged_by_what_is_near_is_looked_at_so_besides(wholes):
     asked, answers = wholes
     answers += found("ac", 0.05, accepted=False).values()
