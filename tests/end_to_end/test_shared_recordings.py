@@ -76,11 +76,6 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-@pytest.mark.xfail(
-    reason="the two drives are aligned at 0.95, and refused as a lone join beside the plan: a bar that fell with the "
-    "estimator of odometry and scans",
-    strict=True,
-)
 def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_is_told(shared_data, tmp_path):
     logs = [shared_data / "cmu-wean" / f"robotdata{number}.log" for number in (1, 2)]
     maps = build(tmp_path / "maps", *logs, "--separate", "--no-truth")
