@@ -288,6 +288,27 @@ def align(
 
 
 @kernel
+def strays(
+    arrays: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, span: float, tolerance: float
+) -> float:
+    """Return how many independent hits of a scan at a pose match no surfel.
+
+    Parameters
+    ----------
+    arrays, points, normals, pose
+        As for `align` and `pair_up`.
+    span
+        Length of surface that counts as one hit [m].
+    tolerance
+        Distance at which a hit counts half [standard deviations].
+    """
+    surfels = Surfels(arrays[0], arrays[1], arrays[2], Lattice(arrays[3][0], arrays[3][1], arrays[3][2]), arrays[4])
+    pairs, hessian, gradient = np.empty((8, len(points) + 1)), np.zeros((3, 3)), np.zeros(3)
+    count, independent = pair_up(surfels, points, normals, 1, span, pose, pairs)
+    return independent - linearise(pairs, count, pose, tolerance, hessian, gradient)
+
+
+@kernel
 def _design_effect(independent: float, most: float) -> float:
     """Return what a hit counts for where so many have some of their errors in common (Kish, 1965).
 

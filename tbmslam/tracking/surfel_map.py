@@ -13,7 +13,7 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfel_alignment import Search, SurfelArrays, align, place_scan
+from tbmslam.kernels.surfel_alignment import Search, SurfelArrays, align, place_scan, strays
 from tbmslam.kernels.surfel_search import search
 from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
 from tbmslam.laser_scan import Hits, LaserScan
@@ -139,6 +139,13 @@ class SurfelMap:
         """
         placed = align(self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search)
         return Registration(SE2(*placed[0]), *placed[1:])
+
+    def strays(self, hits: Hits, pose: SE2, span: float, tolerance: float) -> float:
+        """Return how many hits lie on no known surface, where all within some length [m] count as one.
+
+        At the tolerance [standard deviations] from a surface a hit counts half.
+        """
+        return float(strays(self._arrays, hits.points, hits.normals, (*pose,), span, tolerance))
 
     def search(
         self, hits: Hits, guess: SE2, reach: int, turns: FloatArray, tolerance: float, costs: tuple[float, float]
