@@ -176,7 +176,7 @@ class Slam:
 
     def _mounted(self, reading: Reading) -> tuple[SE2, SE2]:
         """Return T_robot_sensor and T_sensor_robot; lasers hardly ever move on their robots."""
-        if self._mount[0] != reading.T_robot_sensor:
+        if self._mount[0] is not reading.T_robot_sensor and self._mount[0] != reading.T_robot_sensor:
             self._mount = reading.T_robot_sensor, reading.T_robot_sensor.inverse()
         return self._mount
 

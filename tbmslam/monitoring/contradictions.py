@@ -36,11 +36,13 @@ class Contradictions:
     def told_by(self, stamp: float, match: ScanMatch, prior: PosePrior) -> str:
         """Return what is to be said of a scan at a stamp [s] and where it was placed; "" where nothing is."""
         pause, self._last = stamp - self._last, stamp
-        stood = math.hypot(prior.start.x - self._from.x, prior.start.y - self._from.y) < _STOOD_M
-        self._from = prior.start
-        trust = match.trust if prior.by_odometry and match.moved else 1.0
-        if stood and _PAUSE_S < pause < math.inf and trust < _CONTRADICTED:
+        before, self._from = self._from, prior.start
+        if match.trust >= _CONTRADICTED or not (prior.by_odometry and match.moved):
+            self._since = math.inf
+            return ""
+        stood = math.hypot(prior.start.x - before.x, prior.start.y - before.y) < _STOOD_M
+        if stood and _PAUSE_S < pause < math.inf:
             self._since = stamp
             return ELSEWHERE
-        self._since = min(self._since, stamp) if trust < _CONTRADICTED else math.inf
+        self._since = min(self._since, stamp)
         return DISAGREE if stamp - self._since >= _WHILE_S else ""

@@ -41,11 +41,13 @@ class OdometryCheck:
         last, self._last = self._last, None if T_odom_robot is None else (stamp, T_odom_robot)
         if last is None or T_odom_robot is None:
             return False
-        distance = math.hypot(T_odom_robot.x - last[1].x, T_odom_robot.y - last[1].y)
-        speed = distance / max(stamp - last[0], _SHORTEST_S)
-        usual = self._steps >= _USUAL_STEPS and self._top_speed > 0.0
-        if usual and distance > self._config.step and speed > self._config.speeding * self._top_speed:
-            return True
+        before, (x, y, _) = last
+        distance = math.hypot(T_odom_robot[0] - x, T_odom_robot[1] - y)
+        speed = distance / max(stamp - before, _SHORTEST_S)
+        if distance > self._config.step and speed > self._config.speeding * self._top_speed:
+            usual = self._steps >= _USUAL_STEPS and self._top_speed > 0.0
+            if usual:
+                return True
         self._steps += 1
         self._top_speed = max(speed, _FORGETTING * self._top_speed)
         return False

@@ -54,7 +54,7 @@ class MotionModel:
         # The last keyframe's pose by map and by odometry, and how far the odometry has gone since then.
         self._T_map_keyframe, self._T_odom_keyframe = SE2.identity(), SE2.identity()
         self._distance, self._turn = 0.0, 0.0
-        self._variances = np.zeros(3)  # since the last keyframe, of what came before the odometry's motion
+        self._variances = _NONE  # since the last keyframe, of what came before the odometry's motion
         self._of_keyframe: Deviations = _NONE  # squared deviations of the last keyframe's pose against what is near
 
     def predict(self, reading: Reading) -> PosePrior:
@@ -69,12 +69,11 @@ class MotionModel:
         self._jumped = False
         if now is None or before is None:
             return self._by_constant_velocity(reading)
-        length = math.hypot(now.x - before.x, now.y - before.y)
+        length, turn = math.hypot(now[0] - before[0], now[1] - before[1]), abs(wrap_angle(now[2] - before[2]))
         self._step = length, _TOP_SPEED * abs(reading.scan.stamp - self._stamp)
         if not self._beyond() <= _JUMP:
             self._jumped = True
             return self._by_constant_velocity(reading)._replace(jump=length)
-        turn = abs(wrap_angle(now.theta - before.theta))
         motion = self._noise.deviations(self._distance + length, self._turn + turn)
         if self._config.composition == "component":
             start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
@@ -82,7 +81,7 @@ class MotionModel:
         mean = self._T_map_keyframe @ self._T_odom_keyframe.to(now)
         start = self._T_map_robot @ before.to(now)
         return PosePrior(
-            mean, self._with_keyframe(motion), motion, start, lambda: self.coasting(reading), by_odometry=True
+            mean, _with_variances(motion, self._of_keyframe), motion, start, lambda: self.coasting(reading), by_odometry=True
         )
 
     def coasting(self, reading: Reading) -> SE2:
@@ -128,7 +127,10 @@ class MotionModel:
                     self._noise.deviations(self._distance, self._turn) if self._distance + self._turn else (0.0,) * 3
                 )
                 coasting = self._by_constant_velocity(reading).deviations
-                self._variances += np.square(steps) + np.square(coasting)
+                along, across, heading = (
+                    v + s * s + c * c for v, s, c in zip(self._variances, steps, coasting, strict=True)
+                )
+                self._variances = along, across, heading
                 self._begin(reading, T_map_robot)
                 if not self._jumped:
                     self._step = 0.0, 0.0
@@ -168,19 +170,12 @@ class MotionModel:
     def begin_at_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
         """Take odometry from a keyframe on as one motion."""
         self._begin(reading, T_map_robot)
-        self._variances = np.zeros(3)
+        self._variances = _NONE
 
     def deviations_since_keyframe(self, prior: PosePrior) -> Deviations:
         """Return the deviations of the last reading's prior as one on the motion since the last keyframe."""
         # Without odometry `correct` has added the prior's own.
-        own = np.square(prior.motion) if prior.by_odometry else 0.0
-        along, across, heading = np.sqrt(self._variances + own).tolist()
-        return along, across, heading
-
-    def _with_keyframe(self, motion: Deviations) -> Deviations:
-        """Return the deviations of a motion and of the keyframe's pose where it began."""
-        (along, across, turn), (a, b, c) = motion, self._of_keyframe
-        return math.sqrt(along * along + a), math.sqrt(across * across + b), math.sqrt(turn * turn + c)
+        return _with_variances(prior.motion if prior.by_odometry else _NONE, self._variances)
 
     def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
         self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot or SE2.identity()
@@ -209,6 +204,12 @@ class MotionModel:
         pose = self.coasting(reading)
         deviations = position, position, heading
         return PosePrior(pose, deviations, deviations, pose, lambda: pose)
+
+
+def _with_variances(motion: Deviations, more: Deviations) -> Deviations:
+    """Return the deviations of a motion with more variances."""
+    (along, across, turn), (a, b, c) = motion, more
+    return math.sqrt(along * along + a), math.sqrt(across * across + b), math.sqrt(turn * turn + c)
 
 
 def _part(motion: SE2, ratio: float) -> SE2:

@@ -48,17 +48,20 @@ class OdometryNoise:
 
     def __init__(self, config: OdometryNoiseConfig) -> None:
         self._config = config
+        # Asked for every scan, so they are looked up once.
+        self._position = config.position_floor, config.position_per_metre, config.position_per_radian
+        self._heading = config.heading_floor, config.heading_per_metre, config.heading_per_radian
         self._kept = math.exp(-1.0 / config.memory)
         self._squares, self._determined = [config.certainty] * 3, [config.certainty] * 3
         self.factors: Deviations = (1.0, 1.0, 1.0)
 
     def deviations(self, distance: float, turn: float) -> Deviations:
         """Return the deviations of a motion of some length [m] and turn [rad]."""
-        config = self._config
-        position = config.position_floor + config.position_per_metre * distance + config.position_per_radian * turn
-        heading = config.heading_floor + config.heading_per_metre * distance + config.heading_per_radian * turn
+        floor, per_metre, per_radian = self._position
+        position = floor + per_metre * distance + per_radian * turn
+        floor, per_metre, per_radian = self._heading
         along, across, turning = self.factors
-        return position * along, position * across, heading * turning
+        return position * along, position * across, (floor + per_metre * distance + per_radian * turn) * turning
 
     def learn(self, error: Deviations, deviations: Deviations, motion: Deviations, determined: Deviations) -> None:
         """Learn from a correction.
@@ -76,12 +79,14 @@ class OdometryNoise:
         """
         if not self._config.learning:
             return
-        weight = (FREEDOM + 3.0) / (FREEDOM + sum((e / d) ** 2 for e, d in zip(error, deviations, strict=True)))
+        a, b, c = error[0] / deviations[0], error[1] / deviations[1], error[2] / deviations[2]
+        weight = (FREEDOM + 3.0) / (FREEDOM + a * a + b * b + c * c)
         factors = []
-        for axis, factor in enumerate(self.factors):
-            own, all_in_all, share = motion[axis] / factor, deviations[axis], determined[axis]
+        for axis in range(3):
+            moved, all_in_all, share = motion[axis], deviations[axis], determined[axis]
+            own = moved / self.factors[axis]
             # What the keyframe's own pose explains of the correction tells nothing of the motion.
-            explained = share * (all_in_all * all_in_all - motion[axis] * motion[axis])
+            explained = share * (all_in_all * all_in_all - moved * moved)
             square = (weight * error[axis] * error[axis] - explained) / (own * own)
             self._squares[axis] = self._kept * self._squares[axis] + square
             self._determined[axis] = self._kept * self._determined[axis] + share
