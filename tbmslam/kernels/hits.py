@@ -23,6 +23,19 @@ def hit_points(
         Motion of the laser from one beam to the next; the points are those of its frame at the first beam.
     """
     points = np.empty((len(ranges), 2))
+    return points[: _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)]
+
+
+@kernel
+def _write_points(
+    ranges: FloatArray,
+    angle_min: float,
+    angle_increment: float,
+    beam_step: Motion,
+    max_range: float,
+    points: FloatArray,
+) -> int:
+    """Write what `hit_points` returns to the first of points (N, 2), and return how many there are."""
     x, y, count = 0.0, 0.0, 0
     still = beam_step[0] == 0.0 and beam_step[1] == 0.0
     # Directions are turned from beam to beam, which takes a fifth of the time of asking for their sines.
@@ -39,7 +52,7 @@ def hit_points(
         if not still:
             x, y = x + step_x, y + step_y
             step_x, step_y = step_x * sway_cosine - step_y * sway_sine, step_y * sway_cosine + step_x * sway_sine
-    return points[:count]
+    return count
 
 
 @kernel
@@ -66,6 +79,12 @@ def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray
     than `longest` [m], or nothing, they lie on something else and the surface is taken to face the origin.
     """
     normals = np.empty_like(points)
+    _write_normals(points, apart, longest, normals)
+    return normals
+
+
+@kernel
+def _write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
     last = len(points) - 1
     for i in range(len(points)):
         before, after = max(i - apart, 0), min(i + apart, last)
@@ -79,7 +98,6 @@ def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray
             if nx * points[i, 0] + ny * points[i, 1] > 0.0:
                 nx, ny = dy, -dx
         normals[i, 0], normals[i, 1] = nx / length, ny / length
-    return normals
 
 
 @kernel
@@ -90,12 +108,29 @@ def hits_of_scan(
     beam_step: Motion,
     max_range: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `hit_points` and their `facing_normals` in one call.
+    """Return `hit_points` and their `facing_normals` in one call."""
+    points, normals = np.empty((len(ranges), 2)), np.empty((len(ranges), 2))
+    count = write_hits(ranges, angle_min, angle_increment, beam_step, max_range, points, normals)
+    return points[:count], normals[:count]
+
+
+@kernel
+def write_hits(
+    ranges: FloatArray,
+    angle_min: float,
+    angle_increment: float,
+    beam_step: Motion,
+    max_range: float,
+    points: FloatArray,
+    normals: FloatArray,
+) -> int:
+    """Write what `hits_of_scan` returns to the first of points and normals (N, 2), and return how many there are.
 
     Dense beams are closer together than their noise, so neighbours further away tell the direction better.
     """
-    points = hit_points(ranges, angle_min, angle_increment, beam_step, max_range)
-    return points, facing_normals(points, max(len(ranges) // 180, 1), 0.5)
+    count = _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)
+    _write_normals(points[:count], max(len(ranges) // 180, 1), 0.5, normals)
+    return count
 
 
 @kernel

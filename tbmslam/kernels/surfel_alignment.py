@@ -6,7 +6,7 @@ import numpy as np
 
 from tbmslam.kernels import FloatArray, Pose, kernel, summing_kernel
 from tbmslam.kernels.determined import prior_information
-from tbmslam.kernels.hits import hits_of_scan
+from tbmslam.kernels.hits import write_hits
 from tbmslam.kernels.lattice import Lattice
 from tbmslam.kernels.surfels import (
     CELLS,
@@ -26,8 +26,8 @@ Beams = tuple[float, float, Pose, float]
 """Direction of the first beam, step between beams [rad], motion from beam to beam, largest range [m]."""
 Search = tuple[float, float, float, FloatArray, int, int]
 """What `align` is told of the search."""
-Placed = tuple[Pose, FloatArray, float, float, float]
-"""What `align` returns."""
+Placed = tuple[float, float, float, float, float, float]
+"""What `align` returns; numbers come out in a tenth of the time of arrays, which it writes to."""
 
 BITS, MASK = np.uint32(TILE_BITS), np.uint32(IN_TILE)
 
@@ -167,8 +167,10 @@ def place_scan(
     deviations: Pose,
     mount: Pose,
     search: Search,
-) -> tuple[Placed, FloatArray, FloatArray]:
-    """Return where a scan lies as `align` does, its hits (M, 2) [m] and their normals (M, 2) in its frame.
+    hits: FloatArray,
+    hessian: FloatArray,
+) -> tuple[Placed, int]:
+    """Return where a scan lies as `align` does, and how many hits it has.
 
     Parameters
     ----------
@@ -184,12 +186,16 @@ def place_scan(
         Pose of the laser on the robot.
     search
         As for `align`; every so many hits is used that not many more than `search[4]` are.
+    hits
+        (2, N, 2), written to: the hits [m] and their normals, in the scan's frame.
+    hessian
+        As for `align`.
     """
     angle_min, angle_increment, beam_step, max_range = beams
-    points, normals = hits_of_scan(ranges, angle_min, angle_increment, beam_step, max_range)
-    information = prior_information(deviations, mean[2], mount)
-    placed = align(surfels, points, normals, composed(start, mount), composed(mean, mount), information, search)
-    return placed, points, normals
+    count = write_hits(ranges, angle_min, angle_increment, beam_step, max_range, hits[0], hits[1])
+    points, normals, information = hits[0, :count], hits[1, :count], prior_information(deviations, mean[2], mount)
+    start, mean = composed(start, mount), composed(mean, mount)
+    return align(surfels, points, normals, start, mean, information, search, hessian), count
 
 
 @kernel
@@ -209,6 +215,7 @@ def align(
     mean: Pose,
     information: FloatArray,
     search: Search,
+    hessian: FloatArray,
 ) -> Placed:
     """Move a scan onto the surfels by Gauss-Newton.
 
@@ -229,31 +236,32 @@ def align(
         The prior's degrees of freedom; correlation length of the hits [m]; how many independent hits all of them count
         for at the most; distances at which a hit loses its influence [standard deviations], worked through from wide
         to narrow; how many hits are used, about; steps for each tolerance, at the most.
+    hessian
+        (3, 3), written to: the curvature of the scan's cost alone.
 
     Returns
     -------
-    The pose, the Hessian (3, 3) of the scan alone, the share of the hits that match, how many independent hits they
-    count for, and the squared Mahalanobis distance from the prior's mean.
+    The pose's x, y [m] and theta [rad], the share of the hits that match, how many independent hits they count for, and
+    the squared Mahalanobis distance from the prior's mean.
     """
     surfels = Surfels(arrays[0], arrays[1], arrays[2], Lattice(arrays[3][0], arrays[3][1], arrays[3][2]), arrays[4])
     freedom, span, most, tolerances, enough_points, iterations = search
     every = max(len(points) // enough_points, 1)
     x, y, theta = start
-    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
-    system, step, error = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    gradient, system, step, error = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     pairs = np.empty((8, len(points) + 1))
     matched, independent, squared = 0.0, 0.0, 0.0
     near = STALE * surfels.lattice.resolution
+    count, moved, paired = 0, math.inf, 0
     for level in range(len(tolerances)):
         # A wide tolerance only leads to where the next one starts.
         is_last = level == len(tolerances) - 1
         enough = 1.0 if is_last else 10.0
         stride = every if is_last else max(every, len(points) // LEADING_POINTS)
-        count, moved = 0, math.inf
         for _ in range(iterations):
-            if moved > near:
+            if moved > near or paired != stride:
                 count, independent = pair_up(surfels, points, normals, stride, span, (x, y, theta), pairs)
-                moved = 0.0
+                moved, paired = 0.0, stride
             matched = linearise(pairs, count, (x, y, theta), tolerances[level], hessian, gradient)
             scale = _design_effect(independent, most)
             for a in range(3):
@@ -278,13 +286,7 @@ def align(
             moved += shift + TYPICAL_RANGE * turn
             if shift < enough * 2e-4 and turn < enough * 2e-5:
                 break
-    return (
-        (x, y, theta),
-        hessian,
-        matched / max(independent, 1e-9),
-        independent * _design_effect(independent, most),
-        squared,
-    )
+    return x, y, theta, matched / max(independent, 1e-9), independent * _design_effect(independent, most), squared
 
 
 @kernel

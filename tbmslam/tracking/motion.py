@@ -3,7 +3,6 @@
 import math
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
@@ -81,7 +80,12 @@ class MotionModel:
         mean = self._T_map_keyframe @ self._T_odom_keyframe.to(now)
         start = self._T_map_robot @ before.to(now)
         return PosePrior(
-            mean, _with_variances(motion, self._of_keyframe), motion, start, lambda: self.coasting(reading), by_odometry=True
+            mean,
+            _with_variances(motion, self._of_keyframe),
+            motion,
+            start,
+            lambda: self.coasting(reading),
+            by_odometry=True,
         )
 
     def coasting(self, reading: Reading) -> SE2:

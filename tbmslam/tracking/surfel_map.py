@@ -79,13 +79,8 @@ class SurfelMap:
             lattice=Lattice(config.resolution, 0, 0),
             limits=limits,
         )
+        self._arrays = _plain(self._surfels)
         self._used = 1
-
-    @property
-    def _arrays(self) -> SurfelArrays:
-        """The surfels as plain tuples."""
-        tiles, moments, fits, lattice, limits = self._surfels
-        return tiles, moments, fits, (*lattice,), limits
 
     def insert(self, hits: Hits, pose: SE2) -> None:
         """Add hits of a frame at a pose."""
@@ -119,9 +114,11 @@ class SurfelMap:
         # Plain tuples come in in a third of the time of named ones.
         beams = scan.angle_min, scan.angle_increment, (*scan.beam_step,), max_range
         start, mean, mount = (*prior.start,), (*prior.mean,), (*T_robot_sensor,)
-        arrays = self._arrays
-        placed, points, normals = place_scan(arrays, scan.ranges, beams, start, mean, prior.deviations, mount, search)
-        return Registration(SE2(*placed[0]), *placed[1:]), Hits(points, normals)
+        hits, hessian = np.empty((2, len(scan.ranges), 2)), np.empty((3, 3))
+        (x, y, theta, *fit), count = place_scan(
+            self._arrays, scan.ranges, beams, start, mean, prior.deviations, mount, search, hits, hessian
+        )
+        return Registration(SE2(x, y, theta), hessian, *fit), Hits(hits[0, :count], hits[1, :count])
 
     def register(self, hits: Hits, start: SE2, mean: SE2, information: FloatArray, search: Search) -> Registration:
         """Lay hits onto the surfaces.
@@ -137,8 +134,11 @@ class SurfelMap:
         search
             See `tbmslam.kernels.surfel_alignment.align`.
         """
-        placed = align(self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search)
-        return Registration(SE2(*placed[0]), *placed[1:])
+        hessian = np.empty((3, 3))
+        x, y, theta, *fit = align(
+            self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search, hessian
+        )
+        return Registration(SE2(x, y, theta), hessian, *fit)
 
     def strays(self, hits: Hits, pose: SE2, span: float, tolerance: float) -> float:
         """Return how many hits lie on no known surface, where all within some length [m] count as one.
@@ -170,6 +170,7 @@ class SurfelMap:
         moments, fits = (np.zeros((more, width), dtype=np.float32) for width in (6, 8))
         moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits
         self._surfels = self._surfels._replace(moments=moments, fits=fits)
+        self._arrays = _plain(self._surfels)
 
     def _grow_to_contain(self, points: FloatArray) -> None:
         (resolution, first_row, first_col), (_, tile_rows, tile_cols) = self._surfels.lattice, self._surfels.tiles.shape
@@ -189,3 +190,10 @@ class SurfelMap:
         row, col = (first_row - low_row) // SIDE, (first_col - low_col) // SIDE
         tiles[:, row : row + tile_rows, col : col + tile_cols] = self._surfels.tiles
         self._surfels = self._surfels._replace(tiles=tiles, lattice=Lattice(resolution, low_row, low_col))
+        self._arrays = _plain(self._surfels)
+
+
+def _plain(surfels: Surfels) -> SurfelArrays:
+    """Return surfels as plain tuples."""
+    tiles, moments, fits, lattice, limits = surfels
+    return tiles, moments, fits, (*lattice,), limits
