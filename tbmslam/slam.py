@@ -204,7 +204,8 @@ class Slam:
         part = self._part
         if self._closer is not None and part.is_full():
             keyframes = self._packed(part, np.array(self._poses).reshape(-1, 3)[part.start :])
-            part.forget(*self._closed(self._closer, part, self._hits_of(keyframes), Watch()))
+            steps = chain(motions(part.keyframes))
+            part.forget(*self._closed(self._closer, part, self._hits_of(keyframes), steps, Watch()))
         mount, heading = reading.T_robot_sensor, prior.mean.theta
         deviations = self._motion.deviations_since_keyframe(prior)
         motion = match.trust * prior_information(deviations, heading, (*mount,)) if self._stamps else 1e8 * np.eye(3)
@@ -227,9 +228,9 @@ class Slam:
         closed = self._tracker.revised_poses()
         if closed is None and self._closer is not None and len(keyframes) >= 2:
             scans = self._hits_of(keyframes)
-            closed, closures = self._closed(self._closer, part, scans, self._watch)
             self._measured = motions(part.keyframes)
             steps = chain(self._measured)
+            closed, closures = self._closed(self._closer, part, scans, steps, self._watch)
             closed = self._adjusted(closed, scans, steps, closures)
             self._check_laser(keyframes, closed, steps)
             self._closures = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
@@ -260,11 +261,11 @@ class Slam:
         return ScanHits.of(keyframes, self.config.loop_closing.submap.max_range)
 
     def _closed(
-        self, closer: LoopCloser, part: DriveMemory, scans: ScanHits, watch: Watch
+        self, closer: LoopCloser, part: DriveMemory, scans: ScanHits, steps: list[MotionEdge], watch: Watch
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the poses (K, 3) of the laser at keyframes after closing loops, and the closures."""
         tracked = np.array([k.match.T_map_sensor for k in part.keyframes])
-        return closer.close(tracked, scans, chain(motions(part.keyframes)), watch)
+        return closer.close(tracked, scans, steps, watch)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""

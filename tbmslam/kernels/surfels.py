@@ -73,10 +73,14 @@ def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArra
     `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
     """
     resolution, first_row, first_col = lattice
+    last_row, last_col, last_layer = -1, -1, -1
     for i in range(len(points)):
         row = math.floor(points[i, 1] / resolution) - first_row
         col = math.floor(points[i, 0] / resolution) - first_col
         layer = layer_of(normals[i, 0], normals[i, 1])
+        if row == last_row and col == last_col and layer == last_layer:
+            continue
+        last_row, last_col, last_layer = row, col, layer
         for r in range((row - 1) >> TILE_BITS, ((row + 1) >> TILE_BITS) + 1):
             for c in range((col - 1) >> TILE_BITS, ((col + 1) >> TILE_BITS) + 1):
                 if tiles[layer, r, c] == 0:
@@ -164,7 +168,7 @@ def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
         (sxy / count - mx * my) * scale,
         (syy / count - my * my) * scale,
     )
-    middle, half, spread = 0.5 * (xx + yy), 0.5 * (xx - yy), math.hypot(0.5 * (xx - yy), xy)
+    middle, half, spread = 0.5 * (xx + yy), 0.5 * (xx - yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     thick, thin = max(middle + spread, 0.0), max(middle - spread, 0.0)
     across = 1.0 / (thin + noise * noise)
     along = 1.0 / (thick + noise * noise) if thick < point_size * point_size else 0.0

@@ -40,10 +40,13 @@ class DriveHits:
         """Return how many hits some keyframes have."""
         return int((self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]).sum())
 
-    def begins(self, chosen: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return where the hits of each of some keyframes begin among all of theirs, and where the last ones end."""
+    def begins(self, chosen: npt.NDArray[np.int64], at_least: int | None = None) -> npt.NDArray[np.int64]:
+        """Return where the hits of each of some keyframes begin in what `placed` returns, and where the last ones end.
+
+        Parameters are those of `placed`.
+        """
         counts = self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]
-        return np.concatenate(([0], np.cumsum(counts)))
+        return -(-np.concatenate(([0], np.cumsum(counts))) // self._step(chosen, at_least))
 
     def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int | None = None) -> Hits:
         """Return hits of some keyframes in the frame of one.
@@ -57,10 +60,14 @@ class DriveHits:
         at_least
             Every n-th hit is enough, as long as this many are left, where there are as many; None for all.
         """
-        step = 1 if at_least is None else max(self.count(chosen) // at_least, 1)
+        step = self._step(chosen, at_least)
         pose = SE2.from_array(self.poses[frame])
         points, normals, offsets = self.scans.points, self.scans.normals, self.scans.offsets
         return Hits(*place_hits(points, normals, offsets, chosen, self.poses, pose, step))
+
+    def _step(self, chosen: npt.NDArray[np.int64], at_least: int | None) -> int:
+        """Return which n it is that every n-th hit is enough."""
+        return 1 if at_least is None else max(self.count(chosen) // at_least, 1)
 
     def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
         """Return hits of a keyframe and some within a travelled length before and after, in its frame."""

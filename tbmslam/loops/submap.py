@@ -25,6 +25,9 @@ from tbmslam.loops.drive_hits import DriveHits
 from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 
+_HITS = 160
+"""Of each keyframe make a submap: neighbouring ones see the same, and lasers of a beam a degree have no more."""
+
 
 class SubmapConfig(FrozenConfig):
     """How a submap is made and searched."""
@@ -99,13 +102,14 @@ class Submap:
         self.first, self.last, self.anchor = first, last, (first + last) // 2
         self._config = config
         chosen = np.arange(first, last + 1)
-        hits = drive.placed(chosen, self.anchor)
+        hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
         self._coarse: tuple[GainField, Lattice] | None = None
         self._surfaces = SurfelMap(surfels, spare=0.0)
         self._surfaces.insert(hits, SE2.identity())
         T_map_anchor = drive.poses[None, self.anchor]
         lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
-        self._field, self._lattice = _search_field(lasers, hits.points, drive.begins(chosen), config)
+        begins = drive.begins(chosen, _HITS * len(chosen))
+        self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
 
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
         """Find where points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad] of a guess.

@@ -45,7 +45,7 @@ class DriveReview:
         fast = impossible_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, wheels)
         if fast is not None:
             found.append(EndWarning("speed", fast.warning(), fast.stamp, all_along=False))
-        ratio = odometry_scale(tracked, self._lengths.scale, self._lengths.lengths)
+        ratio = odometry_scale(tracked, wheels, self._lengths.scale, self._lengths.lengths)
         if ratio != 1.0:
             found.append(EndWarning("scale", _scaled(ratio, self._scale)))
         return found + self._of_mount(trajectory, keyframes, wheels)

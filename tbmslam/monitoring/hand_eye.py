@@ -135,10 +135,13 @@ def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
 def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the unknowns (5,) and their information (5, 5); motions in which wheels slipped lose their say."""
     weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), FREE
+    # Both equations of each motion, one after the other: products of matrices take a fraction of the time of sums.
+    rows, right = slopes.reshape(-1, 5), sides.ravel()
     for _ in range(_ROUNDS):
-        curvature = np.einsum("m,mij,mik->jk", weights, slopes, slopes) + FREE
-        unknowns = np.linalg.solve(curvature, np.einsum("m,mij,mi->j", weights, slopes, sides))
-        errors = np.linalg.norm(sides - slopes @ unknowns, axis=1)
+        weighted = rows * np.repeat(weights, 2)[:, None]
+        curvature = weighted.T @ rows + FREE
+        unknowns = np.asarray(np.linalg.solve(curvature, weighted.T @ right), dtype=np.float64)
+        errors = np.hypot(*(right - rows @ unknowns).reshape(-1, 2).T)
         error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
         weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
     return unknowns, curvature / error**2

@@ -24,6 +24,8 @@ _MAYBE = 0.5
 """Share of the smallest turn worth a warning below which a moment is not looked at any closer."""
 _DEPTH = 2
 """Levels of parts of parts: three knocks are told at the most."""
+_LOOKED_AT = 64
+"""Moments of a part that are looked at first."""
 _SURE = 4.0
 """Standard deviations that the smallest turn worth a warning must be, or else the turn is not known."""
 
@@ -98,22 +100,34 @@ def _split(motions: Motions) -> tuple[int, float] | None:
     count, least = len(sides), _PARTS * _LEAST
     if count < 2 * least:
         return None
-    splits = np.arange(least, count - least + 1)
+    apart = max((count - 2 * least) // _LOOKED_AT, 1)
     split, turn, weights = 0, 0.0, np.ones(count)
     for _ in range(_ROUNDS):
-        curvatures = np.cumsum(np.einsum("m,mij,mik->mjk", weights, slopes, slopes), axis=0)
-        pulls = np.cumsum(np.einsum("m,mij,mi->mj", weights, slopes, sides), axis=0)
-        before, after = curvatures[splits - 1], curvatures[-1] - curvatures[splits - 1]
-        pulls_before, pulls_after = pulls[splits - 1], pulls[-1] - pulls[splits - 1]
-        places_before = np.linalg.solve(before + FREE, pulls_before[:, :, None])[:, :, 0]
-        places_after = np.linalg.solve(after + FREE, pulls_after[:, :, None])[:, :, 0]
-        gains = np.einsum("sj,sj->s", pulls_before, places_before) + np.einsum("sj,sj->s", pulls_after, places_after)
-        best = int(gains.argmax())
-        split = int(splits[best])
-        turn = math.remainder(_angle(places_after[best]) - _angle(places_before[best]), math.tau)
-        places = np.where((np.arange(count) < split)[:, None], places_before[best], places_after[best])
-        weights = _weights(np.linalg.norm(sides - np.einsum("mij,mj->mi", slopes, places), axis=1))[0]
+        weighted = np.swapaxes(slopes, 1, 2) * weights[:, None, None]
+        curvatures = np.cumsum(weighted @ slopes, axis=0)
+        pulls = np.cumsum((weighted @ sides[:, :, None])[:, :, 0], axis=0)
+        # The likelihood changes slowly from motion to motion: here and there first, then all about the best.
+        roughly = _best_split(curvatures, pulls, np.arange(least, count - least + 1, apart))[0]
+        nearby = np.arange(max(roughly - apart, least), min(roughly + apart, count - least) + 1)
+        split, before, after = _best_split(curvatures, pulls, nearby)
+        turn = math.remainder(_angle(after) - _angle(before), math.tau)
+        places = np.where((np.arange(count) < split)[:, None], before, after)
+        weights = _weights(np.hypot(*(sides - (slopes @ places[:, :, None])[:, :, 0]).T))[0]
     return split, turn
+
+
+def _best_split(curvatures: FloatArray, pulls: FloatArray, splits: IntArray) -> tuple[int, FloatArray, FloatArray]:
+    """Return which of splits (S,) explains the motions best, and the place (5,) before it and after it.
+
+    Curvatures (M, 5, 5) and pulls (M, 5) are summed up to each motion.
+    """
+    before, after = curvatures[splits - 1], curvatures[-1] - curvatures[splits - 1]
+    pulls_before, pulls_after = pulls[splits - 1], pulls[-1] - pulls[splits - 1]
+    places_before = np.linalg.solve(before + FREE, pulls_before[:, :, None])[:, :, 0]
+    places_after = np.linalg.solve(after + FREE, pulls_after[:, :, None])[:, :, 0]
+    gains = np.einsum("sj,sj->s", pulls_before, places_before) + np.einsum("sj,sj->s", pulls_after, places_after)
+    best = int(gains.argmax())
+    return int(splits[best]), places_before[best], places_after[best]
 
 
 def _turned(before: tuple[float, float], after: tuple[float, float]) -> tuple[float, float]:

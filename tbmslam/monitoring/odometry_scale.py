@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tbmslam.se2 import FloatArray, compose, inverse
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 _LENGTH, _LEAST = 1.0, 0.1
 """Length from which on a way is compared, and below which one of both stood still [m]."""
@@ -14,7 +14,7 @@ _DETERMINED = 0.5
 """Share of each step's length that scans must determine; below, odometry is compared with itself."""
 
 
-def odometry_scale(keyframes: Sequence[TrackedKeyframe], scale: float, lengths: int) -> float:
+def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, scale: float, lengths: int) -> float:
     """Return how many times as far as the odometry the scans went, mostly; 1 where that is worth no warning.
 
     The median of many short ways: wheels that slip now and then do not change it. Only ways count whose lengths the
@@ -24,6 +24,8 @@ def odometry_scale(keyframes: Sequence[TrackedKeyframe], scale: float, lengths: 
     ----------
     keyframes
         Keyframes as the tracker left them.
+    wheels
+        Poses (K, 3) of the robot at them by odometry; nan where there was none.
     scale
         Share by which lengths must differ for a warning.
     lengths
@@ -31,7 +33,6 @@ def odometry_scale(keyframes: Sequence[TrackedKeyframe], scale: float, lengths: 
     """
     if len(keyframes) < 2:
         return 1.0
-    wheels = odometry(keyframes)
     ends = np.array([keyframe.match.T_map_sensor for keyframe in keyframes])
     scans = compose(ends, inverse(np.array([keyframe.T_robot_sensor for keyframe in keyframes])))
     determined = _shares(keyframes, scans) >= _DETERMINED
@@ -62,7 +63,8 @@ def _shares(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> FloatArr
     ahead = np.zeros((len(keyframes) - 1, 3))
     ahead[:, :2] = np.diff(poses[:, :2], axis=0)
     prior, posterior = (
-        np.einsum("ki,kij,kj->k", ahead, np.linalg.inv(information), ahead) for information in (before, before + seen)
+        np.einsum("ki,ki->k", ahead, np.linalg.solve(information, ahead[:, :, None])[:, :, 0])
+        for information in (before, before + seen)
     )
     shares: FloatArray = 1.0 - posterior / np.maximum(prior, 1e-300)
     return shares

@@ -65,8 +65,11 @@ def undetermined_motion(keyframes: Sequence[TrackedKeyframe]) -> UndeterminedMot
 
 def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     """Return which steps (K - 1,) between keyframes, to the latter of both, are rather guessed than determined."""
-    unknown = np.zeros((3, 3))
+    without = np.array([keyframe.T_odom_robot is None for keyframe in keyframes], dtype=np.bool_)
     later = keyframes[1:]
+    if not without.any():
+        return np.zeros(len(later), dtype=np.bool_)
+    unknown = np.zeros((3, 3))
     if all(keyframe.match.information is None for keyframe in later) and any(
         keyframe.match.moved for keyframe in later
     ):
@@ -75,6 +78,5 @@ def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     guess = np.array([keyframe.prior for keyframe in later]).reshape(-1, 3, 3)
     root = np.linalg.inv(np.linalg.cholesky(guess))
     gains = np.linalg.eigvalsh(root @ seen @ np.swapaxes(root, 1, 2))[:, 0]  # of the scan over the guess
-    without = np.array([keyframe.T_odom_robot is None for keyframe in keyframes], dtype=np.bool_)
     guessed: BoolArray = (gains < 1.0) & (without[1:] | without[:-1])
     return guessed

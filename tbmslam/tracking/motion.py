@@ -50,8 +50,8 @@ class MotionModel:
         self._ahead, self._impossible = 0.0, 0
         self._step, self._jumped = (0.0, 0.0), False
         self._noise = OdometryNoise(config.odometry)
-        # The last keyframe's pose by map and by odometry, and how far the odometry has gone since then.
-        self._T_map_keyframe, self._T_odom_keyframe = SE2.identity(), SE2.identity()
+        # The odometry's frame by the last keyframe, and how far the odometry has gone since then.
+        self._T_map_odom = SE2.identity()
         self._distance, self._turn = 0.0, 0.0
         self._variances = _NONE  # since the last keyframe, of what came before the odometry's motion
         self._of_keyframe: Deviations = _NONE  # squared deviations of the last keyframe's pose against what is near
@@ -77,7 +77,7 @@ class MotionModel:
         if self._config.composition == "component":
             start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
             return PosePrior(start, motion, motion, start, lambda: start, by_odometry=True)
-        mean = self._T_map_keyframe @ self._T_odom_keyframe.to(now)
+        mean = self._T_map_odom @ now
         start = self._T_map_robot @ before.to(now)
         return PosePrior(
             mean,
@@ -182,7 +182,7 @@ class MotionModel:
         return _with_variances(prior.motion if prior.by_odometry else _NONE, self._variances)
 
     def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
-        self._T_map_keyframe, self._T_odom_keyframe = T_map_robot, reading.T_odom_robot or SE2.identity()
+        self._T_map_odom = T_map_robot @ (reading.T_odom_robot or SE2.identity()).inverse()
         self._distance, self._turn = 0.0, 0.0
 
     def _beyond(self) -> float:

@@ -84,7 +84,7 @@ def test_a_scan_moves_what_the_odometry_says_within_its_deviations(tracker):
 def test_a_slip_is_found_by_a_search(tracker, searched):
     pose = SE2(0.3, -0.2, 0.6)
     match = tracker.match(room_scan(pose), prior_at(SE2(0.1, 0.0, 0.0)), SE2.identity())
-    assert len(searched) == 2
+    assert len(searched) == 1
     np.testing.assert_allclose(match.T_map_sensor, pose, atol=5e-3)
     assert match.trust < 0.05
 
@@ -94,14 +94,14 @@ def test_what_was_searched_for_in_vain_is_not_searched_for_at_once_again(tracker
         pose = SE2(0.01 * number, 0.0, 0.0)
         match = tracker.match(room_scan(pose, float(number), shorter=400), prior_at(pose), SE2.identity())
         assert match.score < 0.55
-    assert len(searched) == 2 * 2  # the first one, and the one after five without
+    assert len(searched) == 2  # the first one, and the one after five without
 
 
 def test_a_scan_that_matches_worse_is_searched_for_all_the_same(tracker, searched):
     for number, shorter in enumerate((400, 400, 560)):
         scan = room_scan(SE2.identity(), float(number), shorter)
         tracker.match(scan, prior_at(SE2.identity()), SE2.identity())
-    assert len(searched) == 2 * 2
+    assert len(searched) == 2
 
 
 def test_a_scan_without_hits_keeps_the_mean(tracker):
