@@ -76,6 +76,9 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--json", type=path_argument, metavar="FILE", help=f"write all figures here too{more_of_json}"
         )
+        command.add_argument(
+            "--table", type=path_argument, metavar="FILE", help="write the tables here for docs/figures, see figures.py"
+        )
         command.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.calibration_table import BINS, calibration_table
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
@@ -22,6 +23,17 @@ if TYPE_CHECKING:
     from tbmslam.se2 import SE2
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
+
+SUMMARY_NOTES = """\
+By overlap: accepted and right. error m, error deg: medians of these. in deviations: their errors in the standard
+deviations that the alignments state. CPU s, most: median and maximum of a pair. ambiguous: refused as such. bent:
+accepted once one map was bent."""
+
+COMPARISON_NOTES = """\
+Accepted and right, by overlap. Best place right: accepted or not. CPU s: median of a pair."""
+
+_OVERLAP_HEAD = tuple(f"{overlap} %" for overlap in OVERLAPS)
+_SUMMARY_HEAD = ("error m", "error deg", "in deviations", "CPU s", "most", "ambiguous", "bent")
 
 
 @dataclass(frozen=True)
@@ -73,16 +85,18 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     results = {method: _measure_all(paths, method) for method in args.method}
     first = results[args.method[0]]
     if len(results) > 1:
-        print(comparison(results))
+        table = comparison(results)
+        print(text_table(*table) + "\n" + COMPARISON_NOTES)
     else:
-        print(summary(first, args.method[0]))
-        print()
+        table = summary(first, args.method[0])
+        print(text_table(*table) + "\n" + SUMMARY_NOTES + "\n")
         print(calibration_table(first, BINS))
     if args.details:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
     machine = describe_machine()
     print(machine_line(machine))
+    write_tables(args.table, machine, {"methods": table})
     if args.json:
         pairs = {method: [asdict(one) for one in found] for method, found in results.items()}
         record = {"machine": machine, "methods": pairs}
@@ -137,50 +151,42 @@ def measure(path: Path, method: str) -> PairResult:
     )
 
 
-def summary(results: Sequence[PairResult], method: str) -> str:
+def summary(results: Sequence[PairResult], method: str) -> ResultTable:
     """Return the table of what was accepted and right by overlap, and what went wrong."""
-    head = ["method", "pairs", *(f"{overlap} %" for overlap in OVERLAPS), "wrong but accepted", "negatives accepted"]
+    head = ("method", "pairs", *_OVERLAP_HEAD, "wrong but accepted", "negatives accepted", *_SUMMARY_HEAD)
     true = [result for result in results if result.overlap is not None]
-    negatives = [result for result in results if result.overlap is None]
-    cells = [_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS]
-    wrong = sum(r.accepted and not r.right for r in true)
-    false = f"{sum(r.accepted for r in negatives)} of {len(negatives)}"
     right = [r for r in true if r.accepted and r.right]
     metres = [r.translation_error_m for r in right if r.translation_error_m is not None]
     degrees = [r.rotation_error_deg for r in right if r.rotation_error_deg is not None]
     surprises = [r.surprise for r in right if r.surprise is not None]
     cpu = [r.cpu_s for r in results]
-    notes = (
-        f"Accepted and right. Median error of these {number(_median(metres), 3)} m, {number(_median(degrees), 2)} deg. "
-        + (f"In the standard deviations stated, their errors are {_rms(surprises):.2f}. " if surprises else "")
-        + f"CPU seconds a pair: median {number(_median(cpu), 2)}, most {max(cpu):.2f}. "
-        f"Refused as ambiguous: {sum(r.ambiguous for r in results)}. "
-        f"Accepted once one map was bent: {sum(r.accepted and r.bent_m > 0.0 for r in results)}."
+    cells = (
+        *(number(_median(metres), 3), number(_median(degrees), 2)),
+        f"{_rms(surprises):.2f}" if surprises else "-",
+        *(number(_median(cpu), 2), f"{max(cpu):.2f}"),
+        str(sum(r.ambiguous for r in results)),
+        str(sum(r.accepted and r.bent_m > 0.0 for r in results)),
     )
-    return text_table(head, [[method, str(len(results)), *cells, str(wrong), false]]) + "\n" + notes
+    return ResultTable(head, [[method, str(len(results)), *_by_overlap(true), *_false_accepts(results), *cells]])
 
 
-def comparison(results: Mapping[str, Sequence[PairResult]]) -> str:
+def comparison(results: Mapping[str, Sequence[PairResult]]) -> ResultTable:
     """Return one table of several methods on the same pairs."""
-    head = ["method", *(f"{overlap} %" for overlap in OVERLAPS), "all", "wrong but accepted", "negatives accepted"]
+    head = (
+        *("method", *_OVERLAP_HEAD, "all", "wrong but accepted", "negatives accepted"),
+        *("best place right", "CPU s", "most"),
+    )
     rows = []
     for method, found in results.items():
         true = [result for result in found if result.overlap is not None]
-        negatives = [result for result in found if result.overlap is None]
+        cpu = [r.cpu_s for r in found]
         rows.append(
             [
-                method,
-                *(_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS),
-                _share(true),
-                str(sum(r.accepted and not r.right for r in true)),
-                f"{sum(r.accepted for r in negatives)} of {len(negatives)}",
-                str(sum(r.right for r in true)),
-                number(_median([r.cpu_s for r in found]), 2),
-                f"{max(r.cpu_s for r in found):.2f}",
+                *(method, *_by_overlap(true), _share(true), *_false_accepts(found)),
+                *(str(sum(r.right for r in true)), number(_median(cpu), 2), f"{max(cpu):.2f}"),
             ]
         )
-    table = text_table([*head, "best place right", "CPU s", "most"], rows)
-    return table + "\nAccepted and right, by overlap. Best place right: accepted or not. CPU s: median of a pair."
+    return ResultTable(head, rows)
 
 
 def details(results: Sequence[PairResult]) -> str:
@@ -188,6 +194,17 @@ def details(results: Sequence[PairResult]) -> str:
     odd = [r for r in results if (r.accepted != r.right) or (r.overlap is not None and not r.accepted)]
     rows = [[r.name, r.reason, f"{r.confidence:.3f}", "right" if r.right else "wrong"] for r in odd]
     return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "nothing amiss"
+
+
+def _by_overlap(true: Sequence[PairResult]) -> list[str]:
+    return [_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS]
+
+
+def _false_accepts(results: Sequence[PairResult]) -> tuple[str, str]:
+    """Return how many wrong answers were accepted, of pairs of one place and of others."""
+    negatives = [result for result in results if result.overlap is None]
+    wrong = sum(r.accepted and not r.right for r in results if r.overlap is not None)
+    return str(wrong), f"{sum(r.accepted for r in negatives)} of {len(negatives)}"
 
 
 def _share(results: Sequence[PairResult]) -> str:

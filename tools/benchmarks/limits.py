@@ -9,6 +9,7 @@ from typing import NamedTuple
 from datasets.synthetic.endless_drive import Route
 from tbmslam.files.atomic_file import write_text
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.scaling import ScalingRun, run_scaling
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
@@ -50,6 +51,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         rows.append(_row(limit.name, run))
     print(text_table(HEAD, rows))
     print(machine_line(machine))
+    write_tables(args.table, machine, {"limits": ResultTable(HEAD, rows)})
     if args.json:
         write_text(args.json, json.dumps({"machine": machine, "runs": runs}, indent=2) + "\n")
 

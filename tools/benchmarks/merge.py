@@ -25,6 +25,7 @@ from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair, grid_of
 from tools.text_table import number, text_table
@@ -33,6 +34,8 @@ HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),
     *("times faster", "by CPU", "align s", "right", "peak MB"),
 )
+
+CREW_HEAD = ("robots", "workers", "merged", "wall s", "peak MB")
 
 NOTES = """\
 Two maps of a building, half of each seen by both. Left of the peak: the paper's chain at 0.1 m (keypoints and
@@ -108,15 +111,18 @@ def benchmark_merge(args: argparse.Namespace) -> None:
     for area in args.areas:
         sys.stderr.write(f"benchmark: {area:g} m2\n")
         runs.append(in_fresh_process(run_merge, area, args.resolution, args.repeat))
-    print(text_table(HEAD, [_row(run) for run in runs]))
+    tables = {"areas": ResultTable(HEAD, [_row(run) for run in runs])}
+    print(text_table(*tables["areas"]))
     print(NOTES.format(repeat=args.repeat, resolution=args.resolution))
     crew = in_fresh_process(run_crew, args.robots, args.workers) if args.robots else None
     if crew is not None:
+        tables["robots"] = ResultTable(CREW_HEAD, [_crew_row(crew)])
         print(
             f"{crew.robots} robots of one building, {crew.workers} workers: {crew.merged} merged in "
             f"{crew.wall_s:.1f} s of wall time; peak of the parent {crew.peak_memory_mb:.0f} MB"
         )
     print(machine_line(machine))
+    write_tables(args.table, machine, tables)
     if args.json:
         figures = {"runs": [dataclasses.asdict(run) for run in runs], "crew": crew and dataclasses.asdict(crew)}
         write_text(args.json, json.dumps({"machine": machine, **figures}, indent=2) + "\n")
@@ -192,6 +198,11 @@ def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float, float]:
         least_cpu = min(least_cpu, time.process_time() - cpu_begin)
         least = min(least, time.perf_counter() - begin)
     return result, 1e3 * least, 1e3 * least_cpu
+
+
+def _crew_row(crew: CrewRun) -> list[str]:
+    counts = (crew.robots, crew.workers, crew.merged)
+    return [*map(str, counts), number(crew.wall_s, 1), number(crew.peak_memory_mb, 0)]
 
 
 def _row(run: MergeRun) -> list[str]:

@@ -14,11 +14,13 @@ from tools.benchmarks.drive_errors import DriveErrors, truth_beside
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
 from tools.benchmarks.perturbation import UNPERTURBED, Perturbation, perturbations
 from tools.benchmarks.perturbed_run import config_with, run_perturbed
+from tools.benchmarks.result_table import ResultTable, write_tables
+from tools.machine import describe_machine
 from tools.text_table import number, text_table
 
 NOTES = """\
-mean m, mean deg: errors of the relations that the run scores. unscored: relations that it cannot score, since a scan is
-not in the map or the two lie in maps that are not in one frame. left out: relations of scans that the perturbation took
+mean error m, deg: of the relations that the run scores. unscored: relations that it cannot score, since a scan is not
+in the map or the two lie in maps that are not in one frame. left out: relations of scans that the perturbation took
 away; they count nowhere. ratio: the error in metres over that of the recording as it is, of those of the same relations
 that were scored there. ok: at most 1.1 times that error (without odometry 1.5 times) or 3 mm more. LOST: more than that
 and than 5 times, or relations unscored that were scored before. FAILED: no map. Where the truth is a trajectory, the
@@ -77,16 +79,19 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
         if perturbation is UNPERTURBED and isinstance(answer, MeasurementError):
             raise answer
     record = []
+    tables: dict[str, ResultTable] = {}
     for begin, spec in zip(range(0, len(tasks), len(chosen)), args.recordings, strict=True):
         scores = _scores(chosen, [answers[begin + index] for index in range(len(chosen))])
         unperturbed = answers[begin]
         is_ate = isinstance(unperturbed, DriveErrors) and unperturbed.kind == "poses"
         name = spec.path.name.removesuffix(".bag")
-        print(_table(name, scores, "ATE m" if is_ate else "mean m"))
+        tables[name] = _table(scores, "ATE m" if is_ate else "mean error m")
+        print(f"{name}\n{text_table(*tables[name])}\n{name}: {summary(scores)}\n")
         record.append({"recording": name, "kind": "poses" if is_ate else "relations", "scores": scores})
     print(NOTES)
     every = [score for entry in record for score in entry["scores"]]
     print(summary(every))
+    write_tables(args.table, describe_machine(), tables)
     if args.json:
         write_text(args.json, json.dumps(record, indent=2, default=dataclasses.asdict) + "\n")
 
@@ -138,8 +143,8 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
     return [score(one, errors, unperturbed) for one, errors in zip(chosen, answers, strict=True)]
 
 
-def _table(name: str, scores: Sequence[Score], measure: str) -> str:
-    head = (name, measure, "mean deg", "unscored", "left out", "ratio", "verdict")
+def _table(scores: Sequence[Score], measure: str) -> ResultTable:
+    head = ("perturbation", measure, "mean error deg", "unscored", "left out", "ratio", "verdict")
     rows = [
         [
             one.perturbation,
@@ -152,4 +157,4 @@ def _table(name: str, scores: Sequence[Score], measure: str) -> str:
         ]
         for one in scores
     ]
-    return text_table(head, rows) + "\n" + f"{name}: {summary(scores)}\n"
+    return ResultTable(head, rows)

@@ -15,6 +15,7 @@ from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.files.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.slam_run import CpuClock
 from tools.benchmarks.warm_up import warm_up
 from tools.machine import describe_machine, machine_line
@@ -95,11 +96,13 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
             runs.append(in_fresh_process(run_scaling, preset_name, route, length, args.beams))
         except MeasurementError as error:
             failures.append(f"{label}: {error}")
-    print(text_table(HEAD, [_row(run) for run in runs]))
+    rows = [_row(run) for run in runs]
+    print(text_table(HEAD, rows))
     print(NOTES)
     for failure in failures:
         print(failure)
     print(machine_line(machine))
+    write_tables(args.table, machine, {"drives": ResultTable(HEAD, rows)})
     if args.json:
         record = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs], "failures": failures}
         write_text(args.json, json.dumps(record, indent=2) + "\n")

@@ -14,32 +14,33 @@ from typing import Any
 from tbmslam.files.atomic_file import write_text
 from tools.benchmarks.measured_process import in_fresh_process
 from tools.benchmarks.recording_spec import RecordingSpec
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.slam_run import SlamRun, run_slam
 from tools.benchmarks.warm_up import WARM_UP_SCANS
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 
+LOST_M = 0.5
+"""A drive with a larger error is lost."""
+
 HEAD = (
-    *("recording", "preset", "scans", "beams", "read/s", "match/s", "insert/s", "finish/s", "scans/s", "real time"),
-    *("peak MB", "trans m", "rot deg", "ATE m", "keyframes"),
+    *("recording", "preset", "scans", "beams", "read/s", "match/s", "insert/s", "finish/s", "scans/s"),
+    *("times real time", "peak MB", "mean error m", "mean error deg", "ATE m", "keyframes"),
 )
+
+SEEDS_HEAD = ("worlds", "preset", "seeds", f"lost (ATE above {LOST_M} m)", "median ATE m", "worst ATE m", "worst drive")
 
 NOTES = f"""\
 scans/s: scans per CPU second of the process in everything but reading. read/s, match/s, insert/s, finish/s: scans per
-CPU second of that part alone (finish: closing loops and rendering). real time: duration of the recording over the time
-that passed, reading included. trans m, rot deg: mean errors of relations. Warm-up: a run that is not counted fills
+CPU second of that part alone (finish: closing loops and rendering). times real time: duration of the recording over the
+time that passed, reading included. mean error: of the true relations. Warm-up: a run that is not counted fills
 numba's cache; then each process maps the first {WARM_UP_SCANS} scans, and a short simulated drive, before its clocks
 start, which loads the compiled code."""
 
 TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
 """Scans per CPU second at TARGET_BEAMS beams that the presets are held to: five times the original program's."""
 
-
 TARGET_BEAMS = 1040
-
-
-LOST_M = 0.5
-"""A drive with a larger error is lost."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,16 @@ def benchmark_slam(args: argparse.Namespace) -> None:
                 _say(f"warm-up: {entry.name} {name}")
                 in_fresh_process(run_slam, entry.spec, name)
         results += [_measured(entry, name, args.repeat) for name in args.preset]
-    print(text_table(HEAD, [_row(result) for result in results]))
+    rows = [_row(result) for result in results]
+    print(text_table(HEAD, rows))
     print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
-    for line in (*against_targets(results), *over_seeds(results)):
+    for line in against_targets(results):
         print(line)
+    if (seeds := seeds_table(results)).rows:
+        print(text_table(*seeds))
     print(machine_line(machine))
+    tables = {"drives": ResultTable(HEAD, rows), "seeds": seeds, **by_preset(results)}
+    write_tables(args.table, machine, tables)
     if args.json:
         record = {"machine": machine, "results": [dataclasses.asdict(result) for result in results]}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
@@ -102,24 +108,33 @@ def against_targets(results: Sequence[Result]) -> list[str]:
     ]
 
 
-def over_seeds(results: Sequence[Result]) -> list[str]:
-    """Return a line for every family of worlds that was run with several seeds."""
+def seeds_table(results: Sequence[Result]) -> ResultTable:
+    """Return a row for every family of worlds that was run with several seeds."""
     families: dict[tuple[str, str], list[tuple[float, str]]] = {}
     for result in results:
         if result.family is not None and result.median.ate_m is not None:
             errors = families.setdefault((result.family, result.preset), [])
             errors.append((result.median.ate_m, result.recording))
-    lines = []
+    rows = []
     for (family, preset), errors in families.items():
         worst, name = max(errors)
         middle = statistics.median(error for error, _ in errors)
         lost = sum(error > LOST_M for error, _ in errors)
         if len(errors) > 1:
-            lines.append(
-                f"{family} {preset}: {len(errors)} seeds, {lost} lost (ATE above {LOST_M} m), median ATE {middle:.4f} "
-                f"m, worst {worst:.4f} m in {name}"
-            )
-    return lines
+            rows.append([family, preset, str(len(errors)), str(lost), number(middle, 4), number(worst, 4), name])
+    return ResultTable(SEEDS_HEAD, rows)
+
+
+def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
+    """Return tables of errors and of scans per CPU second with a row a preset and a column a recording."""
+    recordings = [*dict.fromkeys(result.recording for result in results)]
+    presets = [*dict.fromkeys(result.preset for result in results)]
+    medians = {(result.preset, result.recording): result.median for result in results}
+    tables = {}
+    for name, cell in (("errors", _error), ("speeds", lambda run: _rate(run.scans, run.mapping_s))):
+        rows = [[preset, *(cell(medians[preset, recording]) for recording in recordings)] for preset in presets]
+        tables[name] = ResultTable(("preset", *recordings), rows)
+    return tables
 
 
 def _entries(args: argparse.Namespace) -> Iterator[Entry]:
@@ -156,6 +171,12 @@ def _row(result: Result) -> list[str]:
         number(run.ate_m, 4),
         str(run.keyframes),
     ]
+
+
+def _error(run: SlamRun) -> str:
+    """Return the mean error of relations, else the ATE, in metres."""
+    error_m = run.translation_error_m if run.translation_error_m is not None else run.ate_m
+    return number(error_m, 4)
 
 
 def _rate(scans: float, seconds: float) -> str:

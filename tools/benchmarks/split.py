@@ -31,6 +31,7 @@ from tbmslam.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recording_spec import as_words
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.machine import describe_machine, machine_line
 from tools.text_table import number, text_table
 from tools.truth_file import NAME as TRUTH_FILE
@@ -108,7 +109,8 @@ def benchmark_split(args: argparse.Namespace) -> None:
                 sys.stderr.write(f"benchmark: {text}, {robots} robots\n")
                 in_fresh_process(cut, text, robots, parts / str(robots))
                 runs.append(in_fresh_process(run_split, text, parts / str(robots), parts / "1" / "robot_0", again))
-    print(text_table(HEAD, [_row(run) for run in runs]))
+    rows = [_row(run) for run in runs]
+    print(text_table(HEAD, rows))
     for run in runs:
         for name, reason in run.left_out.items():
             print(f"{run.recording}, {run.robots} robots: {name} was left out: {reason}")
@@ -117,6 +119,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
     print(NOTES)
     machine = describe_machine()
     print(machine_line(machine))
+    write_tables(args.table, machine, {"robots": ResultTable(HEAD, rows)})
     if args.json:
         figures = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs]}
         write_text(args.json, json.dumps(figures, indent=2) + "\n")

@@ -21,6 +21,7 @@ from merging.map_graph import Group, groups_of
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.worker_pool import worker_pool
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of, some_part
 from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair, grid_of
@@ -36,7 +37,7 @@ KINDS = {
 }
 HEAD = (
     "sets",
-    "",
+    "maps",
     "tried",
     "pairs accepted wrongly",
     "sets joined wrongly",
@@ -79,19 +80,21 @@ def benchmark_sets(args: argparse.Namespace) -> None:
     """Try as many sets as asked for and print the rate."""
     machine = describe_machine()
     met = list(tqdm(_meet_all(args.sets, args.seed, args.workers), total=args.sets, disable=None))
-    print(summary(met))
+    table = summary(met)
+    print(text_table(*table))
     for one in met:
         if one.joined:
             how = "an accepted pair" if set(one.accepted) & set(one.joined) else "refused pairs that agree"
             names = sorted(set(itertools.chain.from_iterable(one.joined)))
             print(f"wrongly joined: {', '.join(names)} of set {one.number}, {one.kind}, by {how}")
     print(machine_line(machine))
+    write_tables(args.table, machine, {"sets": table})
 
 
-def summary(met: list[StrangerSet]) -> str:
+def summary(met: list[StrangerSet]) -> ResultTable:
     """Return the table."""
     rows = [_row(kind, about, [one for one in met if one.kind == kind]) for kind, about in KINDS.items()]
-    return text_table(HEAD, [*rows, _row("all", "", met)])
+    return ResultTable(HEAD, [*rows, _row("all", "", met)])
 
 
 def meet_set(number_of_set: int, seed: int) -> StrangerSet:

@@ -30,6 +30,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.files.atomic_file import write_text
 from tbmslam.files.special_file import why_unreadable
 from tbmslam.worker_pool import worker_pool
+from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.machine import describe_machine, machine_line
 from tools.pair_files import KnownPair
 from tools.text_table import number, text_table
@@ -42,7 +43,7 @@ KINDS = {
 }
 UNKNOWN_TO_EACH_OTHER = ("unrelated", "mirrored", "far ends")
 """Those kinds of which no place at all is right."""
-HEAD = ("pairs", "", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
+HEAD = ("pairs", "maps", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
 
 _WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
 _PAIRS_A_BUILDING = 8
@@ -99,11 +100,13 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
             )
     encounters = sorted((done[task[:2]] for task in tasks), key=lambda one: (one.kind, one.number))
     rows = [_row(kind, about, [one for one in encounters if one.kind == kind]) for kind, about in KINDS.items()]
-    print(text_table(HEAD, [*rows, _row("all", "", encounters)]))
+    rows.append(_row("all", "", encounters))
+    print(text_table(HEAD, rows))
     for one in encounters:
         if one.is_wrong:
             print(f"wrongly accepted: {one.name}, confidence {one.confidence:.3f}")
     print(machine_line(machine))
+    write_tables(args.table, machine, {"pairs": ResultTable(HEAD, rows)})
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tools.benchmark import main
-from tools.benchmarks.slam import Result, against_targets, median_run, over_seeds
+from tools.benchmarks.slam import Result, against_targets, by_preset, median_run, seeds_table
 from tools.benchmarks.slam_run import SlamRun
 
 
@@ -31,12 +31,18 @@ def figures(mapping_s=1.0, beams=1040, ate_m=None):
 def test_a_simulated_drive(tmp_path, capfd):
     path = tmp_path / "figures.json"
     world = "office:1:good,beams=181,duration=6"
-    assert main(["slam", "--world", world, "--seeds", "2", "--json", str(path)]) == 0
+    tables = tmp_path / "tables.json"
+    assert main(["slam", "--world", world, "--seeds", "2", "--json", str(path), "--table", str(tables)]) == 0
     out, err = capfd.readouterr()
-    table = [line for line in out.splitlines() if line.startswith("|")]
+    table = [line for line in out.splitlines() if line.startswith("|")][:4]
     assert len({len(line) for line in table}) == 1
     assert [line.split("|")[2].strip() for line in table[2:]] == ["default"] * 2
-    assert "office:*:good,beams=181,duration=6 default: 2 seeds, 0 lost" in out
+    written = json.loads(tables.read_text())["tables"]
+    (seeds,) = written["seeds"]["rows"]
+    assert seeds[:4] == ["office:*:good,beams=181,duration=6", "default", "2", "0"]
+    assert f"| {' | '.join(seeds[:2])} |" in out
+    assert [row[1] for row in written["drives"]["rows"]] == ["default"] * 2
+    assert [len(written[name]["rows"]) for name in ("errors", "speeds")] == [1, 1]
     assert "Warm-up:" in out
     assert f"benchmark: {world} default" in err
     record = json.loads(path.read_text())
@@ -80,6 +86,14 @@ def test_the_worst_of_several_seeds_is_named():
         for seed, error in ((1, 0.01), (2, 0.75), (3, 0.02))
     ]
     alone = Result("halls:1:good", "default", figures(ate_m=0.1), (), "halls:*:good")
-    assert over_seeds([*results, alone, Result("intel", "default", figures(), ())]) == [
-        "office:*:poor default: 3 seeds, 1 lost (ATE above 0.5 m), median ATE 0.0200 m, worst 0.7500 m in office:2:poor"
+    assert seeds_table([*results, alone, Result("intel", "default", figures(), ())]).rows == [
+        ["office:*:poor", "default", "3", "1", "0.0200", "0.7500", "office:2:poor"]
     ]
+
+
+def test_presets_stand_below_each_other():
+    runs = [Result(name, preset, figures(0.5, ate_m=0.1), ()) for preset in ("viny", "tiny") for name in ("a", "b")]
+    tables = by_preset(runs)
+    assert tables["errors"].columns == ("preset", "a", "b")
+    assert tables["errors"].rows == [["viny", "0.1000", "0.1000"], ["tiny", "0.1000", "0.1000"]]
+    assert tables["speeds"].rows[1] == ["tiny", "2000", "2000"]

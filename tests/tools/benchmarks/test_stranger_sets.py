@@ -11,19 +11,15 @@ from tools.benchmarks import stranger_sets
 from tools.benchmarks.stranger_sets import KINDS, MAPS, StrangerSet, make_set, meet_set, summary
 
 
-def cells(line):
-    return [cell.strip() for cell in line.split("|")[1:-1]]
-
-
 def test_the_interval_is_that_of_clopper_and_pearson():
     none = [StrangerSet("six buildings", index, (), (), 0, 0) for index in range(100)]
-    rows = summary(none).splitlines()
-    assert cells(rows[2])[2:] == ["100", "0", "0", "0.00", "0.00 to 3.62", "-"]
-    assert cells(rows[3])[2:] == ["0", "0", "0", "-", "-", "-"]
+    rows = summary(none).rows
+    assert rows[0][2:] == ["100", "0", "0", "0.00", "0.00 to 3.62", "-"]
+    assert rows[1][2:] == ["0", "0", "0", "-", "-", "-"]
     pair = ("map_0", "map_1")
     wrong = StrangerSet("far ends", 0, (pair,), (pair,), 4, 6)
-    assert cells(summary([*none[1:], wrong]).splitlines()[-1])[2:6] == ["100", "1", "1", "1.00"]
-    assert cells(summary([wrong]).splitlines()[5])[-1] == "4 of 6"
+    assert summary([*none[1:], wrong]).rows[-1][2:6] == ["100", "1", "1", "1.00"]
+    assert summary([wrong]).rows[3][-1] == "4 of 6"
 
 
 def test_what_was_joined_is_told_with_the_reason(monkeypatch, capsys):
