@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper confidence docs test slow check install develop clean kernel-coverage fuzz faults
+.PHONY: demo paper confidence figures docs test slow check install develop clean kernel-coverage fuzz faults
 
 install: .venv/installed
 
@@ -101,6 +101,11 @@ confidence: develop
 	$(BIN)/python tools/calibrate_merging.py $(DATA)/map-pairs out/confidence/real --simulated out/confidence/simulated \
 	    --bent out/confidence/bent out/confidence/bent-more out/confidence/bent-simulated --strangers 1200 \
 	    --plot docs/confidence.png -o merging/confidence_model.json
+
+# The tables of README and docs: runs their benchmarks with the recordings in DATA, writes docs/figures, and fills the pages.
+# `make figures ONLY="slam seeds"` measures only some; `tools/figures.py list` names all. All of them take hours.
+figures: develop
+	$(BIN)/python tools/figures.py measure $(ONLY) --data $(DATA)
 
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
 faults: develop

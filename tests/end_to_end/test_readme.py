@@ -12,6 +12,7 @@ from tbmslam.files.map_folder import load_map
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+LONGEST = 150
 COMMANDS = [
     command
     for page in PAGES
@@ -24,11 +25,11 @@ pytestmark = pytest.mark.xdist_group("flat")
 
 
 def test_the_example_of_the_library_runs(flat, tmp_path, monkeypatch):
-    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text("utf-8"), re.DOTALL)
     for name in ("robot_0.bag", "robot_1.bag"):
         (tmp_path / name).symlink_to(flat / name)
     monkeypatch.chdir(tmp_path)
-    exec(compile(example, "README.md", "exec"), {})  # noqa: S102 - our own text
+    exec(compile(example, "docs/python.md", "exec"), {})  # noqa: S102 - our own text
     assert [drive.name for drive in load_map(tmp_path / "merged").drives] == ["robot_0", "robot_1"]
 
 
@@ -48,6 +49,10 @@ def test_there_are_commands_and_every_link_leads_somewhere():
             assert link.startswith("https://") or (page.parent / link).is_file(), link
         for target in re.findall(r"(?:^|`)make ([a-z][\w./-]*)", page.read_text("utf-8"), re.MULTILINE):
             assert f"\n{target}:" in targets
+
+
+def test_the_readme_is_short():
+    assert len(README.splitlines()) <= LONGEST
 
 
 def test_every_page_is_led_to_from_the_readme():

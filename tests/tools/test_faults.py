@@ -106,9 +106,8 @@ def first_cells(text):
     return re.findall(r"^\| ([^|]*?) +\|", text, re.MULTILINE)[1:]
 
 
-def test_the_pages_have_the_table_that_the_program_prints():
+def test_the_page_has_the_table_that_the_program_prints():
     names = [case.name for family in (bags, sensors, files) for case in family.CASES]
-    assert first_cells((ROOT / "docs/faults.md").read_text("utf-8")) == names
-    section = (ROOT / "README.md").read_text("utf-8").split("## What it survives")[1].split("\n### ")[0]
-    assert sorted("; ".join(first_cells(section)).split("; ")) == sorted(names)
-    assert f"tries {len(names)} faults" in section
+    page = (ROOT / "docs/faults.md").read_text("utf-8")
+    assert first_cells(page) == names
+    assert f"applies {len(names)} faults" in page

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from tools.benchmarks.perturbed_run import config_with, run_perturbed
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.machine import describe_machine
 from tools.text_table import number, text_table
+
+OVERVIEW_HEAD = ("recording", "error m", "perturbed runs", "misses", "lost or failed", "worst ratio")
 
 NOTES = """\
 mean error m, deg: of the relations that the run scores. unscored: relations that it cannot score, since a scan is not
@@ -78,7 +81,7 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
         sys.stderr.write(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}\n")
         if perturbation is UNPERTURBED and isinstance(answer, MeasurementError):
             raise answer
-    record = []
+    record: list[dict[str, Any]] = []
     tables: dict[str, ResultTable] = {}
     for begin, spec in zip(range(0, len(tasks), len(chosen)), args.recordings, strict=True):
         scores = _scores(chosen, [answers[begin + index] for index in range(len(chosen))])
@@ -91,7 +94,8 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     print(NOTES)
     every = [score for entry in record for score in entry["scores"]]
     print(summary(every))
-    write_tables(args.table, describe_machine(), tables)
+    overview = ResultTable(OVERVIEW_HEAD, [_overview(entry["recording"], entry["scores"]) for entry in record])
+    write_tables(args.table, describe_machine(), {"overview": overview, **tables})
     if args.json:
         write_text(args.json, json.dumps(record, indent=2, default=dataclasses.asdict) + "\n")
 
@@ -141,6 +145,16 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
     if isinstance(unperturbed, MeasurementError):
         raise unperturbed
     return [score(one, errors, unperturbed) for one, errors in zip(chosen, answers, strict=True)]
+
+
+def _overview(name: str, scores: Sequence[Score]) -> list[str]:
+    """Return a row on a recording: its error as it is, and what became of it perturbed."""
+    perturbed = [one for one in scores if one.verdict != "-"]
+    misses = [one for one in perturbed if one.is_miss()]
+    lost = sum(one.verdict != "MISS" for one in misses)
+    worst = max((one.ratio for one in perturbed if one.ratio is not None), default=None)
+    counts = (len(perturbed), len(misses), lost)
+    return [name, number(scores[0].error_m, 4), *map(str, counts), number(worst, 2)]
 
 
 def _table(scores: Sequence[Score], measure: str) -> ResultTable:

@@ -31,17 +31,18 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
     machine
         See `tools.machine.describe_machine`.
     tables
-        Tables by name; no two of a benchmark have the same name.
+        Tables by name; those without rows are left out.
     """
     if path is None:
         return
     record = {
         "commit": commit_of_code(_ROOT),
         "date": datetime.now(UTC).date().isoformat(),
-        "machine": dict(machine),
+        "machine": {key: value for key, value in machine.items() if key != "system"},  # a kernel's name, often private
         "tables": {
             name: {"columns": [*table.columns], "rows": [[*row] for row in table.rows]}
             for name, table in tables.items()
+            if table.rows
         },
     }
     write_text(path, json.dumps(record, indent=1, ensure_ascii=False) + "\n")

@@ -94,7 +94,7 @@ def test_a_simulated_drive(recording, tmp_path, capfd, monkeypatch):
     def printed(jobs):
         file = tmp_path / f"{jobs}.json"
         words = ["perturb", str(recording), "--jobs", jobs, "--without", "deskew.enabled=false", "--json", str(file)]
-        assert main(words) == 0
+        assert main([*words, "--table", str(tmp_path / "tables.json")]) == 0
         return capfd.readouterr(), file.read_bytes()
 
     (out, err), record = printed("2")
@@ -111,6 +111,10 @@ def test_a_simulated_drive(recording, tmp_path, capfd, monkeypatch):
     scores = json.loads(record)[0]["scores"]
     assert [one["perturbation"] for one in scores] == list(cells)
     assert scores[0]["verdict"] == "-"
+    tables = json.loads((tmp_path / "tables.json").read_text())["tables"]
+    (row,) = tables["overview"]["rows"]
+    assert row[:3] == ["robot_0", cells["as it is"][0], "3"]
+    assert [row[0] for row in tables["robot_0"]["rows"]] == list(cells)
     (again, _), same_record = printed("1")
     assert (again, same_record) == (out, record)
 

@@ -8,7 +8,11 @@ from tools.benchmarks.result_table import ResultTable, commit_of_code, write_tab
 
 def test_tables_are_written_with_commit_date_and_machine(tmp_path):
     path = tmp_path / "tables.json"
-    write_tables(path, {"cores": 2}, {"drives": ResultTable(("drive", "m"), [["aces", "0.03"]])})
+    write_tables(
+        path,
+        {"cores": 2},
+        {"drives": ResultTable(("drive", "m"), [["aces", "0.03"]]), "seeds": ResultTable(("drive",), [])},
+    )
     record = json.loads(path.read_text())
     assert record["machine"] == {"cores": 2}
     assert record["tables"] == {"drives": {"columns": ["drive", "m"], "rows": [["aces", "0.03"]]}}
