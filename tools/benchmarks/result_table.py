@@ -38,7 +38,7 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
     record = {
         "commit": commit_of_code(_ROOT),
         "date": datetime.now(UTC).date().isoformat(),
-        "machine": {key: value for key, value in machine.items() if key != "system"},  # a kernel's name, often private
+        "machine": {key: value for key, value in machine.items() if key != "system"},  # a private kernel, at times
         "tables": {
             name: {"columns": [*table.columns], "rows": [[*row] for row in table.rows]}
             for name, table in tables.items()

@@ -10,7 +10,7 @@ def test_tables_are_written_with_commit_date_and_machine(tmp_path):
     path = tmp_path / "tables.json"
     write_tables(
         path,
-        {"cores": 2},
+        {"cores": 2, "system": "Linux 6"},
         {"drives": ResultTable(("drive", "m"), [["aces", "0.03"]]), "seeds": ResultTable(("drive",), [])},
     )
     record = json.loads(path.read_text())
