@@ -119,7 +119,10 @@ def fill(text: str, records: Mapping[str, Record], page: str) -> str:
 
 
 def table_text(words: str, records: Mapping[str, Record]) -> str:
-    """Return the table that `FILE/TABLE | COLUMN | ...` names, as Markdown; columns of numbers stand to the right."""
+    """Return the table that `FILE/TABLE | COLUMN | ...` names, as Markdown, and the commit that it was measured at.
+
+    Columns of numbers stand to the right.
+    """
     place, *names = (word.strip() for word in words.split("|"))
     table = _table(place, records)
     chosen = [_index(name, table["columns"], f"{place} has no column") for name in names or table["columns"]]
@@ -127,7 +130,8 @@ def table_text(words: str, records: Mapping[str, Record]) -> str:
     is_numeric = [all(_NUMERIC.fullmatch(cell) for cell in column) for column in zip(*rows, strict=True)]
     rule = "|".join("--:" if right else "---" for right in is_numeric)
     lines = [f"| {' | '.join(line)} |" for line in (head, *rows)]
-    return "\n".join([lines[0], f"|{rule}|", *lines[1:], ""])
+    commit = records[place.partition("/")[0]]["commit"]
+    return "\n".join([lines[0], f"|{rule}|", *lines[1:], "", f"<sub>Measured at {commit}.</sub>", ""])
 
 
 def figure_text(words: str, records: Mapping[str, Record]) -> str:

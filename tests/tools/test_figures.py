@@ -44,7 +44,7 @@ def test_a_table_shows_the_columns_it_is_asked_for():
     text = "a\n<!-- table: slam/drives | drive | error m -->\nold\n<!-- /table -->\nb"
     assert fill(text, GIVEN, "x.md") == (
         "a\n<!-- table: slam/drives | drive | error m -->\n"
-        "| drive | error m |\n|---|--:|\n| aces | 0.03 |\n<!-- /table -->\nb"
+        "| drive | error m |\n|---|--:|\n| aces | 0.03 |\n\n<sub>Measured at abc1234.</sub>\n<!-- /table -->\nb"
     )
     whole = fill("<!-- table: slam/drives -->\n<!-- /table -->", GIVEN, "x.md")
     assert "| drive | preset | error m | pairs |\n|---|---|--:|--:|\n| aces | tiny | 0.03 | 3 of 4 |" in whole
