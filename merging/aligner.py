@@ -12,7 +12,6 @@ from merging.exactness import covariance_of
 from merging.features import Features, describe, match
 from merging.in_words import evidence_in_words
 from merging.judging import judge
-from merging.kriging import krige
 from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine
 from merging.warping import at_resolution, check_cell_size
@@ -159,8 +158,6 @@ def _judged(
         found = found.matched_by_walls(evidence, maps[0].geometry.resolution)
     accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
     ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
-    if accepted:
-        motion = krige(*maps, motion, config)
     covariance = covariance_of(*maps, motion, limits.limits(), config.exactness)
     mirrored = 0.0 if accepted else max(confidences(decoys, [evidence for _, evidence in candidates]), default=0.0)
     reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)

@@ -73,8 +73,7 @@ class Alignment:
     covariance
         How exact it is if it is right; see `merging.exactness`. None where the method does not tell.
     bent_m
-        How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are, and
-        where one was laid in stretches of its drive.
+        How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are.
     ambiguous
         Whether it was refused because the maps fit well in several places.
     alternatives

@@ -1,4 +1,4 @@
-"""Every number for maps that bent while they were made: how drives are straightened, and how they are cut up."""
+"""Every number for maps that bent while they were made: how they are straightened."""
 
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from tbmslam.loops.submap import SubmapConfig
 
 
 class NearConfig(FrozenConfig):
-    """How maps that no alignment joined are looked at once more; see `merging.near_look`.
+    """How maps that no alignment joined are aligned once more; see `merging.near_look`.
 
     Parameters
     ----------
@@ -132,62 +132,3 @@ class BentLookConfig(FrozenConfig):
     min_agreement: Share = 0.5
     min_wall_m: Metres = 3.0
     farthest_m: Metres = 1.0
-
-
-class KrigingConfig(FrozenConfig):
-    """How an accepted alignment of bent maps is made exact; see `merging.kriging`.
-
-    Parameters
-    ----------
-    iterations
-        Steps; with none it stays as walls that slide one by one leave it.
-    reach_m, width_m
-        How far a wall looks for its like [m], and from how far off it begins to lose its say [m].
-    patch_m, most_patches, min_patches
-        Walls that lie within so much floor and face the same way are one measurement [m]; where there were more than so
-        many patches, they are larger, and fewer say nothing.
-    bend_m, length_m
-        How far maps are bent [m], and over what length that changes by much [m].
-    patch_noise_m, cell_noise_m
-        Standard deviations of a patch, and of one surface cell in it [m].
-    """
-
-    iterations: Annotated[int, Field(ge=0)] = 3
-    reach_m: Metres = 0.25
-    width_m: Metres = 0.07
-    patch_m: Metres = 1.0
-    most_patches: Count = 400
-    min_patches: Annotated[int, Field(ge=3)] = 4
-    bend_m: Metres = 0.05
-    length_m: Metres = 2.0
-    patch_noise_m: Metres = 0.06
-    cell_noise_m: Metres = 0.03
-
-
-class StretchConfig(FrozenConfig):
-    """How a map that was left out is tried once more, its drives in stretches; see `merging.bent_maps`.
-
-    Parameters
-    ----------
-    enabled
-        Whether it is tried where maps carry keyframes.
-    length_m
-        Travelled length of a stretch, about [m]: short enough to be straight, long enough to be told from others.
-    most
-        Stretches of a map at the most; those of longer drives are longer.
-    doubtful
-        So many stretches that agree are enough where none of them is accepted.
-    drift, turn_drift
-        How far two stretches may say that the map bent between them, by the way from one to the other [m/m, rad/m].
-    coincidence
-        Chance that a wrong place of one stretch is that of another, see `merging.offers.worth_of`: they show different
-        walls, and of maps that do the third lay alike on both in 0.7 % where it was laid wrongly.
-    """
-
-    enabled: bool = True
-    length_m: Metres = 25.0
-    most: Annotated[int, Field(ge=2)] = 12
-    doubtful: Annotated[int, Field(ge=2)] = 3
-    drift: Annotated[float, Field(ge=0.0)] = 0.03
-    turn_drift: Annotated[float, Field(ge=0.0)] = 0.006
-    coincidence: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.005

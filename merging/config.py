@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from merging.baselines.config import BaselinesConfig
-from merging.bending_config import BentLookConfig, JointConfig, KrigingConfig, NearConfig, StretchConfig
+from merging.bending_config import BentLookConfig, JointConfig, NearConfig
 from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 from tbmslam.wall_limits import FACING, Limits
@@ -266,8 +266,6 @@ class GraphConfig(FrozenConfig):
     sure_alone, min_whole
         An accepted alignment with less confidence than the first that alone joins two groups is refused if these, each
         as one map, give its place less than the second; see `merging.lone_joins`.
-    as_wholes
-        Whether groups that were not joined are aligned once more, each as one map; see `merging.group_look`.
     deviation_m, deviation_rad
         Standard deviation of an alignment whose method states none.
     robust_width
@@ -282,7 +280,6 @@ class GraphConfig(FrozenConfig):
     min_support: float = 2.19
     sure_alone: Share = 0.99
     min_whole: Share = 0.1
-    as_wholes: bool = True
     deviation_m: Metres = 0.05
     deviation_rad: Annotated[float, Field(gt=0.0)] = 0.005
     robust_width: Annotated[float, Field(gt=0.0)] = 3.0
@@ -356,11 +353,9 @@ class MergeConfig(FrozenConfig):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     exactness: ExactnessConfig = ExactnessConfig()
-    kriging: KrigingConfig = KrigingConfig()
     graph: GraphConfig = GraphConfig()
     known: KnownPoseConfig = KnownPoseConfig()
     bent: BentLookConfig = BentLookConfig()
     near: NearConfig = NearConfig()
     joint: JointConfig = JointConfig()
-    stretches: StretchConfig = StretchConfig()
     baselines: BaselinesConfig = BaselinesConfig()

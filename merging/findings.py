@@ -8,8 +8,6 @@ from merging.map_graph import Group
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 
-Grids = tuple[TbmGrid, TbmGrid]
-"""Of a target and a source, each in its map's frame."""
 Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
 
 
@@ -28,7 +26,8 @@ class Findings:
     groups
         What these join, the largest first.
     judged_by
-        The grids that an alignment was judged by where they are not the maps' own.
+        The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
+        maps' own.
     straightened
         The maps that were straightened.
     """
@@ -37,7 +36,7 @@ class Findings:
     maps: Mapping[str, TbmMap]
     alignments: Mapping[Pair, Alignment]
     groups: Sequence[Group]
-    judged_by: Mapping[Pair, Grids] = field(default_factory=dict)
+    judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
     @classmethod
@@ -51,11 +50,9 @@ class Findings:
         return [pair for pair in self.alignments if where[pair[0]] != where[pair[1]]]
 
     def with_aligned(
-        self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, Grids] | None = None
+        self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
     ) -> "Findings":
         """Return the same with better answers for some pairs, and the grids they were judged by."""
-        if not found:
-            return self
         alignments = {**self.alignments, **found}
         judged_by = {**self.judged_by, **(judged_by or {})}
         return replace(self, alignments=alignments, groups=self.grouping(alignments), judged_by=judged_by)

@@ -20,7 +20,6 @@ from merging.config import KnownPoseConfig, MergeConfig
 from merging.decoys import find_decoys
 from merging.exactness import covariance_of
 from merging.in_words import evidence_in_words
-from merging.kriging import krige
 from merging.structure import Structure, without_walls
 from merging.verification import Evidence, examine
 from merging.views import Views
@@ -121,8 +120,6 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
     bare = without_walls(target.structure, source.structure)
     how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
     answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
-    if enough:
-        place = krige(target.structure, source.structure, place, config)
     limits = config.verification.limits()
     told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}
     exactness = config.exactness.model_copy(update=told)  # where no wall says more, as whoever told

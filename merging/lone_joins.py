@@ -1,8 +1,7 @@
 """Joins of groups that hang on one doubtful alignment: both groups as wholes must not speak against it.
 
 Of two maps few walls may agree by chance. Where others know the same two places, all of their walls must agree there
-as well; so what alone joins two groups is looked at once more with everything that they know, or of what was judged by
-what was seen from near by, with all that they saw so.
+as well; so what alone joins two groups is looked at once more with everything that they know.
 """
 
 import logging
@@ -13,7 +12,6 @@ from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.findings import Findings
 from merging.map_graph import Group
-from merging.near_drives import redraw_near
 from merging.offers import is_same_place
 from merging.whole_groups import align_wholes, wholes_of
 from merging.workforce import Workforce
@@ -90,9 +88,6 @@ def refute_lone_join(
         if join.names in stood:
             continue
         likely = _likely_as_wholes(join, found.maps, config, workforce)
-        if likely < config.graph.min_whole and join.pair in found.judged_by:
-            # What was seen from far off speaks against it in the wholes as it did in the two maps.
-            likely = max(likely, _likely_as_wholes(join, _seen_near(join, found.maps, config), config, workforce))
         if likely < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
             reason = f"groups of {numbers} maps, which it alone joins, do not fit so ({likely:.2f}): {before.reason}"
@@ -151,12 +146,6 @@ def _sides(
             continue
         sides |= dict.fromkeys(both, both)
     return sides[pair[0]], sides[pair[1]]
-
-
-def _seen_near(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig) -> dict[str, TbmMap]:
-    """Return the maps on both sides of a join as they were seen from near by, where they tell; see `near_look`."""
-    some = {name: maps[name] for side in join.sides for name in side}
-    return {name: TbmMap(redraw_near(one, config.near.range_m)) if one.drives else one for name, one in some.items()}
 
 
 def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:

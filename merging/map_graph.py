@@ -91,26 +91,6 @@ def groups_of(
     )
 
 
-def join(
-    first: Mapping[str, SE2], second: Mapping[str, SE2], alignments: Mapping[Pair, Alignment], config: GraphConfig
-) -> tuple[SE2, float] | None:
-    """Return where a group of maps lies in another's frame, and the log odds of it; None if too little speaks for it.
-
-    Parameters
-    ----------
-    first, second
-        T_group_map of every map of each group.
-    alignments
-        Alignments of pairs of maps of different groups.
-    config
-        When places are one, and what a confirmation is worth.
-    """
-    middles, offers = _between_middles(alignments, config)
-    (T_first_middle, here), (T_second_middle, there) = middles.group(first), middles.group(second)
-    joints = joints_of([here, there], offers, config)
-    return (T_first_middle @ joints[0].motion @ T_second_middle.inverse(), joints[0].support) if joints else None
-
-
 def _between_middles(alignments: Mapping[Pair, Alignment], config: GraphConfig) -> tuple[Middles, list[Offer]]:
     """Return the middles of maps, and where alignments put one in the frame of another."""
     offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]

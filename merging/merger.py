@@ -10,17 +10,15 @@ from merging.alignment import Alignment, Pair
 from merging.all_pairs import align_all
 from merging.bent_joins import look_closer
 from merging.bent_look import BentLook
-from merging.bent_maps import BentMap, place_bent_map
 from merging.config import MergeConfig
 from merging.findings import Findings
 from merging.fusion import Fusion
-from merging.group_look import with_groups_as_wholes
 from merging.joint_refinement import JointRefinement
 from merging.known_poses import place_known
 from merging.lone_joins import without_lone_joins
 from merging.map_graph import Group, groups_of
 from merging.merged_group import MergedGroup, merge_group
-from merging.near_look import look_near
+from merging.near_look import with_short_range_alignments
 from merging.straightened_maps import straightened_by
 from merging.workforce import Workforce
 from tbmslam.grid import TbmGrid
@@ -53,7 +51,7 @@ class Merge:
         The pairs whose alignments agree with the poses, and those that were accepted and do not.
     judged_by
         The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
-        maps' own: drawn from near hits alone, or straightened.
+        maps' own: rendered from short ranges only, or straightened.
     straightened
         The maps that were straightened before they were laid, by name: what went into it in place of those given.
     """
@@ -87,9 +85,9 @@ def merge(
 
     Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
     order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. Maps that this leaves apart are looked at again by what was seen from near by. A
-    doubtful alignment that alone joins two groups must then stand for them as wholes, and groups of maps are looked at
-    as if each were one; those that fit nowhere as a whole are tried once more in stretches of their drives, and bent.
+    fused however large others are. Maps that this leaves apart are aligned again by what was seen at short range. A
+    doubtful alignment that alone joins two groups must stand for them as wholes. Maps that are still apart are bent to
+    fit.
 
     Parameters
     ----------
@@ -116,16 +114,10 @@ def merge(
     unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
     first = known.alignments | align_all(maps, config, workforce, unknown)
     found = Findings.of(maps, first, partial(_grouped, list(maps), config, workforce.watch, known.poses))
-    near = look_near(found, config, workforce)
-    found = found.with_aligned(near.alignments, near.grids)
+    found = with_short_range_alignments(found, config, workforce)
     found = without_lone_joins(found, config, workforce)
-    found = with_groups_as_wholes(found, config, workforce)
-    found, joined = _with_bent_maps(found, config, workforce)
-    closer = look_closer(found, config, workforce)
-    if closer:
-        found = _with_looks(found, closer)
-        joined = _joined(found, config, workforce.watch)
-    return _merged(found, joined)
+    found = _with_looks(found, look_closer(found, config, workforce))
+    return _merged(found, _joined(found, config, workforce.watch))
 
 
 def _grouped(
@@ -141,6 +133,8 @@ def _grouped(
 
 def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
     """Add what was found of maps that were bent, and keep them so."""
+    if not looks:
+        return found
     before = found.groups
     found = found.with_aligned({pair: look.alignment for pair, look in looks.items()})
     for name, straightened in straightened_by(looks, found.maps, found.groups, before).items():
@@ -151,27 +145,8 @@ def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
     return found
 
 
-def _with_bent_maps(found: Findings, config: MergeConfig, workforce: Workforce) -> tuple[Findings, MergedGroup | None]:
-    """Add maps in stretches of their drives, one after the other; return the largest group as one map, too."""
-    placed = list[Pair]()
-    while True:
-        joined = _joined(found, config, workforce.watch)
-        bent = place_bent_map(found, joined, config, workforce, placed)
-        if bent is None:
-            return found, joined
-        placed.append(bent[0])
-        found = _with_bent(found, *bent)
-
-
 def _joined(found: Findings, config: MergeConfig, watch: Watch) -> MergedGroup | None:
     return merge_group(found.maps, found.groups[0], config, watch) if len(found.groups[0]) > 1 else None
-
-
-def _with_bent(found: Findings, where: Pair, bent: BentMap) -> Findings:
-    """Add a map that was placed in stretches of its drive."""
-    found = found.with_straightened(where[1], bent.straightened)
-    pair, alignment, grids = _in_order(list(found.maps), where, bent)
-    return found.with_aligned({pair: alignment}, {pair: grids})
 
 
 def _merged(found: Findings, joined: MergedGroup | None) -> Merge:
@@ -192,14 +167,6 @@ def _merged(found: Findings, joined: MergedGroup | None) -> Merge:
         found.judged_by,
         {name: one for name, one in found.straightened.items() if name in joined.poses},
     )
-
-
-def _in_order(names: list[str], pair: Pair, found: BentMap) -> tuple[Pair, Alignment, tuple[TbmGrid, TbmGrid]]:
-    """Return what was found by its pair, of which the map named first is the target."""
-    (target, source), alignment = pair, found.alignment
-    if names.index(target) < names.index(source):
-        return pair, alignment, found.grids
-    return (source, target), alignment.reversed(), found.grids[::-1]
 
 
 def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:

@@ -1,6 +1,5 @@
 """Groups of maps, each as one map that can be aligned."""
 
-import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from merging.all_pairs import align_all
 from merging.config import MergeConfig
 from merging.map_graph import Group
 from merging.merged_group import merge_group
-from merging.warping import CellSizeError, corners_of, place
+from merging.warping import CellSizeError, corners_of
 from merging.workforce import Workforce
 from tbmslam.files.map_check import MAX_CELLS
 from tbmslam.grid import TbmGrid
@@ -64,11 +63,6 @@ class WholeGroup:
         merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), watch)
         return cls(merged.merged.grid, merged.poses)
 
-    def seen_in(self, name: str) -> TbmGrid:
-        """Return its cells in the frame of one of its maps."""
-        pose = self.poses[name]
-        return self.grid if pose == SE2.identity() else place(self.grid, pose.inverse(), self.grid.geometry).drawn()
-
 
 def wholes_of(
     maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, watch: Watch
@@ -114,8 +108,3 @@ def align_wholes(
 ) -> dict[Pair, Alignment]:
     """Align pairs of groups, by their names; see `merging.all_pairs.align_all`."""
     return align_all({name: TbmMap(whole.grid) for name, whole in wholes.items()}, config, workforce, pairs)
-
-
-def names_in(pairs: Iterable[Pair]) -> list[str]:
-    """Return the names in some pairs, each once, in their order."""
-    return list(dict.fromkeys(itertools.chain.from_iterable(pairs)))

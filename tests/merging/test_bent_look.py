@@ -82,8 +82,7 @@ def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
     world = make_world("office", 3)
     drives = plan_drives(world, 2, length=75.0, overlap=0.9, seed=1)
     straight, bent = map_of(world, drives[0], 0.0), map_of(world, drives[1], 0.004, SE2(3.0, -2.0, 0.7))
-    only_bent = MergeConfig.model_validate({"stretches": {"enabled": False}, "near": {"enabled": False}})
-    result = merge({"a": straight, "b": bent}, only_bent)
+    result = merge({"a": straight, "b": bent})
     assert set(result.straightened) == {"b"}
     where = result.alignments["a", "b"].T_target_source
     assert agreement(straight, bent, where) < 0.6

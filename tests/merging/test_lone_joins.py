@@ -14,7 +14,7 @@ from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
-CONFIG = MergeConfig.model_validate({"bent": {"enabled": False}, "graph": {"as_wholes": False}})
+CONFIG = MergeConfig.model_validate({"bent": {"enabled": False}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 NOT_FITTING = "groups of 2 and 2 maps, which it alone joins, do not fit so (0.05): looks good"
 
@@ -135,17 +135,6 @@ def test_a_map_laid_where_walls_bear_it_out_is(wholes):
 def test_told_poses_join_both_sides_whatever_walls_say(wholes):
     assert refuted(told("ab", 0.001) | found("bc", 0.95) | told("ac", 0.001)) == (None, set())
     assert wholes[0] == []
-
-
-def test_what_was_judged_by_what_is_near_is_looked_at_so_besides(wholes):
-    asked, answers = wholes
-    answers += found("ac", 0.05, accepted=False).values()
-    alignments = SURE | found("bc", 0.95)
-    known = Findings.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
-    known = known.with_aligned(found("bc", 0.95), {("b", "c"): (MAPS["b"].grid, MAPS["c"].grid)})
-    refused, _ = refute_lone_join(known, CONFIG, Workforce())
-    assert refused is not None
-    assert asked == [("ab", "cd")] * 2
 
 
 def test_the_most_doubtful_comes_first(wholes):

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merging import MergeConfig
 from merging.alignment import Alignment, Alternative
 from merging.config import GraphConfig
 from merging.exactness import seen_from
-from merging.map_graph import _without_outvoted, groups_of, join
+from merging.map_graph import _without_outvoted, groups_of
 from merging.offers import offers_of
 from tbmslam.se2 import SE2
 
@@ -173,25 +172,6 @@ def test_it_does_not_matter_where_the_frames_of_maps_have_their_origins(far_m):
         assert pose.theta == pytest.approx(POSES[name].theta, abs=0.02)
 
 
-@pytest.mark.parametrize("far_m", [0.0, 300.0, 30_000.0])
-def test_nor_does_it_where_groups_are_joined(far_m):
-    origins = {name: SE2(far_m, -far_m, 0.3) for name in "abc"}
-    first = {name: POSES[name] @ origins[name].inverse() for name in "ab"}
-    bent = POSES["b"].inverse() @ POSES["c"] @ SE2(0.1, 0.0, 0.01)
-    likely = found("a", "c", 0.84, accepted=False) | found("b", "c", 0.8, accepted=False, T=bent)
-    place, odds = join(first, {"c": SE2.identity()}, in_frames(likely, origins), MergeConfig().graph)
-    assert place @ origins["c"] == pytest.approx(POSES["c"])
-    assert odds == pytest.approx(math.log(0.84 / 0.16) + math.log(0.2 + 0.8 / MergeConfig().graph.coincidence))
-
-
-def test_groups_are_joined_where_several_of_their_maps_lead():
-    first, second = {"a": POSES["a"], "b": POSES["b"]}, {"c": SE2.identity()}
-    alignments = found("a", "c", 0.8, accepted=False) | found("b", "c", 0.84, accepted=False)
-    place, odds = join(first, second, alignments, MergeConfig().graph)
-    assert place == pytest.approx(POSES["c"])
-    assert odds == pytest.approx(math.log(0.84 / 0.16) + math.log(0.2 + 0.8 / MergeConfig().graph.coincidence))
-
-
 def test_what_hardly_can_be_right_joins_nothing_though_chance_leads_it_round_a_circle():
     """Of six maps of six buildings some three do so; their places are among some hundred each."""
     doubtful = {pair: one for p, *pair in ((0.07, "a", "b"), (0.02, "a", "c"), (0.004, "b", "c"), (0.03, "a", "d"),
@@ -232,10 +212,3 @@ def test_the_more_exact_alignment_moves_a_map_more():
     ]
     assert moved[0].x < 0.01
     assert moved[1].x > 0.05
-
-
-def test_groups_are_not_joined_by_one_doubtful_or_two_contradicting_alignments():
-    first, second = {"a": POSES["a"], "b": POSES["b"]}, {"c": SE2.identity()}
-    doubtful = found("a", "c", 0.6, accepted=False)
-    assert join(first, second, doubtful, MergeConfig().graph) is None
-    assert join(first, second, found("a", "c") | found("b", "c", T=SE2(77.0, 0.0, 0.0)), MergeConfig().graph) is None

@@ -6,7 +6,6 @@ import pytest
 
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
-from merging.bent_maps import BentMap
 from merging.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
@@ -138,31 +137,6 @@ def test_three_maps_become_one_and_the_foreign_one_is_named(rooms):
 def accepted_at(x, confidence):
     return Alignment("correlation", accepted=True, reason="all is well", T_target_source=SE2(x, 0.0, 0.0),
                      confidence=confidence, agreed_wall_m=10.0)  # fmt: skip
-
-
-def test_a_bent_map_that_is_placed_where_others_contradict_is_left_out_in_the_end(rooms, monkeypatch):
-    maps = dict.fromkeys("abc", TbmMap(rooms(1)))
-    found = {
-        ("a", "b"): accepted_at(0.0, 0.999),
-        ("a", "c"): accepted_at(0.0, 0.99),
-        ("b", "c"): accepted_at(20.0, 0.99),
-    }
-    monkeypatch.setattr("merging.merger.align_all", lambda *_: found)
-    tried = []
-
-    def placed(target, source, *_):
-        assert len(tried) < 3, "merge goes on for ever"
-        tried.append(source)
-        return BentMap(accepted_at(0.0, 0.99), source, (target.grid, source.grid))
-
-    monkeypatch.setattr("merging.bent_maps.place_bent", placed)
-    result = merge(maps)
-    assert tried == [maps["c"]]
-    assert list(result.poses) == ["a", "b"]
-    assert result.left_out == {
-        "c": "too much speaks against what was accepted of its alignments with merged maps; with a: onto 2 maps merged "
-        "so far: all is well"
-    }
 
 
 def test_every_robot_s_drive_moves_along(rooms):

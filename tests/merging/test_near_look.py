@@ -10,8 +10,7 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.findings import Findings
 from merging.map_graph import Group
-from merging.near_drives import redraw_near
-from merging.near_look import look_near
+from merging.near_look import short_range_map, with_short_range_alignments
 from merging.pair_cards import pair_cards
 from merging.redrawing import redraw
 from merging.workforce import Workforce
@@ -20,7 +19,7 @@ from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tests.merging.driven_map import map_of
 
-CONFIG = MergeConfig.model_validate({"stretches": {"enabled": False}})
+CONFIG = MergeConfig()
 NEAR = CONFIG.near.range_m
 T_WORLD_B = SE2(3.0, -2.0, 0.7)
 
@@ -55,26 +54,9 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.1)
 
 
-def test_what_is_wrong_far_off_does_not_speak_against_it_once_more_in_groups():
-    world, rigid = make_world("halls", 5), {"bent": {"enabled": False}, "joint": {"enabled": False}}
-    poses = {"a": SE2.identity(), "b": T_WORLD_B, "c": SE2(1.0, 2.0, -1.0)}
-    ways = plan_drives(world, 3, length=25.0, overlap=0.5, seed=1)
-    maps = {name: map_of(world, way, 0.0, poses[name]) for name, way in zip(poses, ways, strict=True)}
-    result = merge({name: far_off(one, 1.15 if name == "a" else 0.85) for name, one in maps.items()}, config_of(rigid))
-    found = result.alignments["b", "c"]
-    assert found.reason.startswith("by what was seen within 8.5 m: confidence 0.9")
-    assert found.confidence < config_of(rigid).graph.sure_alone
-    assert found.T_target_source == pytest.approx(T_WORLD_B.inverse() @ poses["c"], abs=0.04)
-    assert list(result.poses) == ["a", "b", "c"]
-
-
-def config_of(settings):
-    return CONFIG.model_validate({**CONFIG.model_dump(), **settings})
-
-
 def test_its_card_shows_what_was_looked_at(halls):
     result = merge(halls, CONFIG)
-    near = [redraw_near(one, NEAR) for one in halls.values()]
+    near = [short_range_map(one, NEAR).grid for one in halls.values()]
     assert [grid.geometry for grid in result.judged_by["a", "b"]] == [grid.geometry for grid in near]
     (card,), _ = pair_cards(result, halls, CONFIG)
     (as_they_are,), _ = pair_cards(replace(result, judged_by={}), halls, CONFIG)
@@ -90,8 +72,9 @@ def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
     nothing = Alignment("correlation", accepted=False, reason="", confidence=-1.0)
     first = dict.fromkeys(itertools.combinations(maps, 2), nothing)
     groups = [Group({"a": SE2.identity(), "same": SE2.identity()}), *(Group({n: SE2.identity()}) for n in others)]
-    look = look_near(Findings.of(maps, first, lambda _: groups), CONFIG, Workforce())
-    assert look.alignments.keys() == look.grids.keys() == {("a", "stranger"), ("same", "stranger")}
+    look = with_short_range_alignments(Findings.of(maps, first, lambda _: groups), CONFIG, Workforce())
+    assert look.judged_by.keys() == {("a", "stranger"), ("same", "stranger")}
+    assert {pair for pair, found in look.alignments.items() if found is not nothing} == look.judged_by.keys()
     assert not any(found.accepted for found in look.alignments.values())
 
 
@@ -104,7 +87,7 @@ def test_it_can_be_switched_off(halls):
 
 def test_hits_far_off_only_clear_the_way(halls):
     (drive,) = halls["a"].drives
-    grid = redraw_near(halls["a"], 3.0)
+    grid = short_range_map(halls["a"], 3.0).grid
     walls = grid.masses[..., OCCUPIED] > grid.masses[..., FREE]
     rows, cols = np.nonzero(walls)
     x = grid.geometry.origin_x + (cols + 0.5) * grid.geometry.resolution

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, whole_groups
-from merging.whole_groups import WholeGroup, names_in, wholes_of
+from merging.whole_groups import WholeGroup, wholes_of
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -29,10 +29,6 @@ def test_it_lies_in_the_frame_of_one_of_its_maps_wherever_that_was():
     walls = np.argwhere(whole.grid.masses[..., 2] > 0.7)
     ys = {round(whole.grid.geometry.centre_of(float(row), float(col))[1], 2) for row, col in walls}
     assert ys == {0.55, 2.45}
-    assert whole.seen_in("a") is whole.grid
-    moved = whole.seen_in("b")
-    ys = {round(moved.geometry.centre_of(float(row), 0.0)[1], 2) for row, _ in np.argwhere(moved.masses[..., 2] > 0.7)}
-    assert ys == {-0.45, 1.45}
 
 
 def test_one_map_stays_as_it_is():
@@ -78,7 +74,3 @@ def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
     monkeypatch.setattr(whole_groups, "merge_group", none_left)
     assert wholes_of(MAPS, {"ab": POSES}, MergeConfig(), Watch()) == {}
     assert caplog.messages[-1] == "a, b are not looked at as one map: memory has run out"
-
-
-def test_names_come_once_and_in_their_order():
-    assert names_in([("b", "a"), ("a", "c"), ("b", "c")]) == ["b", "a", "c"]
