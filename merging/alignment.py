@@ -3,8 +3,8 @@
 import math
 from dataclasses import asdict, dataclass, replace
 
-from merging.exactness import Covariance, seen_from
-from merging.verification import Evidence
+from merging.verification.covariance import Covariance, seen_from
+from merging.verification.evidence import Evidence
 from tbmslam.se2 import SE2
 
 Pair = tuple[str, str]
@@ -71,7 +71,7 @@ class Alignment:
     confidence
         Probability that the transform is right: of alignments given 0.9, nine in ten are.
     covariance
-        How exact it is if it is right; see `merging.exactness`. None where the method does not tell.
+        How exact it is if it is right; see `merging.verification.covariance`. None where the method does not tell.
     bent_m
         How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are.
     ambiguous

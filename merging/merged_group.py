@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from merging.config import MergeConfig
-from merging.fusion import Fusion, fuse
-from merging.joint_refinement import JointRefinement, refine_jointly
-from merging.map_graph import Group
-from merging.redrawing import drawn_alike, redraw
-from merging.warping import place
+from merging.fusion.fusion import Fusion, fuse
+from merging.fusion.warping import place
+from merging.joint_slam.joint_optimisation import JointRefinement, refine_jointly
+from merging.joint_slam.rendering import drawn_alike, redraw
+from merging.map_graph.grouping import Group
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.resampling import resample
 from tbmslam.se2 import SE2

@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from merging.alignment import Alignment, Pair
-from merging.all_pairs import align_all
-from merging.bent_joins import look_closer
-from merging.bent_look import BentLook
+from merging.bridges import without_lone_joins
 from merging.config import MergeConfig
-from merging.findings import Findings
-from merging.fusion import Fusion
-from merging.joint_refinement import JointRefinement
-from merging.known_poses import place_known
-from merging.lone_joins import without_lone_joins
-from merging.map_graph import Group, groups_of
+from merging.fusion.fusion import Fusion
+from merging.joint_slam.joint_optimisation import JointRefinement
+from merging.map_graph.grouping import Group, groups_of
+from merging.merge_state import Findings
 from merging.merged_group import MergedGroup, merge_group
-from merging.near_look import with_short_range_alignments
-from merging.straightened_maps import straightened_by
-from merging.workforce import Workforce
+from merging.nonrigid.propagation import straightened_by
+from merging.nonrigid.refused_pairs import look_closer
+from merging.nonrigid.search import BentLook
+from merging.pairwise.all_pairs import align_all
+from merging.pairwise.executor import Workforce
+from merging.pose_priors import place_known
+from merging.short_range import with_short_range_alignments
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap

@@ -9,17 +9,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from merging.aligner import view_of
-from merging.bent_places import BentPlaces
-from merging.candidates import find_candidates
-from merging.confidence import SIGNS, ConfidenceModel, features
 from merging.config import MergeConfig
-from merging.correlation import propose
-from merging.decoys import find_decoys
-from merging.measures import MEASURES, by_chance, measured
-from merging.straightening import Bendable, straighten
-from merging.structure import Structure, without_walls
-from merging.verification import Evidence
+from merging.nonrigid.rivals import BentPlaces
+from merging.nonrigid.tile_registration import Bendable, straighten
+from merging.registration.correlation import propose
+from merging.registration.hypotheses import find_candidates
+from merging.rigid_alignment import view_of
+from merging.scoring.confidence import SIGNS, ConfidenceModel, features
+from merging.scoring.decoys import find_decoys
+from merging.scoring.logit_features import MEASURES, by_chance, measured
+from merging.verification.evidence import Evidence
+from merging.walls.wall_map import Structure, without_walls
 from tbmslam.se2 import FloatArray
 from tools.calibration_table import Judgement
 from tools.pair_files import KnownPair

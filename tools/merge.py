@@ -293,7 +293,7 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     with loading():
         from merging.merger import merge
-        from merging.shared_scans import drives_given_twice
+        from merging.report.shared_scans import drives_given_twice
         from tbmslam.files.map_folder import load_map
         from tbmslam.parameters import ConfigError
         from tbmslam.report.making import Making
@@ -354,7 +354,7 @@ def _save(
     config: "MergeConfig",
     making: "Making",
 ) -> None:
-    from merging.report import write_report
+    from merging.report.json_report import write_report
     from tbmslam.files.atomic_file import write_text
     from tbmslam.files.map_folder import remove_map, save_map
     from tools.checksums import NAME as CHECKSUMS

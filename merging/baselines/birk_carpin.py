@@ -21,9 +21,9 @@ import numpy.typing as npt
 from merging.alignment import Alignment
 from merging.baselines.agreement import Agreement, answer
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
-from merging.baselines.config import BirkCarpinConfig
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
+from merging.config.baselines import BirkCarpinConfig
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray
 

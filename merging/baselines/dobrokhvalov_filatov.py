@@ -10,8 +10,8 @@ Chosen here: the motion is rigid, as the paper writes it, though its program let
 
 from merging.alignment import Alignment
 from merging.config import MergeConfig
-from merging.consensus import find_consensus
-from merging.features import describe_all, match
+from merging.registration.features import describe_all, match
+from merging.registration.ransac import find_consensus
 from tbmslam.grid import TbmGrid
 
 _ENOUGH = 3

@@ -19,9 +19,9 @@ from scipy.optimize import Bounds, differential_evolution
 from merging.alignment import Alignment
 from merging.baselines.agreement import answer
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates, Field, Points
-from merging.baselines.config import LiConfig
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
+from merging.config.baselines import LiConfig
 from tbmslam.belief import pignistic
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 from merging.alignment import Alignment
 from merging.baselines import birk_carpin, carpin, dobrokhvalov_filatov, li, saeedi, trehard
-from merging.config import MergeConfig, Method
-from merging.warping import at_resolution
+from merging.config import MergeConfig
+from merging.config.choices import Method
+from merging.fusion.warping import at_resolution
 from tbmslam.grid import TbmGrid
 
 BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = {

@@ -20,11 +20,11 @@ import numpy.typing as npt
 from merging.alignment import Alignment
 from merging.baselines.agreement import Agreement, answer
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
-from merging.baselines.config import SaeediConfig
 from merging.baselines.hough_spectrum import hough_spectrum, likely_turns
 from merging.baselines.placing import Placing, climb
 from merging.baselines.shift_search import Channel, ShiftSearch
 from merging.config import MergeConfig
+from merging.config.baselines import SaeediConfig
 from tbmslam.belief import pignistic
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import FloatArray

@@ -19,10 +19,10 @@ import numpy as np
 from merging.alignment import Alignment
 from merging.baselines.agreement import answer
 from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
-from merging.baselines.config import TrehardConfig
 from merging.baselines.placing import Placing, climb
 from merging.baselines.shift_search import ShiftSearch
 from merging.config import MergeConfig
+from merging.config.baselines import TrehardConfig
 from tbmslam.belief import OCCUPIED, UNKNOWN
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray

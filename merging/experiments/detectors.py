@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.channels import Channels, Image
 from merging.experiments.descriptor_matches import Described, DescriptorMatches, match_all
 from merging.experiments.map_pair import MapPair
-from merging.features import ORB_EDGE
+from merging.registration.channels import Channels, Image
+from merging.registration.features import ORB_EDGE
 from tbmslam.grid import TbmGrid
 
 RANSAC_PIXELS = 3.0

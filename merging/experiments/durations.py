@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.config import FeatureConfig, MergeConfig
-from merging.consensus import find_consensus
+from merging.config import MergeConfig
+from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
-from merging.features import describe_all, match
-from merging.fusion import fuse
-from merging.warping import place
+from merging.fusion.fusion import fuse
+from merging.fusion.warping import place
+from merging.registration.features import describe_all, match
+from merging.registration.ransac import find_consensus
 from tbmslam.se2 import FloatArray
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.fusion import fuse
+from merging.fusion.fusion import fuse
 from tbmslam.belief import UNKNOWN, VACUOUS
 from tbmslam.grid import TbmGrid
 

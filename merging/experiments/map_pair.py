@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.warping import warp
+from merging.fusion.warping import warp
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2, FloatArray
 

@@ -7,11 +7,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from merging.channels import Channels
-from merging.config import Descriptor, FeatureConfig
+from merging.config.choices import Descriptor
+from merging.config.registration import FeatureConfig
 from merging.experiments.descriptor_matches import Described, match_all
 from merging.experiments.map_pair import MapPair
-from merging.features import ORB_EDGE, joined, orb_of
+from merging.registration.channels import Channels
+from merging.registration.features import ORB_EDGE, joined, orb_of
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import FloatArray
 

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from merging.config import MergeConfig
-from merging.consensus import find_consensus
 from merging.experiments.detectors import RANSAC_PIXELS
 from merging.experiments.map_pair import MapPair
-from merging.features import describe_all, match
-from merging.two_maps import align
+from merging.map_pair import align
+from merging.registration.features import describe_all, match
+from merging.registration.ransac import find_consensus
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.tbm_map import TbmMap
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from merging.alignment import Alignment
-from merging.bent_joins import look_closer
 from merging.config import MergeConfig
-from merging.findings import Findings
-from merging.map_graph import Group
-from merging.workforce import Workforce
+from merging.map_graph.grouping import Group
+from merging.merge_state import Findings
+from merging.nonrigid.refused_pairs import look_closer
+from merging.pairwise.executor import Workforce
 from tbmslam.se2 import SE2
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 from tests.merging.bent_floor import bent_maps

@@ -18,7 +18,7 @@ import pytest
 from datasets.synthetic.floors import pairs_of
 from datasets.synthetic.map_pairs import building_of_world
 from merging.config import MergeConfig
-from merging.fusion import fuse
+from merging.fusion.fusion import fuse
 from merging.merger import merge
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError

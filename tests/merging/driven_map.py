@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.synthetic.laser import SimulatedLaser
-from merging.redrawing import redraw
+from merging.joint_slam.rendering import redraw
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2

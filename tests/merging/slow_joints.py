@@ -1,9 +1,9 @@
-"""The slow plain twin of `merging.joints`: one place and one way after another."""
+"""The slow plain twin of `merging.map_graph.links`: one place and one way after another."""
 
 import itertools
 import math
 
-from merging.offers import is_same_place
+from merging.map_graph.hypothesis import is_same_place
 
 
 def slow_joints_of(groups, offers, config):

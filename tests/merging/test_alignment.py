@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from merging.alignment import Alignment, Alternative
-from merging.exactness import deviations, seen_from
+from merging.verification.covariance import deviations, seen_from
 from tbmslam.se2 import SE2
 
 COVARIANCE = ((0.04, 0.01, -0.002), (0.01, 0.09, 0.003), (-0.002, 0.003, 0.0004))

@@ -6,11 +6,11 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.laser import SimulatedLaser
 from merging.config import MergeConfig
-from merging.fusion import fuse
-from merging.map_graph import Group
+from merging.fusion.fusion import fuse
+from merging.fusion.warping import warp
+from merging.joint_slam.rendering import redraw
+from merging.map_graph.grouping import Group
 from merging.merged_group import merge_group
-from merging.redrawing import redraw
-from merging.warping import warp
 from tbmslam.config import MapConfig
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
 from tbmslam.keyframes import Keyframes

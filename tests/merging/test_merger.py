@@ -6,7 +6,7 @@ import pytest
 
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
-from merging.warping import warp
+from merging.fusion.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
 from tbmslam.se2 import SE2

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merging.config import Rule
-from merging.fusion import fuse
+from merging.config.choices import Rule
+from merging.fusion.fusion import fuse
 from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise, pignistic
 from tbmslam.grid import GridGeometry, TbmGrid
 

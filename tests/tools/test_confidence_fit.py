@@ -6,10 +6,10 @@ import pytest
 from scipy.optimize import check_grad
 
 from merging import MergeConfig
-from merging.confidence import FEATURES, SIGNS, ConfidenceModel
-from merging.measures import MEASURES
-from merging.pieces import Pieces
-from merging.verification import Evidence
+from merging.scoring.confidence import FEATURES, SIGNS, ConfidenceModel
+from merging.scoring.logit_features import MEASURES
+from merging.verification.evidence import Evidence
+from merging.verification.wall_segments import Pieces
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps

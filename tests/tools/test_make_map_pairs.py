@@ -1,8 +1,8 @@
 import pytest
 
 from merging.config import MergeConfig
-from merging.structure import Structure
-from merging.verification import examine
+from merging.verification.evidence import examine
+from merging.walls.wall_map import Structure
 from tools.make_map_pairs import main
 from tools.pair_files import load_pair
 

@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from merging.config import Coverage, Descriptor, Method, Rule
+from merging.config.choices import Coverage, Descriptor, Method, Rule
 from tbmslam.files import map_folder
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes

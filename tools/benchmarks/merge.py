@@ -16,10 +16,10 @@ from datasets.synthetic.map_distortion import Distortion
 from datasets.synthetic.map_pairs import building_of_area, building_of_world, cut_pairs, room_of
 from merging import align, merge
 from merging.config import MergeConfig
-from merging.consensus import find_consensus
-from merging.features import describe_all, match
-from merging.fusion import fuse
-from merging.warping import canvas_over, place
+from merging.fusion.fusion import fuse
+from merging.fusion.warping import canvas_over, place
+from merging.registration.features import describe_all, match
+from merging.registration.ransac import find_consensus
 from tbmslam.files.atomic_file import write_text
 from tbmslam.grid import GridGeometry
 from tbmslam.se2 import SE2

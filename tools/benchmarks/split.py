@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from merging import merge
-from merging.redrawing import redraw
+from merging.joint_slam.rendering import redraw
 from tbmslam.belief import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement
 from tbmslam.evaluation.map_refinement import refine_map_transform

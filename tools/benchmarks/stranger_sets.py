@@ -17,7 +17,7 @@ from datasets.synthetic.map_pairs import Building
 from datasets.synthetic.map_sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
 from merging import MergeConfig, merge
 from merging.alignment import Pair
-from merging.map_graph import Group, groups_of
+from merging.map_graph.grouping import Group, groups_of
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 from tbmslam.worker_pool import worker_pool

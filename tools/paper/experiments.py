@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from merging.config import FeatureConfig, MergeConfig
+from merging.config import MergeConfig
+from merging.config.registration import FeatureConfig
 from merging.experiments.detectors import DetectorResult, compare_detectors
 from merging.experiments.durations import DurationResult, measure_durations
 from merging.experiments.halves import Halves, fuse_halves

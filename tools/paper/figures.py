@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from merging.channels import Channels
 from merging.experiments.modifications import MODIFICATIONS, Study
 from merging.experiments.published import TABLE_2, table_2
 from merging.experiments.significance import half_interval, half_width
+from merging.registration.channels import Channels
 from tbmslam.files.png import encode_png
 from tbmslam.grid import TbmGrid
 

@@ -8,8 +8,8 @@ import pytest
 
 from merging import MergeConfig, align, merge
 from merging.baselines.methods import BASELINES, align_baseline
-from merging.config import Method
-from merging.warping import warp
+from merging.config.choices import Method
+from merging.fusion.warping import warp
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from merging.experiments.map_pair import MapPair
-from merging.warping import warp
+from merging.fusion.warping import warp
 from tbmslam.belief import VACUOUS
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2

@@ -1,4 +1,4 @@
-from merging.config import FeatureConfig
+from merging.config.registration import FeatureConfig
 from merging.experiments.durations import measure_durations
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from merging.config import FeatureConfig
+from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
 from merging.experiments.modifications import (
     AS_PROGRAMMED,
@@ -10,7 +10,7 @@ from merging.experiments.modifications import (
     Variant,
     compare_modifications,
 )
-from merging.features import describe, match
+from merging.registration.features import describe, match
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 

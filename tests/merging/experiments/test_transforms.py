@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from merging.config import FeatureConfig, MergeConfig
+from merging.config import MergeConfig
+from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
 from merging.experiments.transforms import geometric_mean, measure_transforms
 from tbmslam.grid import GridGeometry, TbmGrid

@@ -1,0 +1,169 @@
+"""Joins of groups that hang on one doubtful alignment: both groups as wholes must not speak against it.
+
+Of two maps few walls may agree by chance. Where others know the same two places, all of their walls must agree there
+as well; so what alone joins two groups is looked at once more with everything that they know.
+"""
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from merging.alignment import Alignment, Pair
+from merging.config import MergeConfig
+from merging.group_map import align_wholes, wholes_of
+from merging.map_graph.grouping import Group
+from merging.map_graph.hypothesis import is_same_place
+from merging.merge_state import Findings
+from merging.pairwise.executor import Workforce
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+logger = logging.getLogger(__name__)
+
+Sides = tuple[Pair, frozenset[str], frozenset[str]]
+"""An alignment, and the maps on either side of it."""
+
+
+@dataclass(frozen=True)
+class LoneJoin:
+    """An alignment without which a group would fall into two.
+
+    Parameters
+    ----------
+    pair
+        Whose it is.
+    T_target_source
+        What it says.
+    sides
+        The poses of the maps on the target's side and on the source's, in the group's frame.
+    """
+
+    pair: Pair
+    T_target_source: SE2
+    sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
+
+    @property
+    def names(self) -> Sides:
+        """The pair, and the maps on either side."""
+        return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
+
+
+def without_lone_joins(found: Findings, config: MergeConfig, workforce: Workforce) -> Findings:
+    """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
+    stood = set[Sides]()
+    while True:
+        refuted, fitting = refute_lone_join(found, config, workforce, stood)
+        stood |= fitting
+        if refuted is None:
+            return found
+        found = found.with_aligned(dict([refuted]))
+
+
+def refute_lone_join(
+    found: Findings,
+    config: MergeConfig,
+    workforce: Workforce,
+    stood: Collection[Sides] = (),
+) -> tuple[tuple[Pair, Alignment] | None, set[Sides]]:
+    """Look for an alignment that alone joins groups which as wholes do not fit so, the most doubtful first.
+
+    Parameters
+    ----------
+    found
+        The maps, and what is known of them so far.
+    config
+        Below which confidence a lone alignment is doubted, and how little the wholes may give its place.
+    workforce
+        Who aligns them.
+    stood
+        The groups that fitted before; they are not aligned again.
+
+    Returns
+    -------
+    The alignment, refused now, or None where all stand, and the groups that fit.
+    """
+    fitting, alignments = set[Sides](), found.alignments
+    joins = [join for group in found.groups for join in lone_joins(group, alignments, config)]
+    for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
+        if join.names in stood:
+            continue
+        likely = _likely_as_wholes(join, found.maps, config, workforce)
+        if likely < config.graph.min_whole:
+            before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
+            reason = f"groups of {numbers} maps, which it alone joins, do not fit so ({likely:.2f}): {before.reason}"
+            logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
+            return (join.pair, replace(before, accepted=False, reason=reason, confidence=likely)), fitting
+        fitting.add(join.names)
+    return None, fitting
+
+
+def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[LoneJoin]:
+    """Return the doubtful alignments without which a group would fall into two, one of them of several maps."""
+    joins = []
+    for pair in group.used:
+        found = alignments[pair]
+        doubtful = found.accepted and found.confidence < config.graph.sure_alone
+        if found.method != "correlation" or found.T_target_source is None or not doubtful:
+            continue
+        sides = _parted_without(pair, group, alignments, config)
+        if sides is not None and len(group) > 2:
+            here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
+            joins.append(LoneJoin(pair, found.T_target_source, (here, there)))
+    return joins
+
+
+def _parted_without(
+    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
+) -> tuple[frozenset[str], frozenset[str]] | None:
+    """Return the maps on the target's side and on the source's; None where other accepted alignments join these.
+
+    Refused ones that agree with the group's poses put maps on the side which they say more surely, but join no sides;
+    what nothing puts on either is on none.
+    """
+    others = [one for one in group.used if one != pair]
+    surest_first = sorted(others, key=lambda one: (alignments[one].accepted, alignments[one].confidence), reverse=True)
+    # A map that lies where its user put it, whatever the walls say, knows nothing of what lies there.
+    unfounded = {
+        one
+        for one in others
+        if alignments[one].method == "told" and alignments[one].confidence < config.verification.min_confidence
+    }
+    if unfounded and _sides(pair, group, alignments, surest_first) is None:
+        return None
+    return _sides(pair, group, alignments, [one for one in surest_first if one not in unfounded])
+
+
+def _sides(
+    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], surest_first: Sequence[Pair]
+) -> tuple[frozenset[str], frozenset[str]] | None:
+    """Return the maps on either side of a pair that these alignments put there; None where accepted ones join both."""
+    sides = {name: frozenset({name}) for name in group.poses}
+    for one in surest_first:
+        both = sides[one[0]] | sides[one[1]]
+        if both.issuperset(pair):
+            if alignments[one].accepted:
+                return None
+            continue
+        sides |= dict.fromkeys(both, both)
+    return sides[pair[0]], sides[pair[1]]
+
+
+def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:
+    """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it.
+
+    Groups too large to be one map cannot speak against it: then it is 1.
+    """
+    target, source = join.pair
+    wholes = wholes_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, workforce.watch)
+    if len(wholes) < 2:
+        return 1.0
+    found = align_wholes(wholes, [join.pair], config, workforce)[join.pair]
+    if found.T_target_source is None:
+        return 0.0
+    told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
+    offered = [
+        (found.T_target_source, found.confidence, found.covariance),
+        *((one.T_target_source, one.confidence, one.covariance) for one in found.alternatives),
+    ]
+    likely = (confidence for place, confidence, known in offered if is_same_place(told, place, config.graph, known))
+    return max(likely, default=0.0)

@@ -1,0 +1,81 @@
+"""Every number a merge depends on, with its default."""
+
+from pydantic import Field
+
+from merging.config.baselines import BaselinesConfig
+from merging.config.choices import Coverage, Method, Rule
+from merging.config.joint_slam import JointConfig
+from merging.config.map_graph import GraphConfig
+from merging.config.nonrigid import BentLookConfig
+from merging.config.pose_priors import KnownPose, KnownPoseConfig
+from merging.config.registration import (
+    ConsensusConfig,
+    CorrelationConfig,
+    FeatureConfig,
+    RefinementConfig,
+    StructureConfig,
+)
+from merging.config.short_range import NearConfig
+from merging.config.verification import ExactnessConfig, VerificationConfig
+from tbmslam.frozen_config import FrozenConfig, Metres, Share
+
+
+class MergeConfig(FrozenConfig):
+    """How maps are merged.
+
+    Parameters
+    ----------
+    method
+        How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's, and the
+        others are `merging.baselines`.
+    rule
+        How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
+        `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see
+        `merging.fusion.fusion.fuse`. None renders the merged map anew from all scans where the drives were straightened
+        together, the coverage is `union`, every map is believed and all were rendered alike; elsewhere it is
+        `disjunctive`.
+    coverage
+        `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
+    reliability
+        Probability that a map, by name, is to be believed at all; 1 for those not named.
+    known_poses
+        Where maps, by name, lie in the frame of the first, roughly [m, m, rad]: these are laid there and not searched.
+    resolution
+        Cell size at which maps are compared [m]; None takes the coarser one's of each pair.
+    merged_resolution
+        Cell size of the merged map [m]; None takes that of the map whose frame it has.
+    decoys
+        The first glance at the places of the source's mirror image, which tell what chance achieves; where it leaves
+        doubt they are searched as `correlation` says. See `merging.scoring.hypothesis_scoring`.
+    """
+
+    method: Method = "correlation"
+    rule: Rule | None = None
+    coverage: Coverage = "union"
+    reliability: dict[str, Share] = Field(default_factory=dict)
+    known_poses: dict[str, KnownPose] = Field(default_factory=dict)
+    resolution: Metres | None = None
+    merged_resolution: Metres | None = None
+    features: FeatureConfig = FeatureConfig()
+    consensus: ConsensusConfig = ConsensusConfig()
+    structure: StructureConfig = StructureConfig()
+    correlation: CorrelationConfig = CorrelationConfig()
+    decoys: CorrelationConfig = CorrelationConfig(
+        cells_along=90,
+        min_cell_m=0.1,
+        clearance_cells=1.6,
+        turns_share=0.3,
+        most_turns=120,
+        proposals=150,
+        semifinalists=6,
+        finalists=3,
+    )
+    refinement: RefinementConfig = RefinementConfig()
+    verification: VerificationConfig = VerificationConfig()
+    exactness: ExactnessConfig = ExactnessConfig()
+    graph: GraphConfig = GraphConfig()
+    known: KnownPoseConfig = KnownPoseConfig()
+    bent: BentLookConfig = BentLookConfig()
+    near: NearConfig = NearConfig()
+    joint: JointConfig = JointConfig()
+    baselines: BaselinesConfig = BaselinesConfig()

@@ -1,0 +1,87 @@
+"""Every number of the joint optimisation of drives."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from tbmslam.adjustment.adjustment_config import AdjustmentConfig
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
+from tbmslam.loops.submap import SubmapConfig
+
+
+class JointConfig(FrozenConfig):
+    """How drives of several robots are straightened together.
+
+    Parameters
+    ----------
+    enabled
+        Whether it is tried where maps carry keyframes.
+    submap
+        How stretches of a drive become submaps.
+    step
+        Travelled length between keyframes that are laid onto other robots' submaps [m].
+    reach_m, submaps_per_step
+        How near a keyframe must be to a submap's way [m], and how many of the nearest are tried.
+    bundle_m
+        Keyframes within this length before and after join a bundle [m].
+    first_shift_m, last_shift_m, turn_rad
+        How far a bundle is searched from where it is expected, in the first round and in the second [m], and how far
+        turned [rad]. The second is also how far it may slide when it is laid onto the surfaces.
+    tightenings
+        Further rounds, in which bundles are laid onto the surfaces from where they are, without a search.
+    min_gap_m
+        Travelled length between two visits of a robot to a place [m].
+    search_points, match_points
+        Hits of a bundle used in a search, and in the fit.
+    min_matched, max_violated, max_ambiguity, min_determined
+        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, and
+        no place as good elsewhere; a direction whose curvature is a smaller share of the other's than the last is left
+        open; see `tbmslam.loops.loop_closing`.
+    sure_matched, doubtful_weight
+        With less of its bundle on surfaces than it takes to close a loop of one robot, a closure between robots counts
+        for a share only: things were moved, or the fit is none.
+    min_closures
+        With fewer the alignment stays rigid.
+    step_m, step_rad, crossing_m, crossing_rad
+        Standard deviations of the motion from keyframe to keyframe, and between places where a drive comes near its
+        own way again [m, rad], for drives of which only the poses are known.
+    stiffness_step_m, stiffness_reach_m
+        How often the latter are taken, and how near is near [m].
+    closure_m, closure_rad
+        Accuracy of a closure at best [m, rad].
+    robust_width
+        Deviations at which a closure begins to lose its say.
+    adjustment
+        How drives and walls are adjusted to each other in the end.
+    """
+
+    enabled: bool = True
+    submap: SubmapConfig = SubmapConfig()
+    step: Metres = 1.0
+    reach_m: Metres = 4.0
+    submaps_per_step: Count = 2
+    bundle_m: Annotated[float, Field(ge=0.0)] = 1.5
+    first_shift_m: Metres = 0.8
+    last_shift_m: Metres = 0.3
+    tightenings: Annotated[int, Field(ge=0)] = 2
+    min_gap_m: Metres = 12.0
+    turn_rad: Annotated[float, Field(gt=0.0)] = 0.075
+    search_points: Annotated[int, Field(ge=10)] = 150
+    match_points: Annotated[int, Field(ge=10)] = 500
+    min_matched: Share = 0.4
+    sure_matched: Share = 0.58
+    doubtful_weight: Annotated[float, Field(gt=0.0, le=1.0)] = 0.1
+    max_violated: Share = 0.2
+    max_ambiguity: Share = 0.9
+    min_determined: Annotated[float, Field(ge=0.0)] = 0.02
+    min_closures: Count = 5
+    step_m: Metres = 0.01
+    step_rad: Annotated[float, Field(gt=0.0)] = 0.003
+    crossing_m: Metres = 0.05
+    crossing_rad: Annotated[float, Field(gt=0.0)] = 0.01
+    stiffness_step_m: Metres = 2.0
+    stiffness_reach_m: Metres = 3.0
+    closure_m: Metres = 0.02
+    closure_rad: Annotated[float, Field(gt=0.0)] = 0.004
+    robust_width: Annotated[float, Field(gt=0.0)] = 2.0
+    adjustment: AdjustmentConfig = AdjustmentConfig()

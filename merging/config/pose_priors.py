@@ -1,0 +1,28 @@
+"""Poses that somebody knows, and how maps are laid near them."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
+from tbmslam.frozen_config import FrozenConfig, Metres
+
+Coordinate = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-MAX_TURN, le=MAX_TURN, allow_inf_nan=False)]
+KnownPose = tuple[Coordinate, Coordinate, Angle]
+
+
+class KnownPoseConfig(FrozenConfig):
+    """How a map is laid near a pose that somebody knows.
+
+    Parameters
+    ----------
+    reach_m, reach_rad
+        How far from the told pose it is looked for, at the middle of its walls [m], and how far turned [rad].
+    min_wall_m
+        With less agreeing wall than this it is laid exactly as told [m].
+    """
+
+    reach_m: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
+    reach_rad: Annotated[float, Field(ge=1e-3, le=3.2)] = 0.18
+    min_wall_m: Metres = 2.0

@@ -1,0 +1,161 @@
+"""Every number of the search for one map in another."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from merging.config.choices import Descriptor
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
+
+
+class FeatureConfig(FrozenConfig):
+    """Keypoints and how they are matched: the paper's numbers, and OpenCV's where the paper is silent.
+
+    Parameters
+    ----------
+    keypoints
+        Keypoints wanted in each map.
+    descriptor
+        What is matched: the descriptors of the occupied, free and unknown image `concatenated`, joined bit by bit
+        (`and`, `or`, `xor`), or the one of the `pignistic` image alone; the paper's table II.
+    ratio
+        Lowe's ratio: a match must be this much nearer than the second best.
+    pyramid_step, pyramid_levels, fast_threshold
+        ORB's pyramid and corner detector.
+    """
+
+    keypoints: Count = 1000
+    descriptor: Descriptor = "concatenated"
+    ratio: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
+    pyramid_step: Annotated[float, Field(gt=1.0)] = 1.2
+    pyramid_levels: Count = 8
+    fast_threshold: Annotated[int, Field(ge=0)] = 20
+
+
+class ConsensusConfig(FrozenConfig):
+    """The rigid motion that most matches agree on.
+
+    Parameters
+    ----------
+    inlier_distance_m
+        Farthest apart two matched points may end up [m].
+    min_inliers
+        Fewer than these are chance.
+    min_baseline_m
+        Two matches nearer together than this say nothing about a rotation [m].
+    max_scale_deviation
+        How far from 1 the scale may be that fits the inliers best.
+    trials
+        Pairs of matches that are tried; all of them where there are fewer.
+    seed
+        Of the draw, where not all are tried.
+    """
+
+    inlier_distance_m: Metres = 0.3
+    min_inliers: Annotated[int, Field(ge=2)] = 5
+    min_baseline_m: Metres = 1.0
+    max_scale_deviation: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    trials: Count = 4000
+    seed: int = 0
+
+
+class StructureConfig(FrozenConfig):
+    """What counts as wall and as free space when alignments are judged.
+
+    Parameters
+    ----------
+    min_wall_mass
+        Least mass on occupied; less may be the blur beside a wall.
+    min_speck_m
+        Shortest connected piece of wall [m]; shorter ones may be people, legs and noise.
+    steady_m, movable_m, least_weight
+        Pieces of wall at least so long count whole [m]; those shorter than the second, things that people move, count
+        for the third.
+    gap_m
+        Gaps as wide do not part a wall [m].
+    block_m
+        Solid blocks at least so thick [m] and short are such things too where they stand against a wall.
+    thing_m, hollow_m
+        Closed outlines as long [m] are such things too; what nobody saw inside is at least so wide, or it is the inside
+        of a wall [m].
+    """
+
+    min_wall_mass: Share = 0.1
+    min_speck_m: Annotated[float, Field(ge=0.0)] = 0.2
+    steady_m: Annotated[float, Field(ge=0.0)] = 1.2
+    movable_m: Annotated[float, Field(ge=0.0)] = 0.8
+    least_weight: Share = 0.1
+    gap_m: Annotated[float, Field(ge=0.0)] = 0.1
+    block_m: Metres = 0.25
+    thing_m: Annotated[float, Field(ge=0.0)] = 1.8
+    hollow_m: Metres = 0.45
+
+
+class CorrelationConfig(FrozenConfig):
+    """The search through all rotations and shifts.
+
+    Parameters
+    ----------
+    cells_along
+        Cells along both maps together; large maps are searched more coarsely.
+    min_cell_m, max_cell_m, most_cells
+        Finest and coarsest cells allowed [m], which limit the former, but for maps so large that they would have more
+        cells along them than this.
+    clearance_m, clearance_cells
+        Free space nearer than this to a wall tolerates walls [m, cells]; the larger of the two holds.
+    penalty
+        What a metre of wall on free space costs, in metres of agreeing wall.
+    wall_bonus
+        What a metre of wall on any wall brings.
+    turns_share, most_turns
+        Share of all rotations that are tried, those under which most walls face the same ways, and how many at most:
+        large maps have many, and walls enough to tell which. Of maps that overlap little, most walls are not shared, so
+        that the way they face may tell nothing of the truth.
+    min_overlap_m
+        Shifts under which the maps reach into each other by less are not told apart from others [m].
+    peaks_per_rotation, proposals
+        Best shifts taken from each rotation, and best motions taken from all.
+    semifinalists, finalists
+        How many of these are made exact, and how many of those are told apart with all of their walls.
+    """
+
+    cells_along: Annotated[int, Field(ge=8)] = 120
+    min_cell_m: Metres = 0.2
+    max_cell_m: Metres = 0.5
+    most_cells: Annotated[int, Field(ge=8)] = 400
+    clearance_m: Metres = 0.25
+    clearance_cells: Annotated[float, Field(ge=0.0)] = 1.2
+    penalty: Annotated[float, Field(ge=0.0)] = 0.5
+    wall_bonus: Annotated[float, Field(ge=0.0)] = 0.3
+    turns_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    most_turns: Count = 220
+    min_overlap_m: Annotated[float, Field(ge=0.0)] = 3.0
+    peaks_per_rotation: Count = 30
+    proposals: Count = 600
+    semifinalists: Annotated[int, Field(ge=2)] = 40
+    finalists: Annotated[int, Field(ge=2)] = 20
+
+
+class RefinementConfig(FrozenConfig):
+    """How an alignment is made exact.
+
+    Parameters
+    ----------
+    proposal_reach_m
+        How far a wall looks for its like when a proposal of the correlation is refined at first [m].
+    first_reach_m, last_reach_m
+        How far it looks in the first and in the last iteration of the final refinement [m].
+    iterations, rough_iterations
+        Steps of the final refinement, and of the first one.
+    few_walls, some_walls, many_walls
+        How many walls of each map are looked at in the first refinement, to judge its results, and in the final one.
+    """
+
+    proposal_reach_m: Metres = 1.2
+    first_reach_m: Metres = 0.5
+    last_reach_m: Metres = 0.15
+    iterations: Annotated[int, Field(ge=0)] = 10
+    rough_iterations: Annotated[int, Field(ge=0)] = 10
+    few_walls: Annotated[int, Field(ge=3)] = 300
+    some_walls: Annotated[int, Field(ge=3)] = 1000
+    many_walls: Annotated[int, Field(ge=3)] = 2500

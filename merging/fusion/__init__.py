@@ -1,0 +1,1 @@
+"""Aligned grids become one grid."""

@@ -1,0 +1,1 @@
+"""The drives of several robots optimised together."""

@@ -1,0 +1,180 @@
+"""Bundles of keyframes laid onto submaps of other drives, and of their own where they come back."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from merging.config.joint_slam import JointConfig
+from tbmslam.keyframes import Keyframes
+from tbmslam.loops.drive_hits import DriveHits
+from tbmslam.loops.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.pose_graph import MotionEdge, relative_pose
+from tbmslam.scan_hits import ScanHits
+from tbmslam.se2 import SE2, FloatArray
+from tbmslam.tbm_map import Drive
+from tbmslam.tracking.surfel_map import SurfelConfig
+from tbmslam.tracking.tracked_keyframe import chain
+from tbmslam.watch import Watch
+
+
+class Track:
+    """One robot's laser along its drive, in the merged frame.
+
+    Parameters
+    ----------
+    map_name, drive
+        Whose it is.
+    T_merged_map
+        Where its map lies.
+    config
+        How its submaps are made.
+
+    Attributes
+    ----------
+    keyframes
+        Its scans, in the merged frame.
+    sensors
+        Poses (K, 3) of the laser.
+    hits
+        What it hit.
+    submaps
+        Stretches of the drive that bundles are laid onto.
+    """
+
+    def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2, config: SubmapConfig) -> None:
+        self.map_name, self.drive = map_name, drive
+        self.keyframes: Keyframes = drive.keyframes.transformed(T_merged_map)
+        self.sensors = self.keyframes.all_sensor_poses()
+        self.hits = DriveHits(ScanHits.of(self.keyframes, config.max_range), self.sensors)
+        stretches = split_into_submaps(self.sensors, config.length)
+        self.submaps = [Submap(first, last, self.hits, config, SurfelConfig()) for first, last in stretches]
+
+    def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:
+        """Return the drive's own motions, its first keyframe being the pose `start` of the graph.
+
+        Where nobody kept what was measured, the poses stand for it: stiff from keyframe to keyframe, and less so where
+        the drive crosses its way, as loops were closed there.
+        """
+        if self.drive.motions is not None:
+            return chain(self.drive.motions, start)
+        pairs = [(index, index + 1, config.step_m, config.step_rad) for index in range(len(self.sensors) - 1)]
+        stops = self.stops(config.stiffness_step_m)
+        for number, first in enumerate(stops):
+            apart = np.hypot(*(self.sensors[stops[number + 2 :], :2] - self.sensors[first, :2]).T)
+            near = [stops[number + 2 + int(k)] for k in np.flatnonzero(apart < config.stiffness_reach_m)]
+            pairs += [(first, second, config.crossing_m, config.crossing_rad) for second in near]
+        return [
+            MotionEdge(
+                start + first, start + second, relative_pose(self.sensors, first, second),
+                np.diag([metres**-2, metres**-2, radians**-2]),
+            )
+            for first, second, metres, radians in pairs
+        ]  # fmt: skip
+
+    def stops(self, step: float) -> list[int]:
+        """Return keyframes at least about `step` metres apart."""
+        _, first = np.unique((self.hits.travelled / step).astype(np.int64), return_index=True)
+        return [int(index) for index in first]
+
+    def others(self, keyframe: int, other: "Track", config: JointConfig) -> list[int]:
+        """Return the submaps of a drive that a keyframe may be laid onto; of its own, those of earlier visits."""
+        if other is not self:
+            return list(range(len(other.submaps)))
+        if self.drive.motions is None:  # the poses stand for what was measured, loops and all
+            return []
+        travelled = self.hits.travelled
+        since = travelled[keyframe] - travelled[[submap.last for submap in self.submaps]]
+        return np.flatnonzero(since > config.min_gap_m).tolist()
+
+
+def find_closures(
+    tracks: Sequence[Track],
+    starts: npt.NDArray[np.int64],
+    poses: FloatArray,
+    shift: float,
+    config: JointConfig,
+    watch: Watch,
+) -> list[MotionEdge]:
+    """Lay bundles of every drive onto the nearest submaps of all drives.
+
+    Parameters
+    ----------
+    tracks
+        The drives.
+    starts
+        Which of the poses is each drive's first (D,).
+    poses
+        Poses (N, 3) of the lasers at the keyframes of all drives, as known so far.
+    shift
+        How far a bundle is searched from there [m]; 0 lays it onto the surfaces from there.
+    config
+        When it fits.
+    watch
+        Who is told how far it is.
+    """
+    found = []
+    for moving, track in enumerate(tracks):
+        stops = track.stops(config.step)
+        for index in watch.shown(stops, f"straightening {track.map_name}", len(stops), "places"):
+            here = int(starts[moving]) + index
+            for fixed, other in enumerate(tracks):
+                offset = int(starts[fixed])
+                ways = poses[offset : offset + len(other.sensors), :2] - poses[here, :2]
+                distances = np.hypot(ways[:, 0], ways[:, 1])
+                nearest = sorted(
+                    (float(distances[other.submaps[k].first : other.submaps[k].last + 1].min()), k)
+                    for k in track.others(index, other, config)
+                )
+                for distance, number in nearest[: config.submaps_per_step]:
+                    if distance <= config.reach_m:
+                        edge = _closure(track, index, other.submaps[number], (here, offset), poses, shift, config)
+                        found += [] if edge is None else [edge]
+    return found
+
+
+def _closure(
+    track: Track,
+    index: int,
+    submap: Submap,
+    places: tuple[int, int],
+    poses: FloatArray,
+    shift: float,
+    config: JointConfig,
+) -> MotionEdge | None:
+    """Return where a bundle lies in a submap, if it fits there and nowhere else near by."""
+    here, offset = places
+    bundle = track.hits.bundle(index, config.bundle_m, config.match_points)
+    if len(bundle.points) < config.search_points // 2:
+        return None
+    guess = relative_pose(poses, offset + submap.anchor, here)
+    if shift > 0.0:
+        find = submap.search(bundle.thinned(config.search_points).points, guess, shift, config.turn_rad)
+        if find.ambiguity > config.max_ambiguity:
+            return None
+        guess = find.pose
+    fit = submap.fit(bundle, guess)
+    is_sure = fit.matched >= config.sure_matched
+    if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
+        return None
+    if not is_sure and here - index == offset:  # of its own loops a robot closed those that are sure
+        return None
+    if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.last_shift_m:
+        return None
+    floor = np.diag([config.closure_m**2, config.closure_m**2, config.closure_rad**2])
+    information = np.linalg.inv(np.linalg.inv(_determined(fit.hessian, config) + np.eye(3) * 1e-3) + floor)
+    information *= 1.0 if is_sure else config.doubtful_weight
+    rotation = SE2(0.0, 0.0, fit.pose.theta).matrix()
+    return MotionEdge(offset + submap.anchor, here, fit.pose, np.asarray(rotation.T @ information @ rotation))
+
+
+def _determined(hessian: FloatArray, config: JointConfig) -> FloatArray:
+    """Return the curvature without the direction that a fit leaves open; as in `tbmslam.loops.loop_closing`."""
+    values, directions = np.linalg.eigh(hessian[:2, :2])
+    if values[0] >= config.min_determined * values[1]:
+        return hessian
+    kept = np.eye(3)
+    kept[:2, :2] -= np.outer(directions[:, 0], directions[:, 0])
+    closed: FloatArray = kept @ hessian @ kept
+    return closed

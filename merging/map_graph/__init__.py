@@ -1,0 +1,1 @@
+"""Many maps: which belong together, and where each lies."""

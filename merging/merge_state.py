@@ -1,0 +1,69 @@
+"""What one look after the other finds of maps that are to be merged."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from merging.alignment import Alignment, Pair
+from merging.map_graph.grouping import Group
+from tbmslam.grid import TbmGrid
+from tbmslam.tbm_map import TbmMap
+
+Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is known so far.
+
+    Parameters
+    ----------
+    grouping
+        How alignments join maps.
+    maps
+        The maps by name, those that were straightened as they are now.
+    alignments
+        The surest answer for every pair.
+    groups
+        What these join, the largest first.
+    judged_by
+        The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
+        maps' own.
+    straightened
+        The maps that were straightened.
+    """
+
+    grouping: Grouping
+    maps: Mapping[str, TbmMap]
+    alignments: Mapping[Pair, Alignment]
+    groups: Sequence[Group]
+    judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
+    straightened: Mapping[str, TbmMap] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "Findings":
+        """Return what a first look found."""
+        return cls(grouping, maps, alignments, grouping(alignments))
+
+    def apart(self) -> list[Pair]:
+        """Return the pairs whose maps are in different groups."""
+        where = {name: number for number, group in enumerate(self.groups) for name in group.poses}
+        return [pair for pair in self.alignments if where[pair[0]] != where[pair[1]]]
+
+    def with_aligned(
+        self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
+    ) -> "Findings":
+        """Return the same with better answers for some pairs, and the grids they were judged by."""
+        alignments = {**self.alignments, **found}
+        judged_by = {**self.judged_by, **(judged_by or {})}
+        return replace(self, alignments=alignments, groups=self.grouping(alignments), judged_by=judged_by)
+
+    def with_straightened(self, name: str, straightened: TbmMap) -> "Findings":
+        """Return the same with one of the maps straightened."""
+        return replace(
+            self, maps={**self.maps, name: straightened}, straightened={**self.straightened, name: straightened}
+        )
+
+    def judged_as_they_are(self, pair: Pair) -> "Findings":
+        """Return the same with a pair judged by its grids as they are now."""
+        grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
+        return replace(self, judged_by={**self.judged_by, pair: grids})

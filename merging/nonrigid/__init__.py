@@ -1,0 +1,1 @@
+"""Maps that fit nowhere rigidly: one of two is deformed."""

@@ -1,0 +1,85 @@
+"""Maps that no alignment joined: each two get another look, one of them bent."""
+
+import itertools
+import logging
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+from merging.alignment import Pair
+from merging.config import MergeConfig
+from merging.merge_state import Findings
+from merging.nonrigid.search import BentLook, look_bent
+from merging.pairwise.cluster import Packed, pack, unpack
+from merging.pairwise.executor import Workforce
+from tbmslam.cluster import Cluster
+from tbmslam.tbm_map import TbmMap
+from tbmslam.watch import Watch
+from tbmslam.worker_pool import worker_pool
+
+logger = logging.getLogger(__name__)
+
+
+def look_closer(
+    found: Findings,
+    config: MergeConfig,
+    workforce: Workforce,
+) -> dict[Pair, BentLook]:
+    """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
+
+    Parameters
+    ----------
+    found
+        The maps, and what is known of them so far.
+    config
+        How maps are bent and believed.
+    workforce
+        Who bends them.
+    """
+    pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
+    if not (pairs and config.bent.enabled and config.method == "correlation"):
+        return {}
+    grids = {name: TbmMap(found.maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
+    workers, watch = min(workforce.workers, len(pairs)), workforce.watch
+    if workforce.scheduler is not None:
+        looks = _on_cluster(pairs, grids, config, workforce.scheduler, watch)
+    elif workers <= 1:
+        looks = [_look(pair, grids, config) for pair in watch.each(pairs, "bending", len(pairs), "pairs")]
+    else:
+        with worker_pool(workers, partial(_hire, grids, config)) as pool:
+            looks = list(watch.each(pool.map(_look_here, pairs), "bending", len(pairs), "pairs"))
+    joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
+    for (target, source), look in joins.items():
+        logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
+    return joins
+
+
+_here: list[tuple[Mapping[str, TbmMap], MergeConfig]] = []
+"""The maps, where this process is a worker, and how it bends them."""
+
+
+def _hire(grids: Mapping[str, TbmMap], config: MergeConfig) -> None:
+    _here[:] = [(grids, config)]
+
+
+def _look_here(pair: Pair) -> BentLook | None:
+    return _look(pair, *_here[0])
+
+
+def _look(pair: Pair, grids: Mapping[str, TbmMap], config: MergeConfig) -> BentLook | None:
+    return look_bent(grids[pair[0]], grids[pair[1]], config)
+
+
+def _on_cluster(
+    pairs: Sequence[Pair], grids: Mapping[str, TbmMap], config: MergeConfig, scheduler: str, watch: Watch
+) -> list[BentLook | None]:
+    with Cluster(scheduler) as cluster:
+        there = {name: cluster.submit(f"map {name}", _map_of, pack(one.grid)) for name, one in grids.items()}
+        submitted = [
+            cluster.submit(f"{source} bent in {target}", look_bent, there[target], there[source], config)
+            for target, source in pairs
+        ]
+        return list(watch.each(cluster.results(submitted), "bending", len(pairs), "pairs"))
+
+
+def _map_of(packed: Packed) -> TbmMap:
+    return TbmMap(unpack(packed))

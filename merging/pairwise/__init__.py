@@ -1,0 +1,1 @@
+"""Pairs of maps aligned, serially, in processes or on a cluster."""

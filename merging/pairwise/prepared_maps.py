@@ -1,0 +1,48 @@
+"""Maps as the aligner looks at them, each once for every cell size that its pairs are compared in."""
+
+from collections.abc import Mapping
+
+from merging.alignment import Pair
+from merging.config import MergeConfig
+from merging.fusion.warping import CellSizeError
+from merging.rigid_alignment import View, comparison_resolution, view_of
+from tbmslam.grid import TbmGrid
+
+
+class Views:
+    """Looks at maps when they are first asked for.
+
+    A coarse map costs only the pairs that it is in: the others are compared in their own, finer cells.
+
+    Parameters
+    ----------
+    grids
+        The maps' grids by name.
+    config
+        How they are looked at.
+    """
+
+    def __init__(self, grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
+        self._grids, self._config = grids, config
+        self._views: dict[tuple[str, float], View | None] = {}
+
+    def of_pair(self, pair: Pair) -> tuple[View | None, View | None]:
+        """Return both maps of a pair, target and source, in cells of one size; None for one of which nothing is known.
+
+        Raises
+        ------
+        CellSizeError
+            If no map has cells of such a size, or one of the two is far too large for it.
+        """
+        target, source = pair
+        resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
+        return self._view(target, resolution), self._view(source, resolution)
+
+    def _view(self, name: str, resolution: float) -> View | None:
+        look = name, resolution
+        if look not in self._views:
+            try:
+                self._views[look] = view_of(self._grids[name], resolution, self._config)
+            except CellSizeError as error:
+                raise CellSizeError(f"{name}: {error}") from None
+        return self._views[look]

@@ -1,0 +1,198 @@
+"""Maps whose poses somebody knows: laid there, and made exact where walls agree.
+
+Who knows roughly where a robot started needs no search, and may know better than the maps can tell: a corridor alike
+everywhere, a plan drawn otherwise than a laser sees. What the maps say for and against the place is told all the same.
+"""
+
+import itertools
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from merging.alignment import Alignment, Pair
+from merging.config import MergeConfig
+from merging.config.pose_priors import KnownPoseConfig
+from merging.formatting import evidence_in_words
+from merging.fusion.warping import corners_of
+from merging.pairwise.prepared_maps import Views
+from merging.registration.hypotheses import Candidate, best_of, find_candidates
+from merging.rigid_alignment import View
+from merging.scoring.confidence import confidences
+from merging.scoring.decoys import find_decoys
+from merging.verification.covariance import covariance_of
+from merging.verification.evidence import Evidence, examine
+from merging.walls.wall_map import Structure, without_walls
+from tbmslam.errors import TbmSlamError
+from tbmslam.files.map_check import MAX_CELLS
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.tbm_map import TbmMap
+
+logger = logging.getLogger(__name__)
+
+_SHIFTS, _TURNS = 5, 9
+"""So many starts along each axis and of the rotation, up to as far as the pose may be wrong."""
+_NEVER = 1e-300
+"""No place is less likely than this."""
+
+
+class KnownPoseError(TbmSlamError):
+    """A told pose that no merged map can have: one line with the map, the fact and the remedy."""
+
+
+@dataclass(frozen=True)
+class KnownPlaces:
+    """Where maps lie that somebody knows the poses of.
+
+    Parameters
+    ----------
+    poses
+        T_first_map of the first map and of those told, made exact; empty where nothing was told.
+    alignments
+        Each told map in that one of the maps before it which it shares most walls with; all are accepted.
+    """
+
+    poses: Mapping[str, SE2]
+    alignments: dict[Pair, Alignment]
+
+
+def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
+    """Lay maps where `MergeConfig.known_poses` says, each onto one of those before it.
+
+    Raises
+    ------
+    ValueError
+        If a pose is told of a map that is none of these, or of the first.
+    KnownPoseError
+        If a map would lie so far from the others that the merged map had too many cells.
+    """
+    first = next(iter(maps))
+    for name in config.known_poses:
+        if name == first or name not in maps:
+            raise ValueError(f"known_poses must be of maps after the first, {first!r}, got {name!r}")
+    if not config.known_poses:
+        return KnownPlaces({}, {})
+    views = Views({name: one.grid for name, one in maps.items()}, config.model_copy(update={"method": "correlation"}))
+    resolution = config.merged_resolution or maps[first].grid.geometry.resolution
+    poses, alignments = {first: SE2.identity()}, dict[Pair, Alignment]()
+    for name in (name for name in maps if name in config.known_poses):
+        guess = SE2(*config.known_poses[name])
+        target = max(poses, key=lambda one: _shared_wall_m(one, name, poses[one].inverse() @ guess, views, config))
+        found = align_near(*views.of_pair((target, name)), poses[target].inverse() @ guess, config)
+        logger.info("%s in %s: %s", name, target, found.reason)
+        if found.evidence is not None and found.evidence.conflicting_wall_m > found.evidence.agreed_wall_m:
+            logger.warning("%s: more of its walls contradict the told pose than bear it out: is it right?", name)
+        alignments[target, name] = found
+        poses[name] = poses[target] @ (found.T_target_source or SE2.identity())
+        _check_extent(name, [corners_of(maps[one].grid.geometry, pose) for one, pose in poses.items()], resolution)
+    return KnownPlaces(poses, alignments)
+
+
+def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -> None:
+    """Refuse a map with which the merged one would be too large."""
+    width, height = np.ptp(np.concatenate(corners), axis=0)
+    cols, rows = math.ceil(width / resolution), math.ceil(height / resolution)
+    if rows * cols > MAX_CELLS:
+        raise KnownPoseError(
+            f"{name}: where it is told to lie the merged map would be {width:.0f} x {height:.0f} m, {rows * cols:.2g} "
+            f"cells, more than the {MAX_CELLS:.0e} that are possible: correct the pose, or pass a coarser --resolution"
+        )
+
+
+def align_near(target: View | None, source: View | None, T_target_source: SE2, config: MergeConfig) -> Alignment:
+    """Return where a map lies near a told pose; the confidence is what the maps alone would give that place.
+
+    Parameters
+    ----------
+    target, source
+        The maps; None for one of which nothing is known.
+    T_target_source
+        The told pose of the source in the target's frame.
+    config
+        How far off it may be.
+    """
+    if target is None or source is None:
+        empty = "target" if target is None else "source"
+        return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
+    place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
+    enough = evidence.agreed_wall_m >= config.known.min_wall_m
+    bare = without_walls(target.structure, source.structure)
+    how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
+    answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
+    limits = config.verification.limits()
+    told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}
+    exactness = config.exactness.model_copy(update=told)  # where no wall says more, as whoever told
+    covariance = covariance_of(target.structure, source.structure, place, limits, exactness)
+    answer = answer.matched_by_walls(evidence, target.structure.geometry.resolution)
+    return answer.at(place, evidence, confidence, covariance)
+
+
+def _likeliest(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
+    """Return the place near the told one that walls and the one who told speak for, and its share of all places."""
+    near, elsewhere = _places_near(target, source, told, config), find_candidates(target, source, config)
+    elsewhere = [one for one in elsewhere if not _is_near(one[0], told, source, config.known)]
+    decoys = find_decoys(target, source, config)
+    likely = confidences([evidence for _, evidence in near], decoys)
+    # Walls along a corridor say nothing of where along it: there whoever told does.
+    surprise = [0.5 * (2.0 * _apart(motion, told, source)[0] / config.known.reach_m) ** 2 for motion, _ in near]
+    best = max(range(len(near)), key=lambda index: math.log(max(likely[index], _NEVER)) - surprise[index])
+    place, evidence = near[best]
+    return place, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
+
+
+def _places_near(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> list[Candidate]:
+    """Return places near the told one that enough walls speak for; the told one itself where there is none.
+
+    Walls draw the told pose across their ways only, so that the place this leads to is one, whichever has more to say.
+    """
+    found = [
+        (motion, evidence)
+        for starts in ([told], _starts(told, source, config.known))
+        for motion, evidence in best_of(starts, target, source, config)
+        if _is_near(motion, told, source, config.known) and evidence.agreed_wall_m >= config.known.min_wall_m
+    ]
+    return found or [(told, examine(target, source, told, config.verification))]
+
+
+def _starts(told: SE2, source: Structure, reach: KnownPoseConfig) -> list[SE2]:
+    """Return the told pose, turned about the middle of the source's walls and moved, as far as it may be wrong."""
+    shifts = np.linspace(-reach.reach_m, reach.reach_m, _SHIFTS)
+    turns = np.linspace(-reach.reach_rad, reach.reach_rad, _TURNS)
+    middle = SE2(*_middle(source), 0.0)
+    offsets = (SE2(x, y, turn) for x, y, turn in itertools.product(shifts, shifts, turns))
+    return [told @ middle @ offset @ middle.inverse() for offset in offsets]
+
+
+def _is_near(motion: SE2, told: SE2, source: Structure, reach: KnownPoseConfig) -> bool:
+    moved_m, turned = _apart(motion, told, source)
+    return moved_m <= math.sqrt(2.0) * reach.reach_m and turned <= reach.reach_rad
+
+
+def _apart(motion: SE2, told: SE2, source: Structure) -> tuple[float, float]:
+    """Return how far two motions put the middle of the source's walls apart [m], and by which angle they differ."""
+    middle = np.array(_middle(source))
+    return math.dist(motion.apply(middle), told.apply(middle)), abs(wrap_angle(motion.theta - told.theta))
+
+
+def _middle(source: Structure) -> tuple[float, float]:
+    if not len(source.points):
+        return 0.0, 0.0
+    x, y = source.points.mean(axis=0)
+    return float(x), float(y)
+
+
+def _how_laid(place: SE2, told: SE2, source: Structure, enough: bool) -> str:
+    if not enough:
+        return "laid exactly as told, since hardly any wall says more"
+    moved_m, turned = _apart(place, told, source)
+    return f"laid where told, but for {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
+
+
+def _shared_wall_m(target: str, source: str, motion: SE2, views: Views, config: MergeConfig) -> float:
+    """Return how much wall of two maps lies where the other knows something [m]."""
+    one, other = views.of_pair((target, source))
+    if one is None or other is None:
+        return 0.0
+    return examine(one.structure, other.structure, motion, config.verification).compared_wall_m

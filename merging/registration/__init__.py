@@ -1,0 +1,1 @@
+"""Hypotheses of where one map lies in another's frame."""

@@ -1,0 +1,225 @@
+"""Alignment without keypoints: every rotation and every shift, scored by correlation.
+
+For one rotation of the source the score of a shift, in metres of wall, is ::
+
+    walls on walls that face the same way + bonus * walls on walls - penalty * walls on the other map's free space
+
+with the last term in both directions. Each term is a correlation, so that two Fourier transforms and one back give the
+scores of all shifts. The penalty decides: unrelated maps always find shifts at which many walls meet, but hardly one
+that leaves the free space of both alone.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from merging.config.registration import CorrelationConfig
+from merging.registration.non_maximum_suppression import distinct
+from merging.walls.wall_map import Structure
+from tbmslam.kernels.turned_images import draw_turned, multiply
+from tbmslam.se2 import SE2, FloatArray, wrap_angle
+
+# The plane's points and directions are complex numbers here: a rotation is a product.
+_Complex = npt.NDArray[np.complex128]
+_Image = npt.NDArray[np.complex64]
+
+_Size = tuple[int, int]
+
+_BLOCK = 8
+"""Each square of so many cells offers one peak."""
+_DIRECTIONS = 720
+"""Bins of the full circle in which directions of walls are counted."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Walls and free space of a map as weighted points about a centre.
+
+    `walls` (N,) count for `metres` (N,), less where they may be moved, and face along `facing` (N,), which is 0 where a
+    wall faces both ways; `free` (M,) are cells of the correlation, of which the shares `filled` (M,) are free.
+    """
+
+    centre: complex
+    walls: _Complex
+    facing: _Complex
+    metres: FloatArray
+    free: _Complex
+    filled: FloatArray
+
+    @classmethod
+    def of(cls, structure: Structure, cell_m: float, clearance_m: float) -> "_Layout":
+        walls = _complex(structure.points)
+        centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
+        facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
+        geometry = structure.geometry
+        # A wall a little out of place must not count as one in the room's middle.
+        rows, cols = np.nonzero(structure.free & (structure.distances_m > clearance_m))
+        factor = max(1, round(cell_m / geometry.resolution))
+        blocks, counts = np.unique(rows // factor * geometry.cols + cols // factor, return_counts=True)
+        side = factor * geometry.resolution
+        x = geometry.origin_x + (blocks % geometry.cols + 0.5) * side
+        y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
+        filled = counts * (geometry.resolution / cell_m) ** 2
+        metres = structure.weights * geometry.resolution
+        return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
+
+    @cached_property
+    def facing_metres(self) -> _Complex:
+        """Which way the walls face, as long as they count."""
+        return self.facing * self.metres
+
+    def extents(self) -> FloatArray:
+        """Return twice the farthest reach (2,) of any point from the centre, along y and x [m]."""
+        points = np.concatenate((self.walls, self.free))
+        return 2.0 * np.array([np.abs(points.imag).max(), np.abs(points.real).max()])
+
+    def radius(self) -> float:
+        """Return the distance of the farthest point from the centre [m]."""
+        return float(np.abs(np.concatenate((self.walls, self.free))).max())
+
+    def spread(self) -> float:
+        """Return the distance from the centre within which most of the walls lie [m]."""
+        return float(np.quantile(np.abs(self.walls), 0.8))
+
+
+def propose(target: Structure, source: Structure, config: CorrelationConfig) -> list[SE2]:
+    """Return the most promising motions T_target_source, the best first, no two of them alike.
+
+    Parameters
+    ----------
+    target, source
+        What the maps say for certain; a map without walls aligns with nothing.
+    """
+    if len(target.points) == 0 or len(source.points) == 0:
+        return []
+    cell = _cell_size(target, source, config)
+    search = _Search.of(target, source, cell, config)
+    steps = math.ceil(2.0 * math.pi / min(max(cell / max(search.moving.spread(), cell), 0.01), 0.05))
+    turns = _likely_turns(search.fixed, search.moving, steps, config)
+    peaks = []
+    for theta in 2.0 * math.pi * turns / steps:
+        values, rows, cols = _peaks(search.scores(float(theta)), config.peaks_per_rotation)
+        shifts = ((cols - search.size[1] // 2) + 1j * (rows - search.size[0] // 2)) * cell
+        peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
+    places = np.concatenate(peaks)
+    best = distinct(places[:, 1:], places[:, 0], 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
+    return [_motion(search.fixed.centre, search.moving.centre, x + 1j * y, theta) for x, y, theta in places[best, 1:]]
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Two maps on cells of one size, ready to be correlated."""
+
+    fixed: _Layout
+    moving: _Layout
+    cell: float
+    size: _Size
+    facing: _Image
+    kinds: _Image
+
+    @classmethod
+    def of(cls, target: Structure, source: Structure, cell: float, config: CorrelationConfig) -> "_Search":
+        clearance_m = max(config.clearance_m, config.clearance_cells * cell)
+        fixed, moving = (_Layout.of(structure, cell, clearance_m) for structure in (target, source))
+        height, width = fixed.extents() + 2.0 * moving.radius() - min(config.min_overlap_m, 2.0 * moving.radius())
+        size = scipy.fft.next_fast_len(math.ceil(height / cell)), scipy.fft.next_fast_len(math.ceil(width / cell))
+        return cls(fixed, moving, cell, size, *_target_spectra(fixed, size, cell, config))
+
+    def scores(self, theta: float) -> npt.NDArray[np.floating]:
+        """Return the scores (rows, cols) of all shifts of the source turned by an angle; no shift is in the middle."""
+        moving = self.moving
+        images = np.empty((2, *self.size), dtype=np.complex64)
+        turn = complex(math.cos(theta), math.sin(theta))
+        draw_turned(
+            moving.walls, moving.facing_metres, moving.metres, moving.free, moving.filled, turn, self.cell, images
+        )
+        # The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
+        facing, kinds = (scipy.fft.fft2(image, overwrite_x=True) for image in images)
+        half = np.empty((self.size[0], self.size[1] // 2 + 1), dtype=np.complex64)
+        multiply(facing, self.facing, kinds, self.kinds, half)
+        return np.asarray(scipy.fft.irfft2(half, self.size, overwrite_x=True))
+
+
+def _complex(points: FloatArray) -> _Complex:
+    return np.ascontiguousarray(points).view(np.complex128)[:, 0]
+
+
+def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
+    """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
+    extent = float(sum(np.ptp(structure.points, axis=0).max() for structure in (target, source)))
+    finest = max(config.min_cell_m, 2.0 * max(target.geometry.resolution, source.geometry.resolution))
+    cell = min(max(extent / config.cells_along, finest), max(config.max_cell_m, finest))
+    return max(cell, extent / config.most_cells)
+
+
+def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
+    """Return the share of all turns, or as many as allowed, under which the walls of both maps face the same ways most.
+
+    Buildings have few directions, and a turn that brings none of them together brings no walls together.
+    """
+    spectra = [np.fft.rfft(_directions(layout)) for layout in (fixed, moving)]
+    likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
+    bins = np.rint(np.arange(steps) * (_DIRECTIONS / steps)).astype(np.int64) % _DIRECTIONS
+    count = min(math.ceil(config.turns_share * steps), config.most_turns)
+    return np.sort(np.argsort(-likeness[bins], kind="stable")[:count])
+
+
+def _directions(layout: _Layout) -> FloatArray:
+    """Return how many walls face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
+    facing = layout.facing != 0
+    bins = np.floor(np.angle(layout.facing[facing]) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
+    metres = np.bincount(bins, layout.metres[facing], _DIRECTIONS)
+    near = np.minimum(np.arange(_DIRECTIONS), _DIRECTIONS - np.arange(_DIRECTIONS))
+    kernel = np.exp(-0.5 * (near * (360.0 / _DIRECTIONS) / 2.0) ** 2)
+    return np.fft.irfft(np.fft.rfft(metres) * np.fft.rfft(kernel), _DIRECTIONS)
+
+
+def _target_spectra(layout: _Layout, size: _Size, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
+    """Return the spectra that those of the source's images are multiplied with; see `_Search.scores`."""
+    middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of no shift shall come to lie
+    walls = _splat(layout.walls + middle, layout.metres, size, cell)
+    facing = _splat(layout.walls + middle, layout.facing_metres, size, cell)
+    free = np.minimum(_splat(layout.free + middle, layout.filled, size, cell).real, 1.0)
+    # 1.5: blurred, a straight wall through the cells shall count whole on its line.
+    near = np.minimum(1.5 * _blurred(walls) / cell, 1.0)
+    toward = 1.5 * _blurred(facing) / cell
+    toward /= np.maximum(np.abs(toward), 1.0)
+    kinds = config.wall_bonus * near.real - config.penalty * free - 1j * config.penalty * walls.real
+    return scipy.fft.fft2(toward), scipy.fft.fft2(kinds.astype(np.complex64))
+
+
+def _splat(points: _Complex, weights: _Complex | FloatArray, size: _Size, cell: float) -> _Image:
+    """Return an image of weighted points about its cell (0, 0); what is left of it or below comes in from behind."""
+    rows, cols = np.floor(points.imag / cell).astype(np.int64), np.floor(points.real / cell).astype(np.int64)
+    cells = rows % size[0] * size[1] + cols % size[1]
+    image = np.bincount(cells, weights.real, size[0] * size[1]).astype(np.complex64)
+    if weights.imag.any():
+        image.imag = np.bincount(cells, weights.imag, size[0] * size[1])
+    return image.reshape(size)
+
+
+def _blurred(image: _Image) -> _Image:
+    parts = np.dstack((image.real, image.imag))
+    return np.ascontiguousarray(cv2.GaussianBlur(parts, (0, 0), 1.0)).view(np.complex64)[..., 0]
+
+
+def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the values, rows and columns of the best cells, at most one of every block."""
+    down, across = scores.shape[0] // _BLOCK, scores.shape[1] // _BLOCK
+    inner = scores[: down * _BLOCK, : across * _BLOCK].reshape(down, _BLOCK, across, _BLOCK)
+    values = inner.max(axis=1).max(axis=2).ravel()  # down whole rows first, and nothing is moved
+    best = np.argsort(-values, kind="stable")[:count]
+    within = inner[best // across, :, best % across].reshape(len(best), _BLOCK * _BLOCK).argmax(axis=1)
+    rows, cols = best // across * _BLOCK + within // _BLOCK, best % across * _BLOCK + within % _BLOCK
+    return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
+
+
+def _motion(target_centre: complex, source_centre: complex, shift: complex, theta: float) -> SE2:
+    """Return the motion that turns the source about its centre and puts that at a shift from the target's centre."""
+    translation = target_centre + shift - np.exp(1j * theta) * source_centre
+    return SE2(float(translation.real), float(translation.imag), wrap_angle(float(theta)))

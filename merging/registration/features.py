@@ -1,0 +1,136 @@
+"""Keypoints of a map, their descriptors, and which of two maps' keypoints look alike.
+
+The method of the paper (section IV): ORB finds the keypoints on the pignistic image and describes them on the images of
+the occupied, the free and the unknown mass; the three descriptors are concatenated, compared by brute force with the
+Hamming norm, and a match is kept where it is clearly nearer than the second best (Lowe's ratio test).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from merging.config.choices import Descriptor
+from merging.config.registration import FeatureConfig
+from merging.registration.channels import Channels, Image
+from tbmslam.grid import TbmGrid
+from tbmslam.se2 import FloatArray
+from tbmslam.threads import in_threads
+
+ORB_EDGE = 31
+"""ORB looks for nothing nearer than this to an image's edge [px]."""
+
+_BITWISE: dict[Descriptor, np.ufunc] = {"and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor}
+
+
+@dataclass(frozen=True)
+class Features:
+    """Keypoints of one map.
+
+    Parameters
+    ----------
+    points
+        Where they are (N, 2), in the map's frame [m].
+    descriptors
+        What they look like (N, bytes).
+    """
+
+    points: FloatArray
+    descriptors: npt.NDArray[np.uint8]
+
+    @classmethod
+    def none(cls) -> "Features":
+        """Return no keypoints."""
+        return cls(np.empty((0, 2)), np.empty((0, 0), dtype=np.uint8))
+
+    def __len__(self) -> int:
+        """Return the number of keypoints."""
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Keypoints of two maps that look alike: row i of one belongs to row i of the other.
+
+    Parameters
+    ----------
+    target_points, source_points
+        Where they are (M, 2), each in its own map's frame [m].
+    """
+
+    target_points: FloatArray
+    source_points: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of matches."""
+        return len(self.target_points)
+
+
+def describe(grid: TbmGrid, config: FeatureConfig) -> Features:
+    """Find and describe the keypoints of a grid; a grid without contrast has none."""
+    return describe_all([grid], config)[0]
+
+
+def describe_all(grids: Sequence[TbmGrid], config: FeatureConfig) -> list[Features]:
+    """Find and describe the keypoints of grids side by side; see `describe`."""
+    looks = in_threads(lambda grid: _detect(grid, config), grids)
+    tasks = [(image, keypoints) for channels, keypoints in looks for image in _described_images(channels, config)]
+    # ORB drops and reorders keypoints by their place and octave alone, so in the same way on every image.
+    described = in_threads(lambda task: orb_of(config).compute(*task), tasks)
+    each = len(tasks) // max(len(looks), 1)
+    return [
+        _features_of(channels, described[each * index : each * (index + 1)], config.descriptor)
+        for index, (channels, _) in enumerate(looks)
+    ]
+
+
+def _detect(grid: TbmGrid, config: FeatureConfig) -> tuple[Channels, Sequence[cv2.KeyPoint]]:
+    channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
+    return channels, orb_of(config).detect(channels.pignistic, None)
+
+
+def _described_images(channels: Channels, config: FeatureConfig) -> list[Image]:
+    if config.descriptor == "pignistic":
+        return [channels.pignistic]
+    return [channels.occupied, channels.free, channels.unknown]
+
+
+def _features_of(
+    channels: Channels, described: Sequence[tuple[Sequence[cv2.KeyPoint], object]], how: Descriptor
+) -> Features:
+    """Return what was found by what each image of a grid gave, keypoints and descriptors."""
+    if not described[0][0] or any(descriptors is None for _, descriptors in described):
+        return Features.none()
+    points = channels.to_metres(cv2.KeyPoint.convert(described[0][0]))
+    return Features(points, joined([np.asarray(descriptors, dtype=np.uint8) for _, descriptors in described], how))
+
+
+def match(target: Features, source: Features, config: FeatureConfig) -> Matches:
+    """Match the source's keypoints to the target's; fewer than two keypoints on a side match nothing."""
+    if len(target) < 2 or len(source) < 2:
+        return Matches(np.empty((0, 2)), np.empty((0, 2)))
+    distances, nearest = cv2.batchDistance(  # what cv2.BFMatcher calls, without an object for every pair
+        source.descriptors, target.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2
+    )
+    kept = np.flatnonzero(distances[:, 0] < config.ratio * distances[:, 1])
+    return Matches(target.points[nearest[kept, 0]], source.points[kept])
+
+
+def orb_of(config: FeatureConfig) -> cv2.ORB:
+    """Return the detector and describer of keypoints."""
+    return cv2.ORB.create(
+        nfeatures=config.keypoints,
+        scaleFactor=config.pyramid_step,
+        nlevels=config.pyramid_levels,
+        edgeThreshold=ORB_EDGE,
+        fastThreshold=config.fast_threshold,
+    )
+
+
+def joined(descriptors: list[npt.NDArray[np.uint8]], how: Descriptor) -> npt.NDArray[np.uint8]:
+    """Make one descriptor (N, bytes) of those that the images gave; the paper's table II compares the ways."""
+    if how in _BITWISE:
+        return np.asarray(_BITWISE[how].reduce(descriptors), dtype=np.uint8)
+    return np.hstack(descriptors)

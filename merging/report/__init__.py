@@ -1,0 +1,1 @@
+"""What a merge did, for programs and for people."""

@@ -1,0 +1,135 @@
+"""What a merge did: for programs as JSON, for people as pictures."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from merging.config import MergeConfig
+from merging.fusion.conflict_places import conflict_places
+from merging.fusion.fusion import Fusion
+from merging.fusion.warping import offset_in, warp
+from merging.merger import Merge
+from merging.registration.channels import Channels, Image, flipped
+from merging.report.contradictions import without_rounding
+from merging.report.page import merge_page
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.files.atomic_file import write_bytes
+from tbmslam.files.png import encode_png
+from tbmslam.report.making import Making
+from tbmslam.report.map_layers import ROBOT_COLOURS
+from tbmslam.tbm_map import TbmMap
+
+_UNKNOWN_GREY = 205
+_AREAS_TOLD = {
+    "known_m2": "known in the merged map",
+    "seen_m2": "seen by any map",
+    "seen_by_several_m2": "seen by several maps",
+    "conflict_m2": "contradicted, weighed by the mass of the conflict",
+}
+
+
+def write_report(
+    folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, making: Making | None = None
+) -> None:
+    """Write report.json, report.html and, of merged maps, overlay.png and contradictions.png; older ones go.
+
+    What they show of conflict is where walls are elsewhere, not where they fall into the next cell.
+
+    Raises
+    ------
+    FileNotWrittenError
+        If the folder cannot be written.
+    """
+    maps = {**maps, **merge.straightened}
+    merge = without_rounding(merge, maps, config.reliability)
+    files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
+    areas: dict[str, float] = {}
+    if merge.fusion is not None:
+        files["overlay.png"] = _png_of_rgb(draw_overlay(merge, maps, merge.fusion))
+        files["contradictions.png"] = _png_of_rgb(draw_conflict(merge.fusion))
+        areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
+    files["report.html"] = merge_page(merge, maps, config, areas, making or Making()).to_html().encode()
+    for name, content in files.items():
+        write_bytes(folder / name, content)
+    for name in {"overlay.png", "contradictions.png"} - files.keys():
+        (folder / name).unlink(missing_ok=True)  # of an older merge
+
+
+def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
+    """Return the report as JSON can hold it; poses and motions are [x m, y m, theta rad]."""
+    merged_maps: dict[str, object] = {
+        name: {"merged": True, "T_merged_map": list(pose)} for name, pose in merge.poses.items()
+    }
+    left_out = {
+        name: {"merged": False, "T_merged_map": None, "reason": reason} for name, reason in merge.left_out.items()
+    }
+    return {
+        "merged": merge.merged is not None,
+        "frame": next(iter(merge.poses), None),
+        "maps": merged_maps | left_out,
+        "pairs": [
+            {
+                "target": target,
+                "source": source,
+                **alignment.as_json(),
+                "used": (target, source) in merge.used,
+                "outvoted": (target, source) in merge.outvoted,
+            }
+            for (target, source), alignment in merge.alignments.items()
+        ],
+        "fusion": None if merge.fusion is None else _areas(merge.fusion),
+        "refinement": _refinement(merge),
+        "conflict_places": [] if merge.fusion is None else [asdict(one) for one in conflict_places(merge.fusion)],
+        "config": config.model_dump(mode="json"),
+    }
+
+
+def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Image:
+    """Draw every map's walls in its own colour (rows, cols, 3) as RGB; walls that coincide come out dark."""
+    canvas = fusion.grid.geometry
+    picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
+    picture[fusion.seen_by > 0] = 255
+    for index, name in enumerate(merge.poses):
+        layer = warp(*merge.laid(name, maps), canvas)
+        row, col = offset_in(canvas, layer.geometry)
+        window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
+        walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
+        colour = np.array(ROBOT_COLOURS[index % len(ROBOT_COLOURS)], dtype=np.uint16)
+        window[walls] = window[walls].astype(np.uint16) * colour // 255
+    return np.asarray(flipped(picture), dtype=np.uint8)
+
+
+def draw_conflict(fusion: Fusion) -> Image:
+    """Draw where the maps contradict each other (rows, cols, 3) as RGB: red on a faint picture of the merged map."""
+    faint = 191 + Channels.from_grid(fusion.grid).pignistic.astype(np.float64) / 4.0
+    strength = np.asarray(flipped(fusion.conflict), dtype=np.float64)
+    red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)
+    return np.rint(np.dstack((red, rest, rest))).astype(np.uint8)
+
+
+def _refinement(merge: Merge) -> dict[str, object] | None:
+    """Tell whether maps were only laid onto each other, or their drives straightened together, and which were bent."""
+    if merge.merged is None:
+        return None
+    bent = list(merge.straightened)
+    if merge.joint is None:
+        return {"kind": "rigid", "bent": bent}
+    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m, "bent": bent}
+
+
+def _areas(fusion: Fusion) -> dict[str, float]:
+    cell_m2 = fusion.grid.geometry.resolution**2
+    return {
+        "known_m2": float(fusion.grid.is_known().sum() * cell_m2),
+        "seen_m2": float((fusion.seen_by > 0).sum() * cell_m2),
+        "seen_by_several_m2": float((fusion.seen_by > 1).sum() * cell_m2),
+        "conflict_m2": float(fusion.conflict.sum(dtype=np.float64) * cell_m2),
+    }
+
+
+def _png_of_rgb(picture: npt.NDArray[np.uint8]) -> bytes:
+    return encode_png(np.ascontiguousarray(picture[..., ::-1]))

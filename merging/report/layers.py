@@ -1,0 +1,123 @@
+"""The layers of a merged map: whose walls, where maps overlap and contradict each other, who drove where."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from merging.fusion.fusion import Fusion
+from merging.fusion.warping import warp
+from merging.merger import Merge
+from merging.report.provenance import incidents_of
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.grid import TbmGrid
+from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
+from tbmslam.report.palette import Colour, Levels, Palette, levels_of
+from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
+from tbmslam.tbm_map import Drive, TbmMap
+
+_CONTRADICTION = Palette.ramp((255, 244, 240), (240, 110, 80), (170, 0, 20), alphas=(0,))
+_MOST_SEEN = 20
+_SEEN_BY = Palette(
+    tuple((int(238 - 7 * n), int(232 - 11 * n), int(250 - 4 * n)) for n in range(_MOST_SEEN + 1)), alphas=(0, 0)
+)
+_LEAST_WALL, _LEAST_FREE = 0.1, 0.3
+"""Shares of a shown cell that must be wall, or free, for it to be drawn so where several cells are shown as one."""
+_EVIDENCE, _ROBOTS = "Evidence", "Robots"
+
+
+def colours_of(names: list[str]) -> dict[str, Colour]:
+    """Return every map's colour."""
+    return {name: ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index, name in enumerate(names)}
+
+
+def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str, TbmMap]) -> Sheet:
+    """Return the merged map with everything that can be laid over it."""
+    colours = colours_of(list(merge.poses))
+    robots = [_walls(name, _laid(merge, maps, name), colours[name]) for name in merge.poses]
+    owners = [name for name in merge.poses for _ in maps[name].drives]
+    drives = [_named(drive, name, maps) for drive, name in zip(merged.drives, owners, strict=True)]
+    ways = drive_layers(drives, [colours[name] for name in owners], _ROBOTS, merged.grid.geometry.resolution)
+    incidents = [known for name in merge.poses for known in incidents_of(maps[name])]
+    trouble = _trouble(drives, incidents)
+    layers: tuple[Raster | Marks, ...]
+    layers = (*map_layers(fusion.grid), *robots, *ways, *trouble, *_evidence(fusion), *_links(merge, merged))
+    return Sheet("Merged map", layers, "Where walls of several robots coincide, their colours mix to a dark one.")
+
+
+def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
+    """Return a map that was not merged, in its own frame."""
+    drives = drive_layers(one.drives, [colour] * len(one.drives), _ROBOTS, one.grid.geometry.resolution)
+    trouble = _trouble(one.drives, incidents_of(one))
+    return Sheet(name, (*map_layers(one.grid.cropped_to_known()), *drives, *trouble))
+
+
+def _trouble(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:
+    """Return where on each drive something went wrong."""
+    return [
+        mark for drive, known in zip(drives, incidents, strict=True) for mark in trouble_layer(drive, known, _ROBOTS)
+    ]
+
+
+def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
+    """Return a map's grid in the merged frame."""
+    assert merge.fusion is not None  # noqa: S101  # who asks for the merged sheet has one
+    return warp(*merge.laid(name, maps), merge.fusion.grid.geometry)
+
+
+def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:
+    """Return a drive that bears its map's name where it is the only one in it, so that both share a line."""
+    if len(maps[name].drives) > 1:
+        return drive
+    return replace(drive, name=name)
+
+
+def _walls(name: str, grid: TbmGrid, colour: Colour) -> Raster:
+    """Draw a map in one colour: its walls, and its free space as a tint."""
+    wall = grid.masses[..., OCCUPIED] > grid.masses[..., FREE]
+    free = grid.masses[..., FREE] > grid.masses[..., OCCUPIED]
+    geometry, shares = for_display(grid.geometry, np.dstack((wall, free)).astype(np.float32))
+    levels: Levels = np.where(
+        shares[..., 0] >= _LEAST_WALL, np.uint8(2), (shares[..., 1] >= _LEAST_FREE).astype(np.uint8)
+    )
+    red, green, blue = colour
+    tint = ((red + 255) // 2, (green + 255) // 2, (blue + 255) // 2)
+    palette = Palette(((255, 255, 255), tint, colour), alphas=(0, 30))
+    switch = Switch(_ROBOTS, name, "map", shown=True, note="its walls, and a tint where it knows free space")
+    return Raster(switch, geometry, levels, palette)
+
+
+def _evidence(fusion: Fusion) -> list[Raster]:
+    geometry, conflict = for_display(fusion.grid.geometry, fusion.conflict)
+    _, seen_by = for_display(fusion.grid.geometry, fusion.seen_by.astype(np.float32))
+    return [
+        Raster(
+            Switch(_EVIDENCE, "overlap", note="how many maps saw a cell, where more than one did"),
+            geometry,
+            np.minimum(np.rint(seen_by), _MOST_SEEN).astype(np.uint8),
+            _SEEN_BY,
+            unit=1.0,
+            opacity=0.6,
+        ),
+        Raster(
+            Switch(
+                _EVIDENCE,
+                "contradictions",
+                note="how much the maps contradict each other: walls with another map's free space all around",
+            ),
+            geometry,
+            levels_of(conflict),
+            _CONTRADICTION,
+            unit=0.05,
+        ),
+    ]
+
+
+def _links(merge: Merge, merged: TbmMap) -> list[Marks]:
+    """Return the closures between robots that straightened their drives."""
+    if merge.joint is None or not merge.joint.closures:
+        return []
+    ends = merge.joint.links.reshape(-1, 2)
+    points = np.array([merged.drives[drive].keyframes.poses[keyframe, :2] for drive, keyframe in ends])
+    note = "places that two robots saw, by which their drives were straightened together"
+    return [Marks(Switch(_EVIDENCE, "loops between robots", note=note), "links", points, (90, 24, 154))]

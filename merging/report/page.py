@@ -1,0 +1,155 @@
+"""The report of a merge as a page: the map, how sure it is, and what speaks for and against every pair."""
+
+from collections.abc import Mapping
+
+from merging.config import MergeConfig
+from merging.formatting import confidence_in_words, pose_in_words
+from merging.fusion.conflict_places import conflict_places
+from merging.merger import Merge
+from merging.report.layers import colours_of, merged_sheet, single_sheet
+from merging.report.pair_cards import pair_cards
+from merging.report.provenance import warnings_of
+from tbmslam.report.making import Making, versions
+from tbmslam.report.page import Page, Table
+from tbmslam.report.shared_warnings import by_whom
+from tbmslam.report.sheet import Sheet
+from tbmslam.tbm_map import TbmMap
+
+_DOUBTFUL = 0.9
+_LARGE_CONFLICT_M2 = 0.25
+_MOST_SHEETS = 30
+"""So many maps that were not merged are shown; a page with hundreds would be too large to open."""
+
+
+def merge_page(
+    merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, areas_m2: Mapping[str, float], making: Making
+) -> Page:
+    """Return the page.
+
+    Parameters
+    ----------
+    merge
+        What became of the maps.
+    maps
+        The maps, by name.
+    config
+        How they were merged.
+    areas_m2
+        Areas to tell, by name [m^2].
+    making
+        What was typed, and how long it took.
+    """
+    cards, more = pair_cards(merge, maps, config)
+    areas = [Table("Areas", ("area", "#m²"), [(name, f"{area:.1f}") for name, area in areas_m2.items()])]
+    return Page(
+        title="Merge of " + (", ".join(maps) if len(maps) <= 3 else f"{len(maps)} maps"),
+        verdict=_verdict(merge),
+        good=merge.merged is not None and not merge.left_out,
+        figures=_figures(merge),
+        sheets=_sheets(merge, maps),
+        warnings=_warnings(merge, maps),
+        tables=[_maps_table(merge), *more, *(areas if areas_m2 else [])],
+        cards=cards,
+        cards_title="Pairs",
+        cards_note="Where each source lies in its target’s frame. The transform of a refused pair was not used.",
+        seconds=making.seconds,
+        command=making.command,
+        versions=versions(),
+        config=config.model_dump(mode="json"),
+    )
+
+
+def confidences_of(merge: Merge) -> dict[str, float]:
+    """Return how sure each merged map's pose is.
+
+    The weakest alignment on the strongest way from the map whose frame the merged map has: a chain is as strong as its
+    weakest link. Confirmation by other ways is not counted, so this is rather too low.
+    """
+    sure = dict.fromkeys(merge.poses, 0.0)
+    first = next(iter(sure), None)
+    if first is None:
+        return sure
+    sure[first] = 1.0
+    for _ in sure:
+        for target, source in merge.used:
+            through = merge.alignments[target, source].confidence
+            for here, there in ((target, source), (source, target)):
+                sure[there] = max(sure[there], min(sure[here], through))
+    return sure
+
+
+def _verdict(merge: Merge) -> str:
+    if merge.merged is None:
+        return "No two maps could be merged."
+    return f"{len(merge.poses)} of {len(merge.poses) + len(merge.left_out)} maps were merged."
+
+
+def _figures(merge: Merge) -> dict[str, str]:
+    accepted = sum(found.accepted for found in merge.alignments.values())
+    figures = {"pairs accepted": f"{accepted} of {len(merge.alignments)}"}
+    if merge.fusion is not None:
+        cell_m2 = merge.fusion.grid.geometry.resolution**2
+        figures["least confidence"] = confidence_in_words(min(confidences_of(merge).values()))
+        figures["known area"] = f"{merge.fusion.grid.is_known().sum() * cell_m2:.0f} m²"
+        figures["contradicted"] = f"{merge.fusion.conflict.sum(dtype=float) * cell_m2:.1f} m²"
+    return figures
+
+
+def _sheets(merge: Merge, maps: Mapping[str, TbmMap]) -> list[Sheet]:
+    colours = colours_of(list(maps))
+    sheets = []
+    if merge.merged is not None and merge.fusion is not None:
+        sheets.append(merged_sheet(merge, merge.merged, merge.fusion, maps))
+    apart = [name for name in merge.left_out if maps[name].grid.is_known().any()]
+    return sheets + [single_sheet(name, maps[name], colours[name]) for name in apart[:_MOST_SHEETS]]
+
+
+def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
+    said = [f"{name} was left out: {reason}" for name, reason in merge.left_out.items()]
+    said += [
+        f"{source} in {target} is ambiguous: the maps fit in {len(found.alternatives) + 1} places"
+        for (target, source), found in merge.alignments.items()
+        if found.ambiguous
+    ]
+    said += [
+        f"{source} in {target} was accepted by itself, but contradicts the other alignments and was not used"
+        for target, source in merge.outvoted
+    ]
+    said += [
+        f"the pose of {name} is not sure: confidence {confidence:.2f}"
+        for name, confidence in confidences_of(merge).items()
+        if confidence < _DOUBTFUL
+    ]
+    if merge.merged is not None and merge.joint is None:
+        said.append(
+            f"{' and '.join(merge.straightened)} {'was' if len(merge.straightened) == 1 else 'were'} bent to fit: "
+            "which of the maps is bent in truth nobody can tell"
+            if merge.straightened
+            else "maps were laid as they are, not straightened together: where one is bent, walls come out double"
+        )
+    if merge.fusion is not None:
+        said += [
+            f"maps contradict each other over {place.area_m2:.2f} m² near x {place.x:.1f} m, y {place.y:.1f} m"
+            for place in conflict_places(merge.fusion)
+            if place.conflict_m2 >= _LARGE_CONFLICT_M2
+        ]
+    return said + by_whom({name: warnings_of(one.provenance) for name, one in maps.items()})
+
+
+def _maps_table(merge: Merge) -> Table:
+    sure = confidences_of(merge)
+    rows = [
+        (name, *pose_in_words(pose), confidence_in_words(sure[name]), _role(merge, name))
+        for name, pose in merge.poses.items()
+    ]
+    rows += [(name, *pose_in_words(None), "–", f"left out: {reason}") for name, reason in merge.left_out.items()]
+    marks = [f"rgb{colour}" for colour in colours_of(list(merge.poses)).values()]
+    heads = ("map", "#x [m]", "#y [m]", "#θ [°]", "#confidence", "")
+    note = (
+        "Poses in the frame of the merged map. A pose is as sure as the weakest alignment on the strongest way to it."
+    )
+    return Table("Maps", heads, rows, note, marks)
+
+
+def _role(merge: Merge, name: str) -> str:
+    return "its frame is the merged map’s" if name == next(iter(merge.poses)) else "merged"

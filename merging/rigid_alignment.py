@@ -1,0 +1,203 @@
+"""Two maps as wholes, and where one lies in the other's frame."""
+
+from dataclasses import dataclass, replace
+
+from merging.alignment import Alignment, Alternative
+from merging.baselines.methods import BASELINES, align_baseline
+from merging.config import MergeConfig
+from merging.config.verification import VerificationConfig
+from merging.formatting import evidence_in_words
+from merging.fusion.warping import at_resolution, check_cell_size
+from merging.registration.features import Features, describe, match
+from merging.registration.hypotheses import Candidate, find_candidates, refine_all
+from merging.registration.ransac import find_consensus
+from merging.scoring.confidence import confidences
+from merging.scoring.hypothesis_scoring import judge
+from merging.verification.covariance import covariance_of
+from merging.verification.evidence import Evidence, examine
+from merging.walls.wall_map import Structure, without_walls
+from tbmslam.grid import TbmGrid
+from tbmslam.tbm_map import TbmMap
+
+_ALTERNATIVES = 4
+"""Other places that an answer lists at the most."""
+_WORTH_NAMING = 0.01
+"""Places less likely than this are not worth listing."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One map as the aligner looks at it, so that a map met by many others is looked at once.
+
+    Parameters
+    ----------
+    structure
+        Its walls and free space.
+    features
+        Its keypoints; none where the method has no use for them.
+    grid
+        The grid itself, for the related work's methods; None for others.
+    """
+
+    structure: Structure
+    features: Features
+    grid: TbmGrid | None = None
+
+
+def view_of(grid: TbmGrid, resolution: float, config: MergeConfig) -> View | None:
+    """Look at a grid in cells of the given size [m]; None where nothing in it is known."""
+    if not grid.is_known().any():
+        return None
+    seen = at_resolution(grid, resolution)
+    features = describe(seen, config.features) if config.method == "features" else Features.none()
+    kept = seen if config.method in BASELINES else None
+    return View(Structure.from_grid(seen, config.structure), features, kept)
+
+
+def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
+    """Return the cell size at which maps are compared [m]: a fine map can be read coarsely, not the reverse."""
+    resolution = config.resolution or max(grid.geometry.resolution for grid in grids)
+    for size in (resolution, *(grid.geometry.resolution for grid in grids)):
+        check_cell_size(size)
+    return resolution
+
+
+def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
+    """Find where a source map lies in a target map's frame as a whole; see `merging.map_pair.align`.
+
+    Parameters
+    ----------
+    target, source
+        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size.
+    config
+        How; the defaults where None.
+
+    Returns
+    -------
+    The alignment; where there is none that can be believed, a refusal that says why.
+
+    Raises
+    ------
+    CellSizeError
+        If the maps cannot be brought into cells of one size.
+    """
+    config = config or MergeConfig()
+    resolution = comparison_resolution([target.grid, source.grid], config)
+    if config.method in BASELINES:
+        return align_baseline(target.grid, source.grid, resolution, config)
+    return align_views(view_of(target.grid, resolution, config), view_of(source.grid, resolution, config), config)
+
+
+def align_views(target: View | None, source: View | None, config: MergeConfig) -> Alignment:
+    """Find where the source lies in the target's frame; see `align`."""
+    if target is None or source is None:
+        empty = "target" if target is None else "source"
+        return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it was seen")
+    if target.grid is not None and source.grid is not None:
+        return BASELINES[config.method](target.grid, source.grid, config)
+    if bare := without_walls(target.structure, source.structure):
+        return Alignment(config.method, accepted=False, reason=f"{bare}: nothing tells how they lie")
+    if config.method == "features":
+        return _by_features(target, source, config)
+    return _by_correlation(target.structure, source.structure, config)
+
+
+def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
+    """Align by keypoints (the paper, section IV), then let the walls confirm it."""
+    matches = match(target.features, source.features, config.features)
+    consensus = find_consensus(matches, config.consensus)
+    among = f"{len(matches)} matches of {len(target.features)} and {len(source.features)} keypoints"
+    if consensus is None:
+        reason = f"no inliers among {among}, fewer than {config.consensus.min_inliers}"
+        return Alignment("features", accepted=False, reason=reason, matches=len(matches))
+    found = Alignment(
+        method="features",
+        accepted=False,
+        reason=f"{consensus.count} inliers among {among}",
+        T_target_source=consensus.T_target_source,
+        matches=len(matches),
+        inliers=consensus.count,
+        rmse_m=consensus.rmse_m,
+        scale=consensus.scale,
+    )
+    if consensus.count < config.consensus.min_inliers:
+        return replace(found, reason=f"only {found.reason}, fewer than {config.consensus.min_inliers}")
+    if not abs(consensus.scale - 1.0) <= config.consensus.max_scale_deviation:
+        fits = f"the {consensus.count} inliers fit best at a scale of {consensus.scale:.3f}"
+        limit = f"farther from 1 than {config.consensus.max_scale_deviation:g}"
+        return replace(found, reason=f"{fits}, {limit}: is the resolution of a map wrong?")
+    motion = refine_all(target.structure, source.structure, [consensus.T_target_source], config)[0]
+    evidence = examine(target.structure, source.structure, motion, config.verification)
+    return _judged(found, [(motion, evidence)], (target.structure, source.structure), config)
+
+
+def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
+    """Align by the most likely of all rotations and shifts."""
+    if source.wall_m > target.wall_m:  # the search is not the same both ways; who is named first must not matter
+        return _by_correlation(source, target, config).reversed()
+    found = Alignment("correlation", accepted=False, reason="no rotation and shift brings the walls together")
+    candidates = find_candidates(target, source, config)
+    if not candidates:
+        return found
+    return _judged(found, candidates, (target, source), config)
+
+
+def _judged(
+    found: Alignment, candidates: list[Candidate], maps: tuple[Structure, Structure], config: MergeConfig
+) -> Alignment:
+    """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
+    limits = config.verification
+    likely, decoys = judge(*maps, [evidence for _, evidence in candidates], config)
+    ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
+    confidence, (motion, evidence) = ranked[0]
+    others = [
+        Alternative(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.exactness))
+        for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
+        if p >= min(_WORTH_NAMING, limits.ambiguous_share * confidence)
+    ]
+    if found.method == "correlation":
+        found = found.matched_by_walls(evidence, maps[0].geometry.resolution)
+    accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
+    ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
+    covariance = covariance_of(*maps, motion, limits.limits(), config.exactness)
+    mirrored = 0.0 if accepted else max(confidences(decoys, [evidence for _, evidence in candidates]), default=0.0)
+    reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)
+    return replace(
+        found.at(motion, evidence, confidence, covariance),
+        accepted=accepted,
+        ambiguous=ambiguous,
+        reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
+        alternatives=tuple(others),
+    )
+
+
+def _mirrored(confidence: float) -> str:
+    """Ask what makes a map fit as its own mirror image, which is no place of it."""
+    return (
+        f"; mirrored it would fit, with confidence {confidence:.3f}: "
+        "is one map's picture flipped, or was a laser mounted upside down?"
+    )
+
+
+def _is_ambiguous(confidence: float, evidence: Evidence, others: list[Alternative], config: VerificationConfig) -> bool:
+    """Tell whether the maps fit well, and elsewhere nearly as well."""
+    fits = (
+        evidence.agreed_wall_m >= config.min_ambiguous_wall_m and evidence.agreement >= config.min_ambiguous_agreement
+    )
+    return fits and any(other.confidence >= config.ambiguous_share * confidence for other in others)
+
+
+def _reason(
+    found: Alignment, confidence: float, evidence: Evidence, rivals: list[Alternative], config: VerificationConfig
+) -> str:
+    """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
+    before = f"{found.reason}; " if found.method == "features" else ""
+    facts = evidence_in_words(evidence)
+    if evidence.overlap_m2 < config.min_overlap_m2:
+        return f"{before}overlap of {evidence.overlap_m2:.1f} m2 is under {config.min_overlap_m2:g} m2"
+    if rivals:
+        places = f"{len(rivals) + 1} places" if len(rivals) < _ALTERNATIVES else f"{len(rivals) + 1} places or more"
+        return f"{before}ambiguous: {places} fit about as well, the best with confidence {confidence:.2f}: {facts}"
+    if confidence >= config.min_confidence:
+        return f"{before}confidence {confidence:.3f}: {facts}"
+    return f"{before}confidence {confidence:.2f} is under {config.min_confidence:g}: {facts}"

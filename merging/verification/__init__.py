@@ -1,0 +1,1 @@
+"""What two maps say for and against a hypothesis, and how exact it is."""

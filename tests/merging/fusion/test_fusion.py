@@ -1,0 +1,170 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merging.fusion.fusion import fuse
+from merging.fusion.rules import RULES
+from merging.fusion.warping import place, warp
+from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+
+CERTAIN = {"free": (0, 1, 0, 0), "occupied": (0, 0, 1, 0), "unknown": (0, 0, 0, 1)}
+
+
+def grid(*cells, col=0):
+    masses = np.array([[CERTAIN.get(cell, cell) for cell in cells]], dtype=np.float32)
+    return TbmGrid(GridGeometry(0.1, 0.1 * col, 0.0, *masses.shape[:2]), masses)
+
+
+def random_layer(rng):
+    rows, cols = rng.integers(2, 7, size=2)
+    masses = rng.dirichlet(np.ones(4), size=(rows, cols))
+    masses[rng.random((rows, cols)) < 0.3] = VACUOUS
+    row, col = rng.integers(-3, 4, size=2)
+    return TbmGrid(GridGeometry(0.1, 0.1 * col, 0.1 * row, rows, cols), masses.astype(np.float32))
+
+
+def combine_by_definition(rule, beliefs):
+    """Equations 5 and 6 as sums over subsets, a pair at a time."""
+    combined = beliefs[0]
+    for belief in beliefs[1:]:
+        total = np.zeros(4)
+        for b, c in itertools.product(range(4), range(4)):
+            total[b & c if rule == "conjunctive" else b | c] += combined[b] * belief[c]
+        combined = total
+    return combined
+
+
+def belief_at(layer, x, y):
+    row, col = layer.geometry.cell_at(x, y)
+    return layer.masses[row, col].astype(np.float64) if layer.geometry.contains(row, col) else VACUOUS
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    count=st.integers(2, 4),
+    rule=st.sampled_from(["disjunctive", "conjunctive"]),
+    coverage=st.sampled_from(["union", "overlap"]),
+)
+def test_every_cell_is_what_the_equations_say(seed, count, rule, coverage):
+    rng = np.random.default_rng(seed)
+    layers = [random_layer(rng) for _ in range(count)]
+    fusion = fuse(layers, rule, coverage)
+    geometry = fusion.grid.geometry
+    for row, col in itertools.product(range(geometry.rows), range(geometry.cols)):
+        beliefs = [belief_at(layer, *geometry.centre_of(row, col)) for layer in layers]
+        seen = [belief for belief in beliefs if belief[UNKNOWN] < 1.0]
+        lost = not seen or (coverage == "overlap" and len(seen) < count)
+        expected = VACUOUS if lost else combine_by_definition(rule, seen)
+        np.testing.assert_allclose(fusion.grid.masses[row, col], expected, atol=1e-5)
+        assert fusion.seen_by[row, col] == len(seen)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), rule=st.sampled_from(["disjunctive", "conjunctive", "dempster"]))
+def test_the_order_does_not_matter(seed, rule):
+    rng = np.random.default_rng(seed)
+    layers = [random_layer(rng) for _ in range(3)]
+    expected = fuse(layers, rule)
+    for order in itertools.permutations(layers):
+        fusion = fuse(order, rule)
+        np.testing.assert_allclose(fusion.grid.masses, expected.grid.masses, atol=1e-5)
+        np.testing.assert_allclose(fusion.conflict, expected.conflict, atol=1e-5)
+        np.testing.assert_array_equal(fusion.seen_by, expected.seen_by)
+
+
+def test_a_contradiction_is_not_forgotten_before_the_third_map():
+    layers = [grid("free"), grid("occupied"), grid("free")]
+    for order in itertools.permutations(layers):
+        assert tuple(fuse(order).grid.masses[0, 0]) == CERTAIN["unknown"]
+
+
+def test_a_cell_only_one_robot_saw_keeps_its_evidence_unless_overlap_is_asked_for():
+    left, right = grid("free", "occupied"), grid("occupied", "free", col=1)
+    union, overlap = fuse([left, right]), fuse([left, right], coverage="overlap")
+    np.testing.assert_array_equal(union.grid.masses[0], [CERTAIN["free"], CERTAIN["occupied"], CERTAIN["free"]])
+    np.testing.assert_array_equal(overlap.grid.masses[0], [VACUOUS, CERTAIN["occupied"], VACUOUS])
+
+
+def test_the_conjunctive_rule_keeps_its_conflict_and_dempster_does_not():
+    doubtful_free, doubtful_wall = (0.0, 0.6, 0.0, 0.4), (0.0, 0.0, 0.5, 0.5)
+    both = [grid(doubtful_free), grid(doubtful_wall)]
+    assert fuse(both, "conjunctive").grid.masses[0, 0, CONFLICT] == pytest.approx(0.3)
+    assert fuse(both, "dempster").grid.masses[0, 0, CONFLICT] == 0.0
+    disjunctive = fuse(both, "disjunctive")
+    assert disjunctive.grid.masses[0, 0, UNKNOWN] == pytest.approx(1.0)
+    assert disjunctive.conflict[0, 0] == pytest.approx(0.3)  # known under every rule
+
+
+def test_conflict_is_nothing_where_one_robot_alone_was():
+    alone = grid((0.5, 0.25, 0.25, 0.0))
+    assert fuse([alone]).conflict[0, 0] == 0.0
+    np.testing.assert_array_equal(fuse([alone]).grid.masses, alone.masses)
+
+
+def test_a_contradiction_inside_one_map_is_not_between_maps():
+    torn, sure = grid((0.4, 0.6, 0.0, 0.0)), grid("free")
+    assert fuse([torn, sure]).conflict[0, 0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_two_halves_of_a_map_as_in_figure_2_of_the_paper():
+    """51 % of the left and of the right: conjunction unites and sharpens, disjunction keeps the common strip."""
+    whole = np.random.default_rng(5).dirichlet((1e-9, 1.0, 1.0, 1.0), size=(20, 100)).astype(np.float32)
+    left, right = whole.copy(), whole.copy()
+    left[:, 51:], right[:, :49] = VACUOUS, VACUOUS
+    geometry = GridGeometry(0.1, 0.0, 0.0, 20, 100)
+    halves = [TbmGrid(geometry, left), TbmGrid(geometry, right)]
+    strip, rest = np.s_[:, 49:51], np.r_[0:49, 51:100]
+
+    conjunctive = fuse(halves, "conjunctive", "union").grid.masses
+    np.testing.assert_array_equal(conjunctive[:, rest], whole[:, rest])
+    assert np.all(conjunctive[strip][..., UNKNOWN] <= whole[strip][..., UNKNOWN])
+    surer_free = whole[strip][..., FREE] > whole[strip][..., OCCUPIED]
+    assert np.all((conjunctive[strip][..., FREE] > conjunctive[strip][..., OCCUPIED]) == surer_free)
+
+    disjunctive = fuse(halves, "disjunctive", "overlap").grid.masses
+    assert np.all(disjunctive[:, rest] == VACUOUS)
+    assert np.all(disjunctive[strip][..., UNKNOWN] >= whole[strip][..., UNKNOWN])
+    np.testing.assert_allclose(disjunctive[strip][..., FREE], whole[strip][..., FREE] ** 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("cells", [1, 7 * 31, 10**6])
+def test_grids_that_are_placed_fuse_as_if_they_were_drawn_however_many_rows_at_once(rule, cells, monkeypatch):
+    rng = np.random.default_rng(8)
+    masses = rng.dirichlet(np.ones(4), size=(3, 23, 17)).astype(np.float32)
+    masses[rng.random(masses.shape[:3]) < 0.3] = VACUOUS
+    grids = [TbmGrid(GridGeometry(0.1, 0.3, -1.0, 23, 17), one) for one in masses]
+    poses = [SE2(0.4, 0.2, 0.7), SE2(-0.6, 0.1, -2.0)]
+    lattice = grids[0].geometry
+    drawn = [grids[0], *(warp(grid, pose, lattice) for grid, pose in zip(grids[1:], poses, strict=True))]
+    expected = fuse(drawn, rule, reliabilities=[1.0, 0.9, 0.8])
+    monkeypatch.setattr("merging.fusion.fusion._CELLS_AT_ONCE", cells)
+    placed = [grids[0], *(place(grid, pose, lattice) for grid, pose in zip(grids[1:], poses, strict=True))]
+    fusion = fuse(placed, rule, reliabilities=[1.0, 0.9, 0.8])
+    assert fusion.grid.geometry == expected.grid.geometry
+    assert fusion.grid.masses.tobytes() == expected.grid.masses.tobytes()
+    assert fusion.conflict.tobytes() == expected.conflict.tobytes()
+    np.testing.assert_array_equal(fusion.seen_by, expected.seen_by)
+
+
+def test_nothing_to_fuse_is_refused():
+    with pytest.raises(ValueError, match="windows must not be empty"):
+        fuse([])
+
+
+def test_many_maps_with_rounded_masses_still_give_beliefs():
+    rounded = grid(*[tuple(np.array((0.0, 0.3, 0.2, 0.50005)))] * 3)
+    for rule in ("disjunctive", "conjunctive", "dempster"):
+        assert fuse([rounded] * 12, rule).grid.masses.sum(axis=-1) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("reliabilities", "message"), [([0.5], "as many as layers"), ([0.5, 1.5], r"within \[0, 1\]")])
+def test_reliabilities_that_mean_nothing_are_refused(reliabilities, message):
+    with pytest.raises(ValueError, match=message):
+        fuse([grid("free"), grid("free")], reliabilities=reliabilities)

@@ -1,0 +1,150 @@
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.laser import SimulatedLaser
+from merging.config.joint_slam import JointConfig
+from merging.joint_slam.joint_optimisation import refine_jointly
+from tbmslam.adjustment.adjustment_config import AdjustmentConfig
+from tbmslam.drive_motions import DriveMotions
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+LENGTH, STEP = 14.0, 0.25
+T_WORLD_B = SE2(3.0, -2.0, 0.7)
+
+
+def ways(world):
+    """Two straight ways along the corridor of a building, a little apart, and there and back again."""
+    start = world.places[np.argsort(world.places[:, 0])][len(world.places) // 2]
+    along = np.arange(0.0, LENGTH, STEP)
+    for offset in (0.0, 0.15):
+        yield np.column_stack((start[0] - LENGTH / 2.0 + along, np.full(len(along), start[1] + offset), 0.0 * along))
+
+
+def bent(way, bend):
+    """The same way as a robot remembers it whose heading drifted."""
+    steps = [SE2.from_array(a).inverse() @ SE2.from_array(b) for a, b in itertools.pairwise(way)]
+    poses = [SE2.from_array(way[0])]
+    for step in steps:
+        poses.append(poses[-1] @ step @ SE2(0.0, 0.0, bend / len(steps)))
+    return np.array(poses)
+
+
+def map_of(world, way, remembered, T_map_world):
+    laser = SimulatedLaser(
+        beams=361, angle_min=-math.pi / 2, angle_increment=math.pi / 360, T_robot_sensor=SE2(0, 0, 0)
+    )
+    stamps = np.arange(len(way), dtype=np.float64)
+    scans = laser.scans(world, stamps, way, np.random.default_rng(1))
+    poses = [T_map_world @ SE2.from_array(pose) for pose in remembered]
+    keyframes = Keyframes.from_scans(scans, poses, [SE2.identity()] * len(way))
+    drive = Drive("robot", Trajectory(stamps, np.array(poses)), keyframes)
+    return TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4)), (drive,))
+
+
+@pytest.fixture(scope="module")
+def bent_pair():
+    world = make_world("corridor", 1)
+    first, second = ways(world)
+    maps = {
+        "a": map_of(world, first, first, SE2.identity()),
+        "b": map_of(world, second, bent(second, 0.06), T_WORLD_B.inverse()),
+    }
+    return maps, {"a": SE2.identity(), "b": T_WORLD_B}, second
+
+
+def test_the_merged_frame_may_lie_far_away(bent_pair):
+    maps, poses, _ = bent_pair
+    shift = SE2(512_000.0, 4_600_000.0, 0.0)
+    here = refine_jointly(maps, poses, JointConfig())
+    there = refine_jointly(maps, {name: shift @ pose for name, pose in poses.items()}, JointConfig())
+    for name in "ab":
+        np.testing.assert_allclose(shift.inverse() @ there.poses[name], here.poses[name], atol=0.01)
+        one, other = (np.array(found.maps[name].grid.geometry) for found in (here, there))
+        np.testing.assert_allclose(other[1:3] - one[1:3], shift[:2], atol=0.06)
+
+
+def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
+    maps, poses, truth = bent_pair
+    before = poses["b"].apply(maps["b"].drives[0].keyframes.poses[:, :2])
+    result = refine_jointly(maps, poses, JointConfig())
+    assert result is not None
+    first, second = (result.maps[name].drives[0].keyframes.poses for name in "ab")
+    # Along a corridor hardly anything is determined; across it the drives must lie as they did, 15 cm apart.
+    assert np.abs(before[:, 1] - truth[:, 1]).max() > 0.3
+    assert np.abs(second[:, 1] - first[:, 1] - 0.15).max() < 0.05
+    assert np.abs(second[:, 1] - truth[:, 1]).max() < 0.2  # the bend is shared by two drives equally stiff
+    np.testing.assert_allclose(result.maps["b"].drives[0].trajectory.poses[:, :2], second[:, :2], atol=1e-6)
+    assert result.closures >= JointConfig().min_closures
+    assert result.links.shape == (result.closures, 4)
+    for one, here, other, there in result.links:
+        assert {one, other} == {0, 1}
+        assert np.hypot(*((first, second)[one][here] - (first, second)[other][there])[:2]) < 6.0
+    assert result.moved_m > 0.02
+    assert result.maps["b"].grid.is_known().sum() > 1000
+
+
+def test_trajectories_go_along_with_their_keyframes_where_stamps_step_back(bent_pair):
+    maps, poses, _ = bent_pair
+    back = np.repeat([0.0, 20.0, 20.5, 21.0], len(maps["b"].drives[0].trajectory) // 4)
+    drive = maps["b"].drives[0]
+    stamps = drive.trajectory.stamps - back
+    again = replace(
+        drive, trajectory=replace(drive.trajectory, stamps=stamps), keyframes=replace(drive.keyframes, stamps=stamps)
+    )
+    result = refine_jointly({**maps, "b": replace(maps["b"], drives=(again,))}, poses, JointConfig())
+    assert result is not None
+    moved = result.maps["b"].drives[0]
+    np.testing.assert_array_equal(moved.trajectory.poses, moved.keyframes.poses)
+    np.testing.assert_array_equal(moved.trajectory.stamps, stamps)
+
+
+def test_what_a_robot_measured_outweighs_what_closing_loops_made_of_it(bent_pair):
+    maps, poses, truth = bent_pair
+    steps = [SE2.from_array(a).to(SE2.from_array(b)) for a, b in itertools.pairwise(truth)]
+    known = DriveMotions(np.array(steps), np.tile(np.diag([0.004**-2, 0.004**-2, 0.001**-2]), (len(steps), 1, 1)))
+    measured = {name: replace(one, drives=(replace(one.drives[0], motions=known),)) for name, one in maps.items()}
+    config = JointConfig(adjustment=AdjustmentConfig(enabled=False))  # the walls alone tell nearly all of it
+    told = refine_jointly(measured, poses, config)
+    untold = refine_jointly(maps, poses, config)
+    assert told is not None
+    assert untold is not None
+    off, off_untold = (
+        np.abs(result.maps["b"].drives[0].keyframes.poses[:, 1] - truth[:, 1]).max() for result in (told, untold)
+    )
+    assert off < 0.1 < off_untold
+
+
+def test_adjusting_drives_to_walls_straightens_what_closures_between_them_leave_bent(bent_pair):
+    maps, poses, truth = bent_pair
+    off = []
+    for enabled in (False, True):
+        result = refine_jointly(maps, poses, JointConfig(adjustment=AdjustmentConfig(enabled=enabled)))
+        assert result is not None
+        off.append(np.abs(result.maps["b"].drives[0].keyframes.poses[:, 1] - truth[:, 1]).max())
+    assert off[1] < 0.5 * off[0]
+
+
+def test_maps_without_keyframes_stay_rigid(bent_pair):
+    maps, poses, _ = bent_pair
+    bare = {"a": maps["a"], "b": TbmMap(maps["b"].grid)}
+    assert refine_jointly(bare, poses, JointConfig()) is None
+
+
+def test_drives_without_keyframes_stay_rigid(bent_pair):
+    maps, poses, _ = bent_pair
+    bare = replace(maps["b"].drives[0], keyframes=Keyframes.from_scans([], [], []))
+    assert refine_jointly({"a": maps["a"], "b": replace(maps["b"], drives=(bare,))}, poses, JointConfig()) is None
+
+
+def test_drives_that_share_nothing_stay_rigid(bent_pair):
+    maps, _, _ = bent_pair
+    assert refine_jointly(maps, {"a": SE2.identity(), "b": SE2(500.0, 0.0, 0.0)}, JointConfig()) is None

@@ -1,0 +1,68 @@
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merging.alignment import Alignment, Alternative
+from merging.config.map_graph import GraphConfig
+from merging.map_graph.grouping import groups_of
+from merging.map_graph.hypothesis import offers_of
+from merging.map_graph.links import joints_of
+from tbmslam.se2 import SE2
+from tests.merging.slow_joints import slow_joints_of
+
+CONFIG = GraphConfig()
+
+
+def crowd(count, rng, wrong=0.0, others=1):
+    """Alignments of every pair of so many maps: most right, each with alternatives that lead nowhere."""
+    places = {str(number): anywhere(rng) for number in range(count)}
+    alignments = {}
+    for target, source in itertools.combinations(places, 2):
+        motion = places[target].inverse() @ places[source] @ SE2(*rng.normal(0.0, (0.03, 0.03, 0.003)))
+        motion = anywhere(rng) if rng.random() < wrong else motion
+        accepted = bool(rng.random() < 0.8)
+        alignments[target, source] = Alignment(
+            "correlation",
+            accepted,
+            "",
+            motion,
+            agreed_wall_m=float(rng.uniform(5.0, 50.0)),
+            confidence=float(rng.uniform(0.8, 1.0) if accepted else rng.uniform(0.0, 0.8)),
+            alternatives=tuple(Alternative(anywhere(rng), float(rng.uniform(0.0, 0.6)), 5.0) for _ in range(others)),
+        )
+    return places, alignments
+
+
+def anywhere(rng):
+    return SE2(*rng.uniform((-30.0, -30.0, -math.pi), (30.0, 30.0, math.pi)).tolist())
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(2, 9), wrong=st.sampled_from([0.0, 0.2, 0.6]))
+def test_joints_are_those_of_the_slow_twin(seed, count, wrong):
+    rng = np.random.default_rng(seed)
+    places, alignments = crowd(count, rng, wrong)
+    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, CONFIG)]
+    groups = [{} for _ in range(int(rng.integers(1, count + 1)))]
+    for name, place in places.items():
+        groups[int(rng.integers(len(groups)))][name] = place
+    found, expected = joints_of(groups, offers, CONFIG), slow_joints_of(groups, offers, CONFIG)
+    assert [joint[1:4] for joint in found] == [joint[1:4] for joint in expected]
+    assert [joint.support for joint in found] == pytest.approx([joint[0] for joint in expected])
+    assert [joint.motion for joint in found] == [joint[4] for joint in expected]
+
+
+def test_forty_maps_that_all_align_are_grouped_in_seconds():
+    places, alignments = crowd(40, np.random.default_rng(1), others=0)
+    begin = time.process_time()
+    groups = groups_of(list(places), alignments)
+    assert time.process_time() - begin < 30.0  # one after another, the places and ways took minutes
+    assert len(groups) == 1
+    start = places["0"].inverse()
+    for name, pose in groups[0].poses.items():
+        assert pose == pytest.approx(start @ places[name], abs=0.1)

@@ -1,0 +1,142 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from merging.alignment import Alignment
+from merging.map_graph.grouping import Group
+from merging.nonrigid.deformation import Bend
+from merging.nonrigid.propagation import straightened_by
+from merging.nonrigid.search import BentLook
+from tbmslam.belief import FREE, OCCUPIED
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.keyframes import Keyframes
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.trajectory import Trajectory
+
+GEOMETRY = GridGeometry(0.05, 0.0, 0.0, 240, 320)  # 16 x 12 m
+MIDDLES = np.array([[4.0, 3.0], [12.0, 3.0], [4.0, 9.0], [12.0, 9.0]])
+SPOT = (11.0, 8.5)
+NEAR_M = 1.5 * GEOMETRY.resolution
+MOTIONS = {"b": SE2(3.0, -2.0, 0.7), "c": SE2(-1.0, 2.0, -0.4)}
+ASIDE = {
+    "b": [(0.3, 0.0), (-0.2, 0.2), (0.1, -0.3), (0.5, 0.3)],
+    "c": [(0.0, 0.3), (0.2, 0.0), (-0.3, 0.1), (0.4, 0.2)],
+}
+
+
+def spot_of(one):
+    """Where a map has its only wall."""
+    walls = np.nonzero(one.grid.masses[..., OCCUPIED] > one.grid.masses[..., FREE])
+    return one.grid.geometry.centres_of(*walls).mean(axis=0)
+
+
+def spotted():
+    """A map of one spot of wall."""
+    masses = np.tile(np.float32([0.0, 1.0, 0.0, 0.0]), (240, 320, 1))
+    row, col = GEOMETRY.cell_at(*SPOT)
+    masses[row - 1 : row + 2, col - 1 : col + 2] = (0.0, 0.0, 1.0, 0.0)
+    return TbmMap(TbmGrid(GEOMETRY, masses))
+
+
+def look(name):
+    """What was found of a map in another's frame: four tiles of it lie beside where a motion has them."""
+    motion = MOTIONS[name]
+    bend = Bend(MIDDLES, [SE2(x, y, 0.0) @ motion for x, y in ASIDE[name]], 4.0)
+    return BentLook(Alignment("correlation", accepted=True, reason="", T_target_source=motion), bend)
+
+
+def backward(one):
+    """The same with target and source exchanged."""
+    return BentLook(one.alignment.reversed(), one.bend.inverse())
+
+
+def alone(names):
+    return [Group({name: SE2.identity()}) for name in names]
+
+
+def driven(one):
+    drive = Drive("robot", Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], []))
+    return replace(one, drives=(drive,))
+
+
+@pytest.fixture
+def maps():
+    return {name: spotted() for name in "abc"}
+
+
+def bent_spot(name):
+    """Where a bend has the spot, in the map's own frame."""
+    return MOTIONS[name].inverse().apply(look(name).bend.apply(np.array([SPOT])))[0]
+
+
+def test_the_source_is_bent(maps):
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
+    bent = straightened_by({("a", "b"): look("b")}, maps, [group], alone("ab"))
+    assert list(bent) == ["b"]
+    assert math.dist(bent_spot("b"), SPOT) > 0.1
+    assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
+
+
+def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none(maps):
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
+    bent = straightened_by({("a", "b"): look("b")}, {**maps, "b": driven(maps["b"])}, [group], alone("ab"))
+    assert list(bent) == ["a"]
+    expected = MOTIONS["b"].apply(look("b").bend.inverse().apply(np.array([SPOT])))[0]
+    assert math.dist(expected, SPOT) > 0.1
+    assert math.dist(spot_of(bent["a"]), expected) < NEAR_M
+
+
+def test_a_map_that_holds_more_than_its_keyframes_saw_keeps_it(maps):
+    """As one merged of a drive's and a picture."""
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
+    all_driven = {name: driven(one) for name, one in maps.items()}
+    bent = straightened_by({("a", "b"): look("b")}, all_driven, [group], alone("ab"))
+    assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
+    assert bent["b"].grid.is_known().sum() == pytest.approx(maps["b"].grid.is_known().sum(), rel=0.1)
+
+
+@pytest.mark.parametrize("first", ["a", "b"])
+def test_maps_that_fit_as_they_are_stay_so(maps, first):
+    """Two that were joined before, or told, are found beside a third whichever is named first."""
+    poses = {"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"]}
+    looks = {("a", "b"): look("b"), ("b", "c"): backward(look("b"))}
+    if first == "b":
+        looks = {("b", "a"): backward(look("b")), ("b", "c"): backward(look("b"))}
+    group = Group(poses, (*looks, ("a", "c")))
+    before = [Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),)), *alone("b")]
+    bent = straightened_by(looks, {**maps, "b": driven(maps["b"])}, [group], before)
+    assert list(bent) == ["b"]
+
+
+def test_a_map_that_lies_on_a_bent_one_is_bent_as_that_is_besides(maps):
+    looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"] @ MOTIONS["c"]}, tuple(looks))
+    bent = straightened_by(looks, maps, [group], alone("abc"))
+    assert list(bent) == ["b", "c"]
+    on_b = look("c").bend.apply(np.array([SPOT]))
+    expected = group.poses["c"].inverse().apply(look("b").bend.apply(on_b))[0]
+    assert math.dist(expected, bent_spot("c")) > 0.1
+    assert math.dist(spot_of(bent["c"]), expected) < NEAR_M
+
+
+def test_a_map_goes_along_with_a_bent_one_that_it_fits(maps):
+    T_b_c = SE2(1.0, 0.5, 0.2)
+    others = dict.fromkeys(("a0", "a1"), maps["a"])  # the larger lot
+    fixed = dict.fromkeys(("a", *others), SE2.identity())
+    before = [Group(fixed), Group({"b": SE2.identity(), "c": T_b_c}, (("b", "c"),))]
+    group = Group({**fixed, "b": MOTIONS["b"], "c": MOTIONS["b"] @ T_b_c}, (("a", "b"), ("b", "c")))
+    bent = straightened_by({("a", "b"): look("b")}, {**maps, **others}, [group], before)
+    assert list(bent) == ["b", "c"]
+    spot_in_b = T_b_c.apply(np.array([SPOT]))
+    expected = group.poses["c"].inverse().apply(look("b").bend.apply(spot_in_b))[0]
+    assert math.dist(expected, SPOT) > 0.1
+    assert math.dist(spot_of(bent["c"]), expected) < NEAR_M
+
+
+def test_what_is_not_used_bends_nothing(maps):
+    looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
+    group = Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),))
+    assert straightened_by(looks, maps, [group, *alone("b")], alone("abc")) == {}

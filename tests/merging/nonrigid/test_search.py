@@ -1,0 +1,154 @@
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.drives import plan_drives
+from merging import MergeConfig, align, merge
+from merging.alignment import Alignment
+from merging.map_graph.grouping import Group
+from merging.merge_state import Findings
+from merging.nonrigid.refused_pairs import look_closer
+from merging.nonrigid.search import look_bent
+from merging.pairwise.executor import Workforce
+from merging.rigid_alignment import align_whole
+from merging.verification.covariance import deviations
+from merging.verification.evidence import examine
+from merging.walls.wall_map import Structure
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+from tests.merging.bent_floor import bent_maps
+from tests.merging.driven_map import map_of
+from tools.benchmarks.strangers import make_pair
+
+REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere")
+OFF = MergeConfig.model_validate({"bent": {"enabled": False}})
+
+
+def errors(motion, true, one):
+    """How far a motion puts the middle of a map from where it belongs, and how far turned."""
+    middle = np.array([np.mean(one.grid.geometry.bounds()[i::2]) for i in range(2)])
+    apart = np.hypot(*(motion.apply(middle) - true.apply(middle)))
+    return apart, abs((true.inverse() @ motion).theta)
+
+
+def agreement(target, source, motion):
+    """The share of the walls that agree under a motion."""
+    config = MergeConfig()
+    structures = [Structure.from_grid(one.grid, config.structure) for one in (target, source)]
+    return examine(*structures, motion, config.verification).agreement
+
+
+def test_maps_that_fit_nowhere_as_they_are_are_aligned_once_one_is_bent():
+    target, source, true = bent_maps("store")
+    whole = align_whole(target, source)
+    assert not whole.accepted, whole.reason
+    found = align(target, source)
+    assert found.accepted
+    assert found.reason.startswith("bent by 0.")
+    apart_m, apart_rad = errors(found.T_target_source, true, source)
+    assert apart_m < 0.5
+    assert apart_rad < np.radians(2.0)
+    assert deviations(found.covariance)[0] > 0.1  # a bent map lies nowhere exactly
+
+
+def test_who_is_named_first_does_not_matter():
+    target, source, _ = bent_maps("office")
+    forth, back = align(target, source), align(source, target)
+    assert forth.confidence == back.confidence
+    assert forth.T_target_source.inverse() == pytest.approx(back.T_target_source, abs=1e-9)
+
+
+def test_the_source_is_straightened_onto_the_target():
+    target, source, true = bent_maps("office")
+    rigid = merge({"a": target, "b": source}, OFF)
+    assert rigid.merged is None
+    result = merge({"a": target, "b": source})
+    assert set(result.straightened) == {"b"}
+    assert errors(result.poses["b"], true, source)[0] < 0.5
+    straight = align_whole(target, result.straightened["b"])
+    assert straight.accepted
+    assert straight.agreement == pytest.approx(result.alignments["a", "b"].agreement, abs=0.02)
+    assert straight.agreement > agreement(target, source, result.poses["b"]) + 0.2
+    assert errors(straight.T_target_source, result.poses["b"], source)[0] < 0.2
+    assert result.judged_by["a", "b"][0] is target.grid
+    assert result.judged_by["a", "b"][1] is result.straightened["b"].grid
+
+
+def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
+    world = make_world("office", 3)
+    drives = plan_drives(world, 2, length=75.0, overlap=0.9, seed=1)
+    straight, bent = map_of(world, drives[0], 0.0), map_of(world, drives[1], 0.004, SE2(3.0, -2.0, 0.7))
+    result = merge({"a": straight, "b": bent})
+    assert set(result.straightened) == {"b"}
+    where = result.alignments["a", "b"].T_target_source
+    assert agreement(straight, bent, where) < 0.6
+    assert agreement(straight, result.straightened["b"], where) > 0.8
+    assert result.joint is not None
+
+
+def test_maps_of_two_buildings_are_not_aligned_so_either():
+    target, _, _ = bent_maps("office")
+    other, _, _ = bent_maps("store")
+    assert look_bent(target, other, MergeConfig()) is None
+
+
+def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
+    corridor = make_pair("self-similar", 1, 9)
+    assert look_bent(corridor.target, corridor.source, MergeConfig()) is None
+    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
+    assert look_bent(corridor.target, corridor.source, MergeConfig()) is not None
+
+
+@pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
+def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, accepted, shift_m):
+    target, source, _ = bent_maps("store")
+    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
+
+    def aligned(here, there, config):
+        found = align_whole(here, there, config)
+        assert found.accepted
+        return replace(found, accepted=accepted, T_target_source=SE2(shift_m, 0.0, 0.0) @ found.T_target_source)
+
+    monkeypatch.setattr("merging.nonrigid.search.align_whole", aligned)
+    found = look_bent(target, source, MergeConfig())
+    assert (found is not None) == (accepted and shift_m == 0.0)
+
+
+def test_empty_maps_and_those_without_walls_are_not_tried():
+    target, source, _ = bent_maps("store")
+    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
+    bare = TbmMap(TbmGrid(empty.grid.geometry, np.tile(np.float32([0.0, 1.0, 0.0, 0.0]), (300, 300, 1))))
+    for other in (empty, bare):
+        assert look_bent(target, other, MergeConfig()) is None
+        assert look_bent(other, source, MergeConfig()) is None
+    assert look_bent(target, source, OFF) is None
+
+
+def closer(maps, groups, alignments, config=None, workers=1):
+    found = Findings.of(maps, alignments, lambda _: groups)
+    return look_closer(found, config or MergeConfig(), Workforce(workers))
+
+
+def test_any_number_of_workers_finds_the_same(caplog):
+    caplog.set_level("INFO", logger="merging.nonrigid.refused_pairs")
+    target, source, _ = bent_maps("store")
+    maps = {"a": target, "b": source, "c": bent_maps("halls")[0]}
+    groups = [Group({name: SE2.identity()}) for name in maps]
+    refused = dict.fromkeys(itertools.combinations(maps, 2), REFUSED)
+    one, two = (closer(maps, groups, refused, workers=workers) for workers in (1, 2))
+    assert [record.message.partition(":")[0] for record in caplog.records] == ["b in a"] * 2
+    assert list(one) == list(two) == [("a", "b")]
+    assert one["a", "b"].alignment == two["a", "b"].alignment
+
+
+def test_maps_that_are_joined_or_accepted_already_are_not_tried():
+    target, source, _ = bent_maps("store")
+    maps, pair = {"a": target, "b": source}, ("a", "b")
+    together, apart = [Group(dict.fromkeys("ab", SE2.identity()))], [Group({name: SE2.identity()}) for name in "ab"]
+    assert closer(maps, together, {pair: REFUSED}) == {}
+    assert closer(maps, apart, {pair: replace(REFUSED, accepted=True)}) == {}
+    assert closer(maps, apart, {pair: REFUSED}, OFF) == {}

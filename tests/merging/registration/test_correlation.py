@@ -1,0 +1,134 @@
+import math
+
+import numpy as np
+import pytest
+
+from merging import MergeConfig, align
+from merging.config.registration import CorrelationConfig, StructureConfig
+from merging.fusion.warping import warp
+from merging.registration.correlation import propose
+from merging.walls.wall_map import Structure
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+CONFIG = CorrelationConfig()
+
+
+def structure(grid):
+    return Structure.from_grid(grid, StructureConfig())
+
+
+def left_part(grid, share):
+    part = TbmGrid(grid.geometry, grid.masses.copy())
+    part.masses[:, round(share * grid.geometry.cols) :] = (0.0, 0.0, 0.0, 1.0)
+    return part
+
+
+def error_of(found, true, grid):
+    centre = grid.geometry.centre_of(grid.geometry.rows // 2, grid.geometry.cols // 2)
+    turn = (true.inverse() @ found).log()[2]
+    return np.linalg.norm(found.apply(centre) - true.apply(centre)), abs(math.degrees(turn))
+
+
+@pytest.mark.parametrize("motion", [SE2(0.0, 0.0, 0.0), SE2(-31.0, 8.0, math.radians(143.0)), SE2(7.7, 2.1, -2.2)])
+def test_the_true_motion_is_proposed_first(rooms, motion):
+    source = left_part(rooms(3), 0.6)
+    best = propose(structure(warp(rooms(3), motion, rooms(3).geometry)), structure(source), CONFIG)[0]
+    metres, degrees = error_of(best, motion, source)
+    assert metres < 0.4
+    assert degrees < 3.0
+
+
+def test_a_turn_is_found_that_the_ways_of_most_walls_speak_against(rooms):
+    """Most walls of the source run askew, on a side that the target does not show."""
+    target, source = left_part(rooms(3), 0.5), rooms(3)
+    rows, cols = np.mgrid[0 : source.geometry.rows, 0 : source.geometry.cols]
+    askew = ((cols + 0.4 * rows) % 12 < 2) & (cols > 170)
+    source.masses[askew] = (0.0, 0.0, 1.0, 0.0)
+    metres, degrees = error_of(propose(structure(target), structure(source), CONFIG)[0], SE2.identity(), target)
+    assert metres < 0.4
+    assert degrees < 3.0
+    blind = CONFIG.model_copy(update={"turns_share": 0.02})
+    assert all(abs(math.degrees(one.theta)) > 3.0 for one in propose(structure(target), structure(source), blind))
+
+
+def test_no_two_proposals_are_alike(rooms):
+    proposals = propose(structure(rooms(1)), structure(rooms(1)), CONFIG)
+    assert 100 < len(proposals) <= CONFIG.proposals
+    assert len(set(proposals)) == len(proposals)
+
+
+def test_a_map_without_walls_proposes_nothing(rooms):
+    blank = structure(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20)))
+    assert propose(blank, structure(rooms(1)), CONFIG) == []
+    assert propose(structure(rooms(1)), blank, CONFIG) == []
+    alignment = align(TbmMap(rooms(1)), TbmMap(grid_with_one_free_cell()), MergeConfig(method="correlation"))
+    assert not alignment.accepted
+    assert alignment.reason == "the source map holds no wall: nothing tells how they lie"
+
+
+def grid_with_one_free_cell():
+    grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20))
+    grid.masses[3, 4] = (0.0, 1.0, 0.0, 0.0)
+    return grid
+
+
+def test_maps_of_other_cell_sizes_are_found(rooms):
+    motion = SE2(1.3, 2.2, 0.7)
+    coarse = warp(rooms(4), motion, rooms(4).geometry._replace(resolution=0.1))
+    alignment = align(TbmMap(coarse), TbmMap(left_part(rooms(4), 0.7)), MergeConfig(method="correlation"))
+    assert alignment.accepted, alignment.reason
+    metres, degrees = error_of(alignment.T_target_source, motion, rooms(4))
+    assert metres < 0.1
+    assert degrees < 0.6
+
+
+def test_who_is_named_first_does_not_matter(rooms):
+    motion = SE2(7.7, 2.1, -2.2)
+    part, whole = TbmMap(left_part(rooms(3), 0.6)), TbmMap(warp(rooms(3), motion, rooms(3).geometry))
+    forth, back = align(whole, part), align(part, whole)
+    assert forth.accepted
+    assert back == forth.reversed()
+    assert error_of(back.T_target_source, motion.inverse(), rooms(3))[0] < 0.1
+    unlike, other = TbmMap(left_part(rooms(1), 0.5)), TbmMap(rooms(2))
+    assert align(unlike, other) == align(other, unlike).reversed()
+
+
+def test_a_real_map_is_found_in_its_turned_half(real_map):
+    motion = SE2(12.0, -3.0, math.radians(-77.0))
+    turned = warp(left_part(real_map.cropped_to_known(), 0.6), motion, real_map.geometry)
+    alignment = align(TbmMap(turned), TbmMap(real_map), MergeConfig(method="correlation"))
+    assert alignment.accepted, alignment.reason
+    metres, degrees = error_of(alignment.T_target_source, motion, real_map)
+    assert metres < 0.1
+    assert degrees < 0.5
+
+
+def test_another_building_is_refused(rooms):
+    assert not align(TbmMap(rooms(1)), TbmMap(rooms(2)), MergeConfig(method="correlation")).accepted
+
+
+def test_a_map_that_fits_mirrored_is_refused_and_told(rooms):
+    part = left_part(rooms(3), 0.7)
+    flipped = TbmMap(TbmGrid(part.geometry, np.ascontiguousarray(part.masses[:, ::-1])))
+    for alignment in (align(TbmMap(rooms(3)), flipped), align(flipped, TbmMap(rooms(3)))):
+        assert not alignment.accepted
+        assert "; mirrored it would fit, with confidence " in alignment.reason
+        assert alignment.reason.endswith("is one map's picture flipped, or was a laser mounted upside down?")
+    assert "mirrored" not in align(TbmMap(rooms(1)), TbmMap(rooms(2))).reason
+    assert "mirrored" not in align(TbmMap(rooms(3)), TbmMap(part)).reason
+
+
+def test_a_room_that_looks_the_same_turned_is_ambiguous():
+    """A rectangle fits itself twice; which way round cannot be known."""
+    grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 140, 220))
+    grid.masses[8:132, 8:212] = (0.0, 0.0, 1.0, 0.0)
+    grid.masses[10:130, 10:210] = (0.0, 1.0, 0.0, 0.0)
+    alignment = align(TbmMap(grid), TbmMap(grid), MergeConfig(method="correlation"))
+    assert not alignment.accepted
+    assert alignment.ambiguous
+    assert alignment.reason.startswith("ambiguous: 2 places fit about as well, the best with confidence 0.")
+    turned = alignment.alternatives[0].T_target_source.theta - alignment.T_target_source.theta
+    assert abs(math.remainder(turned - math.pi, 2.0 * math.pi)) < 0.01
+    assert alignment.alternatives[0].confidence == pytest.approx(alignment.confidence, rel=0.3)

@@ -1,0 +1,70 @@
+import pytest
+
+from merging import MergeConfig, merge
+from merging.alignment import Alignment, Alternative
+from merging.fusion.warping import warp
+from merging.merger import Merge
+from merging.report import pair_cards
+from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.se2 import SE2
+from tbmslam.tbm_map import TbmMap
+
+CONFIG = MergeConfig(method="features")
+
+
+@pytest.fixture
+def maps(rooms):
+    moved = warp(rooms(1), SE2(1.0, 2.0, 0.5), rooms(1).geometry)
+    return {"here": TbmMap(rooms(1)), "there": TbmMap(moved), "foreign": TbmMap(rooms(2))}
+
+
+def test_accepted_and_refused_pairs_are_told_and_pictured_alike(maps):
+    result = merge(maps, CONFIG)
+    cards, tables = pair_cards.pair_cards(result, maps, CONFIG)
+    assert [card.title for card in cards] == ["there in here", "foreign in here", "foreign in there"]
+    assert [card.verdict for card in cards] == ["accepted", "refused", "refused"]
+    assert [card.good for card in cards] == [True, False, False]
+    assert all(card.pictures for card in cards)
+    for card, found in zip(cards, result.alignments.values(), strict=True):
+        assert card.reason[1:-1] == found.reason[1:]
+    assert {"confidence", "x", "θ", "overlap", "agreement", "contradiction", "inliers"} <= cards[0].figures.keys()
+    assert tables == []
+
+
+def test_alternatives_of_an_ambiguous_pair_are_pictured(maps):
+    other = Alternative(SE2(1.0, 0.0, 0.0), 0.4, 12.0)
+    found = Alignment(
+        "correlation", accepted=False, reason="r", T_target_source=SE2.identity(), ambiguous=True, alternatives=(other,)
+    )
+    result = Merge(None, {}, {("here", "there"): found}, {}, None)
+    (card,), _ = pair_cards.pair_cards(result, maps, CONFIG)
+    assert card.verdict == "ambiguous"
+    assert len(card.pictures) == 2
+    assert (
+        card.pictures[1].caption == "Alternative 1, at 1.000 m, 0.000 m, 0.00°: confidence 0.400, 12.0 m of wall agree."
+    )
+
+
+@pytest.mark.parametrize(
+    ("accepted", "used", "outvoted", "verdict"),
+    [
+        (True, (), (("a", "b"),), "accepted, but outvoted"),
+        (False, (("a", "b"),), (), "confirmed by others"),
+        (False, (), (), "refused"),
+    ],
+)
+def test_what_the_other_maps_made_of_a_pair(rooms, accepted, used, outvoted, verdict):
+    found = Alignment("correlation", accepted=accepted, reason="r")
+    result = Merge(None, {}, {("a", "b"): found}, {}, None, None, used, outvoted)
+    empty = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
+    (card,), _ = pair_cards.pair_cards(result, {"a": TbmMap(rooms(1)), "b": TbmMap(empty)}, CONFIG)
+    assert card.verdict == verdict
+    assert not card.good
+    assert [picture.caption for picture in card.pictures] == ["The walls of a."]
+
+
+def test_very_many_pairs_go_into_a_table_but_for_those_that_tell_most(maps, monkeypatch):
+    monkeypatch.setattr(pair_cards, "MOST_CARDS", 1)
+    cards, (table,) = pair_cards.pair_cards(merge(maps, CONFIG), maps, CONFIG)
+    assert [card.verdict for card in cards] == ["accepted"]
+    assert [row[:3] for row in table.rows] == [("here", "foreign", "refused"), ("there", "foreign", "refused")]
