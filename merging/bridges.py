@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
-from merging.group_map import align_wholes, wholes_of
+from merging.group_map import align_group_maps, group_maps_of
 from merging.map_graph.grouping import Group
 from merging.map_graph.hypothesis import is_same_place
-from merging.merge_state import Findings
-from merging.pairwise.executor import Workforce
+from merging.merge_state import MergeState
+from merging.pairwise.executor import Executor
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
@@ -25,7 +25,7 @@ Sides = tuple[Pair, frozenset[str], frozenset[str]]
 
 
 @dataclass(frozen=True)
-class LoneJoin:
+class Bridge:
     """An alignment without which a group would fall into two.
 
     Parameters
@@ -48,21 +48,21 @@ class LoneJoin:
         return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
 
 
-def without_lone_joins(found: Findings, config: MergeConfig, workforce: Workforce) -> Findings:
+def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
     """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
     stood = set[Sides]()
     while True:
-        refuted, fitting = refute_lone_join(found, config, workforce, stood)
+        refuted, fitting = refute_bridge(found, config, executor, stood)
         stood |= fitting
         if refuted is None:
             return found
-        found = found.with_aligned(dict([refuted]))
+        found = found.with_alignments(dict([refuted]))
 
 
-def refute_lone_join(
-    found: Findings,
+def refute_bridge(
+    found: MergeState,
     config: MergeConfig,
-    workforce: Workforce,
+    executor: Executor,
     stood: Collection[Sides] = (),
 ) -> tuple[tuple[Pair, Alignment] | None, set[Sides]]:
     """Look for an alignment that alone joins groups which as wholes do not fit so, the most doubtful first.
@@ -73,7 +73,7 @@ def refute_lone_join(
         The maps, and what is known of them so far.
     config
         Below which confidence a lone alignment is doubted, and how little the wholes may give its place.
-    workforce
+    executor
         Who aligns them.
     stood
         The groups that fitted before; they are not aligned again.
@@ -83,11 +83,11 @@ def refute_lone_join(
     The alignment, refused now, or None where all stand, and the groups that fit.
     """
     fitting, alignments = set[Sides](), found.alignments
-    joins = [join for group in found.groups for join in lone_joins(group, alignments, config)]
+    joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
         if join.names in stood:
             continue
-        likely = _likely_as_wholes(join, found.maps, config, workforce)
+        likely = _likely_as_wholes(join, found.maps, config, executor)
         if likely < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
             reason = f"groups of {numbers} maps, which it alone joins, do not fit so ({likely:.2f}): {before.reason}"
@@ -97,7 +97,7 @@ def refute_lone_join(
     return None, fitting
 
 
-def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[LoneJoin]:
+def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[Bridge]:
     """Return the doubtful alignments without which a group would fall into two, one of them of several maps."""
     joins = []
     for pair in group.used:
@@ -108,7 +108,7 @@ def lone_joins(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
         sides = _parted_without(pair, group, alignments, config)
         if sides is not None and len(group) > 2:
             here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
-            joins.append(LoneJoin(pair, found.T_target_source, (here, there)))
+            joins.append(Bridge(pair, found.T_target_source, (here, there)))
     return joins
 
 
@@ -148,16 +148,16 @@ def _sides(
     return sides[pair[0]], sides[pair[1]]
 
 
-def _likely_as_wholes(join: LoneJoin, maps: Mapping[str, TbmMap], config: MergeConfig, workforce: Workforce) -> float:
+def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> float:
     """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it.
 
     Groups too large to be one map cannot speak against it: then it is 1.
     """
     target, source = join.pair
-    wholes = wholes_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, workforce.watch)
+    wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.watch)
     if len(wholes) < 2:
         return 1.0
-    found = align_wholes(wholes, [join.pair], config, workforce)[join.pair]
+    found = align_group_maps(wholes, [join.pair], config, executor)[join.pair]
     if found.T_target_source is None:
         return 0.0
     told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()

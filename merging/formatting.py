@@ -7,25 +7,25 @@ from merging.verification.evidence import Evidence
 from tbmslam.se2 import SE2, wrap_angle
 
 
-def confidence_in_words(confidence: float) -> str:
+def format_confidence(confidence: float) -> str:
     """Return a probability with three decimals, never rounded up to certainty."""
     return "> 0.999" if confidence >= 0.9995 else f"{confidence:.3f}"
 
 
-def pose_in_words(pose: SE2 | None) -> tuple[str, str, str]:
+def format_pose(pose: SE2 | None) -> tuple[str, str, str]:
     """Return x [m], y [m] and theta [deg]; dashes where there is no pose."""
     if pose is None:
         return "–", "–", "–"
     return f"{pose.x:.3f}", f"{pose.y:.3f}", f"{math.degrees(wrap_angle(pose.theta)):.2f}"
 
 
-def exactness_in_words(covariance: Covariance) -> str:
+def format_covariance(covariance: Covariance) -> str:
     """Return the standard deviations of a place and of its turn."""
     place_m, turn = deviations(covariance)
     return f"{place_m:.2f} m, {math.degrees(turn):.1f}°"
 
 
-def evidence_in_words(evidence: Evidence) -> str:
+def format_evidence(evidence: Evidence) -> str:
     """Return in a line what two maps say for and against a place."""
     return (
         f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "

@@ -12,7 +12,7 @@ from merging.fusion.warping import CellSizeError, corners_of
 from merging.map_graph.grouping import Group
 from merging.merged_group import merge_group
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Workforce
+from merging.pairwise.executor import Executor
 from tbmslam.files.map_check import MAX_CELLS
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -25,7 +25,7 @@ _ALL_THEY_KNOW: dict[str, object] = {"rule": None, "coverage": "union", "reliabi
 
 
 @dataclass(frozen=True)
-class WholeGroup:
+class GroupMap:
     """Some maps as one.
 
     Parameters
@@ -40,9 +40,7 @@ class WholeGroup:
     poses: Mapping[str, SE2]
 
     @classmethod
-    def of(
-        cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, watch: Watch
-    ) -> "WholeGroup":
+    def of(cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, watch: Watch) -> "GroupMap":
         """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
 
         Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows. Its
@@ -53,7 +51,7 @@ class WholeGroup:
         CellSizeError
             If they reach so far that they would have too many cells.
         """
-        first, *others = by_what_they_know(maps, poses)
+        first, *others = most_known_first(maps, poses)
         if not others:
             return cls(maps[first].grid, {first: SE2.identity()})
         T_first = poses[first].inverse()
@@ -64,21 +62,21 @@ class WholeGroup:
         return cls(merged.merged.grid, merged.poses)
 
 
-def wholes_of(
+def group_maps_of(
     maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, watch: Watch
-) -> dict[str, WholeGroup]:
+) -> dict[str, GroupMap]:
     """Return groups, T_any_map of their maps, as wholes by the same names; those too large to be one are left out."""
     wholes = {}
     for group, poses in groups.items():
         try:
-            wholes[group] = WholeGroup.of(maps, poses, config, watch)
+            wholes[group] = GroupMap.of(maps, poses, config, watch)
         except (CellSizeError, MemoryError) as error:
             why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
             logger.warning("%s are not looked at as one map: %s", ", ".join(poses), why)
     return wholes
 
 
-def by_what_they_know(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:
+def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:
     """Return the names of some maps, that of the one that knows most first: who is named first must not matter."""
     names = list(names)
     if len(names) == 1:
@@ -100,11 +98,11 @@ def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], cell_m: 
         )
 
 
-def align_wholes(
-    wholes: Mapping[str, WholeGroup],
+def align_group_maps(
+    wholes: Mapping[str, GroupMap],
     pairs: Sequence[Pair],
     config: MergeConfig,
-    workforce: Workforce,
+    executor: Executor,
 ) -> dict[Pair, Alignment]:
     """Align pairs of groups, by their names; see `merging.pairwise.all_pairs.align_all`."""
-    return align_all({name: TbmMap(whole.grid) for name, whole in wholes.items()}, config, workforce, pairs)
+    return align_all({name: TbmMap(whole.grid) for name, whole in wholes.items()}, config, executor, pairs)

@@ -12,7 +12,7 @@ Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
 
 
 @dataclass(frozen=True)
-class Findings:
+class MergeState:
     """What is known so far.
 
     Parameters
@@ -40,7 +40,7 @@ class Findings:
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "Findings":
+    def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":
         """Return what a first look found."""
         return cls(grouping, maps, alignments, grouping(alignments))
 
@@ -49,21 +49,21 @@ class Findings:
         where = {name: number for number, group in enumerate(self.groups) for name in group.poses}
         return [pair for pair in self.alignments if where[pair[0]] != where[pair[1]]]
 
-    def with_aligned(
+    def with_alignments(
         self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
-    ) -> "Findings":
+    ) -> "MergeState":
         """Return the same with better answers for some pairs, and the grids they were judged by."""
         alignments = {**self.alignments, **found}
         judged_by = {**self.judged_by, **(judged_by or {})}
         return replace(self, alignments=alignments, groups=self.grouping(alignments), judged_by=judged_by)
 
-    def with_straightened(self, name: str, straightened: TbmMap) -> "Findings":
+    def with_straightened(self, name: str, straightened: TbmMap) -> "MergeState":
         """Return the same with one of the maps straightened."""
         return replace(
             self, maps={**self.maps, name: straightened}, straightened={**self.straightened, name: straightened}
         )
 
-    def judged_as_they_are(self, pair: Pair) -> "Findings":
+    def with_own_grids(self, pair: Pair) -> "MergeState":
         """Return the same with a pair judged by its grids as they are now."""
         grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
         return replace(self, judged_by={**self.judged_by, pair: grids})

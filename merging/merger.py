@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from merging.alignment import Alignment, Pair
-from merging.bridges import without_lone_joins
+from merging.bridges import without_refuted_bridges
 from merging.config import MergeConfig
 from merging.fusion.fusion import Fusion
 from merging.joint_slam.joint_optimisation import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import Findings
+from merging.merge_state import MergeState
 from merging.merged_group import MergedGroup, merge_group
-from merging.nonrigid.propagation import straightened_by
-from merging.nonrigid.refused_pairs import look_closer
-from merging.nonrigid.search import BentLook
+from merging.nonrigid.propagation import deformed_maps
+from merging.nonrigid.refused_pairs import register_refused_pairs
+from merging.nonrigid.search import NonrigidRegistration
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Workforce
-from merging.pose_priors import place_known
+from merging.pairwise.executor import Executor
+from merging.pose_priors import place_by_priors
 from merging.short_range import with_short_range_alignments
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
@@ -107,17 +107,17 @@ def merge(
     ValueError
         If there are fewer than two maps or no worker, or poses are known of a map that is none of them or the first.
     """
-    config, workforce = config or MergeConfig(), Workforce(workers, scheduler, watch or Watch())
+    config, executor = config or MergeConfig(), Executor(workers, scheduler, watch or Watch())
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
-    known = place_known(maps, config)
+    known = place_by_priors(maps, config)
     unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
-    first = known.alignments | align_all(maps, config, workforce, unknown)
-    found = Findings.of(maps, first, partial(_grouped, list(maps), config, workforce.watch, known.poses))
-    found = with_short_range_alignments(found, config, workforce)
-    found = without_lone_joins(found, config, workforce)
-    found = _with_looks(found, look_closer(found, config, workforce))
-    return _merged(found, _joined(found, config, workforce.watch))
+    first = known.alignments | align_all(maps, config, executor, unknown)
+    found = MergeState.of(maps, first, partial(_grouped, list(maps), config, executor.watch, known.poses))
+    found = with_short_range_alignments(found, config, executor)
+    found = without_refuted_bridges(found, config, executor)
+    found = _with_looks(found, register_refused_pairs(found, config, executor))
+    return _merged(found, _joined(found, config, executor.watch))
 
 
 def _grouped(
@@ -131,25 +131,25 @@ def _grouped(
         return groups_of(names, alignments, config.graph, known)
 
 
-def _with_looks(found: Findings, looks: Mapping[Pair, BentLook]) -> Findings:
+def _with_looks(found: MergeState, looks: Mapping[Pair, NonrigidRegistration]) -> MergeState:
     """Add what was found of maps that were bent, and keep them so."""
     if not looks:
         return found
     before = found.groups
-    found = found.with_aligned({pair: look.alignment for pair, look in looks.items()})
-    for name, straightened in straightened_by(looks, found.maps, found.groups, before).items():
+    found = found.with_alignments({pair: look.alignment for pair, look in looks.items()})
+    for name, straightened in deformed_maps(looks, found.maps, found.groups, before).items():
         found = found.with_straightened(name, straightened)
     for pair in looks:
         if any(pair in group.used for group in found.groups):
-            found = found.judged_as_they_are(pair)
+            found = found.with_own_grids(pair)
     return found
 
 
-def _joined(found: Findings, config: MergeConfig, watch: Watch) -> MergedGroup | None:
+def _joined(found: MergeState, config: MergeConfig, watch: Watch) -> MergedGroup | None:
     return merge_group(found.maps, found.groups[0], config, watch) if len(found.groups[0]) > 1 else None
 
 
-def _merged(found: Findings, joined: MergedGroup | None) -> Merge:
+def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
     if joined is None:
         left_out = {name: _why_alone(name, found.alignments) for name in found.maps}
         return Merge(None, {}, found.alignments, left_out, None, judged_by=found.judged_by)

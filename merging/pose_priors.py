@@ -15,16 +15,16 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.config.pose_priors import KnownPoseConfig
-from merging.formatting import evidence_in_words
+from merging.formatting import format_evidence
 from merging.fusion.warping import corners_of
-from merging.pairwise.prepared_maps import Views
+from merging.pairwise.prepared_maps import PreparedMaps
 from merging.registration.hypotheses import Candidate, best_of, find_candidates
-from merging.rigid_alignment import View
+from merging.rigid_alignment import PreparedMap
 from merging.scoring.confidence import confidences
 from merging.scoring.decoys import find_decoys
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
-from merging.walls.wall_map import Structure, without_walls
+from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.errors import TbmSlamError
 from tbmslam.files.map_check import MAX_CELLS
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
@@ -43,7 +43,7 @@ class KnownPoseError(TbmSlamError):
 
 
 @dataclass(frozen=True)
-class KnownPlaces:
+class PriorPoses:
     """Where maps lie that somebody knows the poses of.
 
     Parameters
@@ -58,7 +58,7 @@ class KnownPlaces:
     alignments: dict[Pair, Alignment]
 
 
-def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
+def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPoses:
     """Lay maps where `MergeConfig.known_poses` says, each onto one of those before it.
 
     Raises
@@ -73,8 +73,10 @@ def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
         if name == first or name not in maps:
             raise ValueError(f"known_poses must be of maps after the first, {first!r}, got {name!r}")
     if not config.known_poses:
-        return KnownPlaces({}, {})
-    views = Views({name: one.grid for name, one in maps.items()}, config.model_copy(update={"method": "correlation"}))
+        return PriorPoses({}, {})
+    views = PreparedMaps(
+        {name: one.grid for name, one in maps.items()}, config.model_copy(update={"method": "correlation"})
+    )
     resolution = config.merged_resolution or maps[first].grid.geometry.resolution
     poses, alignments = {first: SE2.identity()}, dict[Pair, Alignment]()
     for name in (name for name in maps if name in config.known_poses):
@@ -87,7 +89,7 @@ def place_known(maps: Mapping[str, TbmMap], config: MergeConfig) -> KnownPlaces:
         alignments[target, name] = found
         poses[name] = poses[target] @ (found.T_target_source or SE2.identity())
         _check_extent(name, [corners_of(maps[one].grid.geometry, pose) for one, pose in poses.items()], resolution)
-    return KnownPlaces(poses, alignments)
+    return PriorPoses(poses, alignments)
 
 
 def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -> None:
@@ -101,7 +103,9 @@ def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -
         )
 
 
-def align_near(target: View | None, source: View | None, T_target_source: SE2, config: MergeConfig) -> Alignment:
+def align_near(
+    target: PreparedMap | None, source: PreparedMap | None, T_target_source: SE2, config: MergeConfig
+) -> Alignment:
     """Return where a map lies near a told pose; the confidence is what the maps alone would give that place.
 
     Parameters
@@ -120,7 +124,7 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
     enough = evidence.agreed_wall_m >= config.known.min_wall_m
     bare = without_walls(target.structure, source.structure)
     how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
-    answer = Alignment("told", accepted=True, reason=f"{how}; {evidence_in_words(evidence)}")
+    answer = Alignment("told", accepted=True, reason=f"{how}; {format_evidence(evidence)}")
     limits = config.verification.limits()
     told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}
     exactness = config.exactness.model_copy(update=told)  # where no wall says more, as whoever told
@@ -129,7 +133,7 @@ def align_near(target: View | None, source: View | None, T_target_source: SE2, c
     return answer.at(place, evidence, confidence, covariance)
 
 
-def _likeliest(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
+def _likeliest(target: WallMap, source: WallMap, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
     """Return the place near the told one that walls and the one who told speak for, and its share of all places."""
     near, elsewhere = _places_near(target, source, told, config), find_candidates(target, source, config)
     elsewhere = [one for one in elsewhere if not _is_near(one[0], told, source, config.known)]
@@ -142,7 +146,7 @@ def _likeliest(target: Structure, source: Structure, told: SE2, config: MergeCon
     return place, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
 
 
-def _places_near(target: Structure, source: Structure, told: SE2, config: MergeConfig) -> list[Candidate]:
+def _places_near(target: WallMap, source: WallMap, told: SE2, config: MergeConfig) -> list[Candidate]:
     """Return places near the told one that enough walls speak for; the told one itself where there is none.
 
     Walls draw the told pose across their ways only, so that the place this leads to is one, whichever has more to say.
@@ -156,7 +160,7 @@ def _places_near(target: Structure, source: Structure, told: SE2, config: MergeC
     return found or [(told, examine(target, source, told, config.verification))]
 
 
-def _starts(told: SE2, source: Structure, reach: KnownPoseConfig) -> list[SE2]:
+def _starts(told: SE2, source: WallMap, reach: KnownPoseConfig) -> list[SE2]:
     """Return the told pose, turned about the middle of the source's walls and moved, as far as it may be wrong."""
     shifts = np.linspace(-reach.reach_m, reach.reach_m, _SHIFTS)
     turns = np.linspace(-reach.reach_rad, reach.reach_rad, _TURNS)
@@ -165,32 +169,32 @@ def _starts(told: SE2, source: Structure, reach: KnownPoseConfig) -> list[SE2]:
     return [told @ middle @ offset @ middle.inverse() for offset in offsets]
 
 
-def _is_near(motion: SE2, told: SE2, source: Structure, reach: KnownPoseConfig) -> bool:
+def _is_near(motion: SE2, told: SE2, source: WallMap, reach: KnownPoseConfig) -> bool:
     moved_m, turned = _apart(motion, told, source)
     return moved_m <= math.sqrt(2.0) * reach.reach_m and turned <= reach.reach_rad
 
 
-def _apart(motion: SE2, told: SE2, source: Structure) -> tuple[float, float]:
+def _apart(motion: SE2, told: SE2, source: WallMap) -> tuple[float, float]:
     """Return how far two motions put the middle of the source's walls apart [m], and by which angle they differ."""
     middle = np.array(_middle(source))
     return math.dist(motion.apply(middle), told.apply(middle)), abs(wrap_angle(motion.theta - told.theta))
 
 
-def _middle(source: Structure) -> tuple[float, float]:
+def _middle(source: WallMap) -> tuple[float, float]:
     if not len(source.points):
         return 0.0, 0.0
     x, y = source.points.mean(axis=0)
     return float(x), float(y)
 
 
-def _how_laid(place: SE2, told: SE2, source: Structure, enough: bool) -> str:
+def _how_laid(place: SE2, told: SE2, source: WallMap, enough: bool) -> str:
     if not enough:
         return "laid exactly as told, since hardly any wall says more"
     moved_m, turned = _apart(place, told, source)
     return f"laid where told, but for {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
 
 
-def _shared_wall_m(target: str, source: str, motion: SE2, views: Views, config: MergeConfig) -> float:
+def _shared_wall_m(target: str, source: str, motion: SE2, views: PreparedMaps, config: MergeConfig) -> float:
     """Return how much wall of two maps lies where the other knows something [m]."""
     one, other = views.of_pair((target, source))
     if one is None or other is None:

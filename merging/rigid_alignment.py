@@ -6,16 +6,16 @@ from merging.alignment import Alignment, Alternative
 from merging.baselines.methods import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
-from merging.formatting import evidence_in_words
+from merging.formatting import format_evidence
 from merging.fusion.warping import at_resolution, check_cell_size
 from merging.registration.features import Features, describe, match
 from merging.registration.hypotheses import Candidate, find_candidates, refine_all
 from merging.registration.ransac import find_consensus
 from merging.scoring.confidence import confidences
-from merging.scoring.hypothesis_scoring import judge
+from merging.scoring.hypothesis_scoring import score_hypotheses
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
-from merging.walls.wall_map import Structure, without_walls
+from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 
@@ -26,7 +26,7 @@ _WORTH_NAMING = 0.01
 
 
 @dataclass(frozen=True)
-class View:
+class PreparedMap:
     """One map as the aligner looks at it, so that a map met by many others is looked at once.
 
     Parameters
@@ -39,19 +39,19 @@ class View:
         The grid itself, for the related work's methods; None for others.
     """
 
-    structure: Structure
+    structure: WallMap
     features: Features
     grid: TbmGrid | None = None
 
 
-def view_of(grid: TbmGrid, resolution: float, config: MergeConfig) -> View | None:
+def prepared(grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
     """Look at a grid in cells of the given size [m]; None where nothing in it is known."""
     if not grid.is_known().any():
         return None
     seen = at_resolution(grid, resolution)
     features = describe(seen, config.features) if config.method == "features" else Features.none()
     kept = seen if config.method in BASELINES else None
-    return View(Structure.from_grid(seen, config.structure), features, kept)
+    return PreparedMap(WallMap.from_grid(seen, config.structure), features, kept)
 
 
 def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
@@ -85,10 +85,10 @@ def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = Non
     resolution = comparison_resolution([target.grid, source.grid], config)
     if config.method in BASELINES:
         return align_baseline(target.grid, source.grid, resolution, config)
-    return align_views(view_of(target.grid, resolution, config), view_of(source.grid, resolution, config), config)
+    return align_prepared(prepared(target.grid, resolution, config), prepared(source.grid, resolution, config), config)
 
 
-def align_views(target: View | None, source: View | None, config: MergeConfig) -> Alignment:
+def align_prepared(target: PreparedMap | None, source: PreparedMap | None, config: MergeConfig) -> Alignment:
     """Find where the source lies in the target's frame; see `align`."""
     if target is None or source is None:
         empty = "target" if target is None else "source"
@@ -102,7 +102,7 @@ def align_views(target: View | None, source: View | None, config: MergeConfig) -
     return _by_correlation(target.structure, source.structure, config)
 
 
-def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
+def _by_features(target: PreparedMap, source: PreparedMap, config: MergeConfig) -> Alignment:
     """Align by keypoints (the paper, section IV), then let the walls confirm it."""
     matches = match(target.features, source.features, config.features)
     consensus = find_consensus(matches, config.consensus)
@@ -131,7 +131,7 @@ def _by_features(target: View, source: View, config: MergeConfig) -> Alignment:
     return _judged(found, [(motion, evidence)], (target.structure, source.structure), config)
 
 
-def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -> Alignment:
+def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Alignment:
     """Align by the most likely of all rotations and shifts."""
     if source.wall_m > target.wall_m:  # the search is not the same both ways; who is named first must not matter
         return _by_correlation(source, target, config).reversed()
@@ -143,11 +143,11 @@ def _by_correlation(target: Structure, source: Structure, config: MergeConfig) -
 
 
 def _judged(
-    found: Alignment, candidates: list[Candidate], maps: tuple[Structure, Structure], config: MergeConfig
+    found: Alignment, candidates: list[Candidate], maps: tuple[WallMap, WallMap], config: MergeConfig
 ) -> Alignment:
     """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
     limits = config.verification
-    likely, decoys = judge(*maps, [evidence for _, evidence in candidates], config)
+    likely, decoys = score_hypotheses(*maps, [evidence for _, evidence in candidates], config)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [
@@ -192,7 +192,7 @@ def _reason(
 ) -> str:
     """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
     before = f"{found.reason}; " if found.method == "features" else ""
-    facts = evidence_in_words(evidence)
+    facts = format_evidence(evidence)
     if evidence.overlap_m2 < config.min_overlap_m2:
         return f"{before}overlap of {evidence.overlap_m2:.1f} m2 is under {config.min_overlap_m2:g} m2"
     if rivals:

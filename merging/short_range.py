@@ -11,13 +11,13 @@ from dataclasses import replace
 
 from merging.config import MergeConfig
 from merging.joint_slam.rendering import redraw
-from merging.merge_state import Findings
+from merging.merge_state import MergeState
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Workforce
+from merging.pairwise.executor import Executor
 from tbmslam.tbm_map import TbmMap
 
 
-def with_short_range_alignments(found: Findings, config: MergeConfig, workforce: Workforce) -> Findings:
+def with_short_range_alignments(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
     """Align the maps of different groups once more, by what was seen at short range; keep what is more confident.
 
     Parameters
@@ -26,7 +26,7 @@ def with_short_range_alignments(found: Findings, config: MergeConfig, workforce:
         The maps, and what is known of them so far.
     config
         What is short, and how maps are aligned.
-    workforce
+    executor
         What aligns them.
     """
     pairs = [pair for pair in found.apart() if all(found.maps[name].drives for name in pair)]
@@ -35,13 +35,13 @@ def with_short_range_alignments(found: Findings, config: MergeConfig, workforce:
     limit = config.near.range_m
     apart = {name for pair in pairs for name in pair}
     maps = {name: short_range_map(tbm_map, limit) for name, tbm_map in found.maps.items() if name in apart}
-    again = align_all(maps, config, workforce, pairs)
+    again = align_all(maps, config, executor, pairs)
     better = {
         pair: replace(alignment, reason=f"by what was seen within {limit:g} m: {alignment.reason}")
         for pair, alignment in again.items()
         if alignment.confidence > found.alignments[pair].confidence
     }
-    return found.with_aligned(better, {pair: (maps[pair[0]].grid, maps[pair[1]].grid) for pair in better})
+    return found.with_alignments(better, {pair: (maps[pair[0]].grid, maps[pair[1]].grid) for pair in better})
 
 
 def short_range_map(tbm_map: TbmMap, range_m: float) -> TbmMap:

@@ -10,16 +10,16 @@ import numpy.typing as npt
 from scipy import optimize
 
 from merging.config import MergeConfig
-from merging.nonrigid.rivals import BentPlaces
-from merging.nonrigid.tile_registration import Bendable, straighten
+from merging.nonrigid.rivals import DeformedRivals
+from merging.nonrigid.tile_registration import DeformableMap, deform
 from merging.registration.correlation import propose
 from merging.registration.hypotheses import find_candidates
-from merging.rigid_alignment import view_of
+from merging.rigid_alignment import prepared
 from merging.scoring.confidence import SIGNS, ConfidenceModel, features
 from merging.scoring.decoys import find_decoys
 from merging.scoring.logit_features import MEASURES, by_chance, measured
 from merging.verification.evidence import Evidence
-from merging.walls.wall_map import Structure, without_walls
+from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.se2 import FloatArray
 from tools.calibration_table import Judgement
 from tools.pair_files import KnownPair
@@ -64,7 +64,9 @@ class Trial:
     @classmethod
     def of(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
         """Search a pair for places; None where one of its maps is empty."""
-        target, source = (view_of(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source))
+        target, source = (
+            prepared(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source)
+        )
         if target is None or source is None:
             return None
         turned = source.structure.wall_m > target.structure.wall_m  # as the aligner does
@@ -77,18 +79,18 @@ class Trial:
 
     @classmethod
     def of_bent(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
-        """Bend one map of a pair at the place that looks best and at its rivals; None where hardly any of it fits."""
-        structures = [Structure.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
+        """Deform one map of a pair at the place that looks best and at its rivals; None where hardly any of it fits."""
+        structures = [WallMap.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
         if not all(one.grid.is_known().any() for one in (pair.target, pair.source)) or without_walls(*structures):
             return None
         moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as the aligner does
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
-        source = Bendable.of(grid, config, structures[moving])
+        source = DeformableMap.of(grid, config, structures[moving])
         proposals = propose(target, source.structure, config.correlation)
-        laid = straighten(target, source, proposals[0], config)
+        laid = deform(target, source, proposals[0], config)
         if laid is None:
             return None
-        places = BentPlaces.of(target, source, laid.motion, proposals, config)
+        places = DeformedRivals.of(target, source, laid.motion, proposals, config)
         near = np.array([pair.is_near(one if moving == 1 else one.inverse()) for one in places.motions], np.bool_)
         return cls(pair.name, places.evidence, places.decoys, near, near, weight)
 

@@ -1,4 +1,4 @@
-"""Where a source may lie: a shift between the middles of two maps, and a turn about the source's."""
+"""Where a source may lie: a shift between the centroids of two maps, and a turn about the source's."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Placing:
     Parameters
     ----------
     target_centre, source_centre
-        The middles of what the maps know, each in its own frame.
+        The centroids of what the maps know, each in its own frame.
     reach_m
         Radius of the shifts under which the maps meet at all.
     """

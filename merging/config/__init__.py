@@ -6,7 +6,7 @@ from merging.config.baselines import BaselinesConfig
 from merging.config.choices import Coverage, Method, Rule
 from merging.config.joint_slam import JointConfig
 from merging.config.map_graph import GraphConfig
-from merging.config.nonrigid import BentLookConfig
+from merging.config.nonrigid import NonrigidConfig
 from merging.config.pose_priors import KnownPose, KnownPoseConfig
 from merging.config.registration import (
     ConsensusConfig,
@@ -15,7 +15,7 @@ from merging.config.registration import (
     RefinementConfig,
     StructureConfig,
 )
-from merging.config.short_range import NearConfig
+from merging.config.short_range import ShortRangeConfig
 from merging.config.verification import ExactnessConfig, VerificationConfig
 from tbmslam.frozen_config import FrozenConfig, Metres, Share
 
@@ -75,7 +75,7 @@ class MergeConfig(FrozenConfig):
     exactness: ExactnessConfig = ExactnessConfig()
     graph: GraphConfig = GraphConfig()
     known: KnownPoseConfig = KnownPoseConfig()
-    bent: BentLookConfig = BentLookConfig()
-    near: NearConfig = NearConfig()
+    bent: NonrigidConfig = NonrigidConfig()
+    near: ShortRangeConfig = ShortRangeConfig()
     joint: JointConfig = JointConfig()
     baselines: BaselinesConfig = BaselinesConfig()

@@ -7,7 +7,7 @@ from pydantic import Field
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 
 
-class BentLookConfig(FrozenConfig):
+class NonrigidConfig(FrozenConfig):
     """How two maps that fit nowhere as they are get another look, one of them bent; see `merging.nonrigid.search`.
 
     Parameters

@@ -3,7 +3,7 @@
 from tbmslam.frozen_config import FrozenConfig, Metres
 
 
-class NearConfig(FrozenConfig):
+class ShortRangeConfig(FrozenConfig):
     """How maps that no alignment joined are aligned once more; see `merging.short_range`.
 
     Parameters

@@ -13,9 +13,9 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config.map_graph import GraphConfig
-from merging.map_graph.centroid_frames import Middles
-from merging.map_graph.hypothesis import Offer, is_same_place, offers_of
-from merging.map_graph.links import joints_of
+from merging.map_graph.centroid_frames import CentroidFrames
+from merging.map_graph.hypothesis import PoseHypothesis, hypotheses_of, is_same_place
+from merging.map_graph.links import links_of
 from tbmslam.pose_graph import MotionEdge, optimise
 from tbmslam.se2 import SE2, FloatArray
 
@@ -73,32 +73,34 @@ def groups_of(
     a map that nothing connects is a group of its own.
     """
     config, known = config or GraphConfig(), known or {}
-    middles, offers = _between_middles(alignments, config)
+    centroids, offers = _between_centroids(alignments, config)
     trusted = _without_outvoted(offers, config)
-    groups = [middles.group(known)[1]] if known else []
+    groups = [centroids.group(known)[1]] if known else []
     groups += [{name: SE2.identity()} for name in names if name not in known]
     while True:
-        joints = joints_of(groups, trusted, config)
+        joints = links_of(groups, trusted, config)
         if not joints:
             break
         best = max(joints, key=lambda joint: joint[:2])
         groups[best.first] |= {name: best.motion @ pose for name, pose in groups[best.second].items()}
         del groups[best.second]
     ordered = [{name: group[name] for name in names if name in group} for group in groups]
-    finished = [_finished(group, offers, middles, config) for group in ordered]
+    finished = [_finished(group, offers, centroids, config) for group in ordered]
     return sorted(
         finished, key=lambda group: (known.keys().isdisjoint(group.poses), -len(group), list(names).index(group.first))
     )
 
 
-def _between_middles(alignments: Mapping[Pair, Alignment], config: GraphConfig) -> tuple[Middles, list[Offer]]:
-    """Return the middles of maps, and where alignments put one in the frame of another."""
-    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, config)]
-    middles = Middles(offers)
-    return middles, [middles.between(offer) for offer in offers]
+def _between_centroids(
+    alignments: Mapping[Pair, Alignment], config: GraphConfig
+) -> tuple[CentroidFrames, list[PoseHypothesis]]:
+    """Return the centroids of maps, and where alignments put one in the frame of another."""
+    offers = [offer for pair, found in alignments.items() for offer in hypotheses_of(pair, found, config)]
+    centroids = CentroidFrames(offers)
+    return centroids, [centroids.between(offer) for offer in offers]
 
 
-def _without_outvoted(offers: list[Offer], config: GraphConfig) -> list[Offer]:
+def _without_outvoted(offers: list[PoseHypothesis], config: GraphConfig) -> list[PoseHypothesis]:
     """Drop accepted alignments that stand against most cycles they are in, the worst first.
 
     Of three that contradict one another any may be the wrong one; then all stay, and weigh against each other.
@@ -118,7 +120,7 @@ def _without_outvoted(offers: list[Offer], config: GraphConfig) -> list[Offer]:
         kept = [offer for offer in kept if not (offer.accepted and offer.pair == pairs[0])]
 
 
-def _triangles(accepted: Sequence[Offer]) -> Iterator[tuple[Offer, Offer, Offer]]:
+def _triangles(accepted: Sequence[PoseHypothesis]) -> Iterator[tuple[PoseHypothesis, PoseHypothesis, PoseHypothesis]]:
     """Yield the alignments, in their order, of any three maps of which each is aligned with both others."""
     # Of all threes of alignments hardly any close a triangle: of twenty maps one in a thousand.
     joining: dict[str, dict[str, int]] = {}
@@ -133,7 +135,7 @@ def _triangles(accepted: Sequence[Offer]) -> Iterator[tuple[Offer, Offer, Offer]
                 yield offer, accepted[second], accepted[third]
 
 
-def _round_trip(cycle: tuple[Offer, Offer, Offer]) -> SE2:
+def _round_trip(cycle: tuple[PoseHypothesis, PoseHypothesis, PoseHypothesis]) -> SE2:
     """Return the motion once around three alignments that close a triangle."""
     here, motion, left = cycle[0].pair[1], cycle[0].motion, list(cycle[1:])
     while left:
@@ -145,8 +147,10 @@ def _round_trip(cycle: tuple[Offer, Offer, Offer]) -> SE2:
     return motion
 
 
-def _finished(poses: dict[str, SE2], offers: list[Offer], middles: Middles, config: GraphConfig) -> Group:
-    """Let all alignments that agree with the middles' poses make them exact; return the maps', in the first's frame."""
+def _finished(
+    poses: dict[str, SE2], offers: list[PoseHypothesis], centroids: CentroidFrames, config: GraphConfig
+) -> Group:
+    """Refine the centroids' poses by all alignments that agree with them; return the maps'."""
     names = list(poses)
     inside = [offer for offer in offers if offer.pair[0] in poses and offer.pair[1] in poses]
     agreeing = [
@@ -164,10 +168,10 @@ def _finished(poses: dict[str, SE2], offers: list[Offer], middles: Middles, conf
         ]
         solved = optimise(np.array([exact[name] for name in names]), [], edges, config.robust_width)
         exact = {name: SE2.from_array(pose) for name, pose in zip(names, solved, strict=True)}
-    return Group({**middles.maps(exact), names[0]: SE2.identity()}, tuple(used), outvoted)
+    return Group({**centroids.maps(exact), names[0]: SE2.identity()}, tuple(used), outvoted)
 
 
-def _information(offer: Offer, config: GraphConfig) -> FloatArray:
+def _information(offer: PoseHypothesis, config: GraphConfig) -> FloatArray:
     """Return how exact an alignment is, as far as it is right: one that hardly can be has hardly a say."""
     stated = np.diag([config.deviation_m**2, config.deviation_m**2, config.deviation_rad**2])
     covariance = stated if offer.covariance is None else np.array(offer.covariance)

@@ -15,7 +15,7 @@ _SURE, _DOUBTFUL = 0.999, 0.85
 
 
 @dataclass(frozen=True)
-class Offer:
+class PoseHypothesis:
     """A place that a pair of maps offers.
 
     Parameters
@@ -47,7 +47,7 @@ class Offer:
         return 1.0 / (1.0 + math.exp(-self.odds))
 
 
-def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
+def hypotheses_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[PoseHypothesis]:
     """Return the places that an alignment of a pair offers: its best, however unlikely, and likely alternatives.
 
     A refused place that hardly any wall speaks for is none: maps of next to nothing all lie on one another.
@@ -55,11 +55,11 @@ def offers_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Offer]:
     if found.T_target_source is None:
         return []
     confidence = max(found.confidence, 0.9) if found.accepted else min(found.confidence, _DOUBTFUL)
-    best = Offer(
+    best = PoseHypothesis(
         pair, found.T_target_source, _log_odds(confidence), found.agreed_wall_m, found.accepted, found.covariance
     )
     others = [
-        Offer(
+        PoseHypothesis(
             pair,
             one.T_target_source,
             _log_odds(min(one.confidence, _DOUBTFUL)),

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config.map_graph import GraphConfig
-from merging.map_graph.hypothesis import Offer, worth_of
+from merging.map_graph.hypothesis import PoseHypothesis, worth_of
 from tbmslam.se2 import SE2, FloatArray, compose
 
 _Indices = npt.NDArray[np.intp]
 
 
-class Joint(NamedTuple):
+class GroupLink(NamedTuple):
     """Two groups that may be one.
 
     Parameters
@@ -37,11 +37,13 @@ class Joint(NamedTuple):
     motion: SE2
 
 
-def joints_of(groups: Sequence[Mapping[str, SE2]], offers: Sequence[Offer], config: GraphConfig) -> list[Joint]:
+def links_of(
+    groups: Sequence[Mapping[str, SE2]], offers: Sequence[PoseHypothesis], config: GraphConfig
+) -> list[GroupLink]:
     """Return of any two groups the place for which most speaks, where enough does."""
     links = _Links(groups, offers)
     pairs = itertools.combinations(range(len(groups)), 2)
-    return [joint for pair in pairs if (joint := _best_joint(links, *pair, config)) is not None]
+    return [joint for pair in pairs if (joint := _best_link(links, *pair, config)) is not None]
 
 
 class _Links:
@@ -50,9 +52,9 @@ class _Links:
     Where an offer puts the second group in the first's frame is in `motions` (E, 3), with its log odds in `odds` (E,).
     """
 
-    def __init__(self, groups: Sequence[Mapping[str, SE2]], offers: Sequence[Offer]) -> None:
+    def __init__(self, groups: Sequence[Mapping[str, SE2]], offers: Sequence[PoseHypothesis]) -> None:
         where = {name: index for index, group in enumerate(groups) for name in group}
-        found: dict[tuple[int, int], list[tuple[Offer, SE2]]] = {}
+        found: dict[tuple[int, int], list[tuple[PoseHypothesis, SE2]]] = {}
         for offer in offers:
             ends = tuple(where.get(name) for name in offer.pair)
             for first, second in (ends, ends[::-1]):
@@ -87,12 +89,12 @@ class _Links:
         return (self._begins[first, halves] + each)[ways], self._begins[halves[ways], second] + last
 
 
-def _best_joint(links: _Links, first: int, second: int, config: GraphConfig) -> Joint | None:
+def _best_link(links: _Links, first: int, second: int, config: GraphConfig) -> GroupLink | None:
     """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
     direct = links.between(first, second)
     supports = _supports(links, direct, links.ways(first, second), config)
     joints = [
-        Joint(support, links.offers[index].wall_m, first, second, links.places[index])
+        GroupLink(support, links.offers[index].wall_m, first, second, links.places[index])
         for index, support in enumerate(supports, direct.start)
         if support >= config.min_support
     ]
@@ -135,7 +137,7 @@ def _are_same(places: FloatArray, others: FloatArray, config: GraphConfig) -> np
     return np.asarray(alike & (x * x + y * y <= config.same_m**2))
 
 
-def _between(first: Mapping[str, SE2], second: Mapping[str, SE2], offer: Offer) -> SE2:
+def _between(first: Mapping[str, SE2], second: Mapping[str, SE2], offer: PoseHypothesis) -> SE2:
     """Return where an offer that joins two groups puts the second in the first's frame."""
     target, source = offer.pair
     if target in first:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.nonrigid.tiles import middle_of
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.belief import UNKNOWN
 from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.grid import GridGeometry, Masses, TbmGrid
@@ -24,34 +24,34 @@ _ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Bend:
+class Deformation:
     """Where a bent map's points belong: a mean of what the tiles near by say, the nearer the more.
 
     Parameters
     ----------
-    middles
-        The tiles' middles (N, 2), in the map's frame [m].
+    centroids
+        The tiles' centroids (N, 2), in the map's frame [m].
     motions
         T_target_source as each of them has it.
     reach_m
         How far a tile has a say, a standard deviation [m].
     """
 
-    middles: FloatArray
+    centroids: FloatArray
     motions: Sequence[SE2]
     reach_m: float
 
     @classmethod
-    def none(cls, T_target_source: SE2) -> "Bend":
+    def none(cls, T_target_source: SE2) -> "Deformation":
         """Return that of a map which is not bent."""
         return cls(np.zeros((1, 2)), [T_target_source], 1.0)
 
     @classmethod
-    def of(cls, tiles: Sequence[Structure], motions: Sequence[SE2]) -> "Bend":
+    def of(cls, tiles: Sequence[WallMap], motions: Sequence[SE2]) -> "Deformation":
         """Return what tiles say that lie at T_target_source each."""
         bounds = np.array([tile.geometry.bounds() for tile in tiles])
-        middles = np.array([middle_of(tile) for tile in tiles])
-        return cls(middles, motions, float((bounds[:, 2:] - bounds[:, :2]).mean()) / 2.0)
+        centroids = np.array([middle_of(tile) for tile in tiles])
+        return cls(centroids, motions, float((bounds[:, 2:] - bounds[:, :2]).mean()) / 2.0)
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Return where points (K, 2) of the map belong in the target's frame."""
@@ -68,31 +68,31 @@ class Bend:
 
     def rigid(self) -> tuple[SE2, float, float]:
         """Return the rigid motion nearest to it, and how far tiles are from it, root mean squares [m], [rad]."""
-        laid = self.apply(self.middles)
+        laid = self.apply(self.centroids)
         # Tiles in a row do not tell how the map is turned as well as they tell it themselves.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
-        before = np.vstack([middle + around for middle in self.middles])
-        after = np.vstack([m.apply(middle + around) for middle, m in zip(self.middles, self.motions, strict=True)])
+        before = np.vstack([middle + around for middle in self.centroids])
+        after = np.vstack([m.apply(middle + around) for middle, m in zip(self.centroids, self.motions, strict=True)])
         motion = fit_rigid(after, before)[0]
-        apart = np.linalg.norm(motion.apply(self.middles) - laid, axis=1)
+        apart = np.linalg.norm(motion.apply(self.centroids) - laid, axis=1)
         turned = [wrap_angle(one.theta - motion.theta) for one in self.motions]
         return motion, float(np.sqrt(np.mean(apart**2))), float(np.sqrt(np.mean(np.square(turned))))
 
-    def inverse(self) -> "Bend":
+    def inverse(self) -> "Deformation":
         """Return where points of the target belong in this map."""
-        middles = np.array([m.apply(middle) for middle, m in zip(self.middles, self.motions, strict=True)])
-        return Bend(middles, [motion.inverse() for motion in self.motions], self.reach_m)
+        centroids = np.array([m.apply(middle) for middle, m in zip(self.centroids, self.motions, strict=True)])
+        return Deformation(centroids, [motion.inverse() for motion in self.motions], self.reach_m)
 
-    def then(self, bend: "Bend") -> "Bend":
+    def then(self, bend: "Deformation") -> "Deformation":
         """Return where its points belong once the target is bent, too."""
-        motions = [bend.motion_at(m.apply(middle)) @ m for middle, m in zip(self.middles, self.motions, strict=True)]
-        return Bend(self.middles, motions, self.reach_m)
+        motions = [bend.motion_at(m.apply(middle)) @ m for middle, m in zip(self.centroids, self.motions, strict=True)]
+        return Deformation(self.centroids, motions, self.reach_m)
 
-    def seen_from(self, T_target_other: SE2, T_source_new: SE2) -> "Bend":
+    def seen_from(self, T_target_other: SE2, T_source_new: SE2) -> "Deformation":
         """Return the same of another target, and of the map in another frame of its own."""
         here = T_target_other.inverse()
         motions = [here @ motion @ T_source_new for motion in self.motions]
-        return Bend(T_source_new.inverse().apply(self.middles), motions, self.reach_m)
+        return Deformation(T_source_new.inverse().apply(self.centroids), motions, self.reach_m)
 
     def straightened(self, grid: TbmGrid, T_target_source: SE2) -> TbmGrid:
         """Return the map in its own frame once it is bent so that a rigid motion lays it onto the target."""
@@ -124,7 +124,7 @@ class Bend:
 
     def _shares(self, points: FloatArray) -> FloatArray:
         """Return how much each tile has to say (K, N) at points."""
-        squares = ((points[:, None] - self.middles) ** 2).sum(axis=2)
+        squares = ((points[:, None] - self.centroids) ** 2).sum(axis=2)
         weights = np.exp((squares.min(axis=1, keepdims=True) - squares) / (2.0 * self.reach_m**2))
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 

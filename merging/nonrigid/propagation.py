@@ -11,15 +11,18 @@ import numpy as np
 
 from merging.alignment import Pair
 from merging.map_graph.grouping import Group
-from merging.nonrigid.deformation import Bend
-from merging.nonrigid.search import BentLook
+from merging.nonrigid.deformation import Deformation
+from merging.nonrigid.search import NonrigidRegistration
 from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import Drive, TbmMap
 
 
-def straightened_by(
-    looks: Mapping[Pair, BentLook], maps: Mapping[str, TbmMap], groups: Sequence[Group], before: Sequence[Group]
+def deformed_maps(
+    looks: Mapping[Pair, NonrigidRegistration],
+    maps: Mapping[str, TbmMap],
+    groups: Sequence[Group],
+    before: Sequence[Group],
 ) -> dict[str, TbmMap]:
     """Return the maps that are to be bent by name, bent, each in its own frame.
 
@@ -50,12 +53,12 @@ def _lots(group: Group, maps: Mapping[str, TbmMap], before: Sequence[Group]) -> 
 
 
 def _bends(
-    group: Group, looks: Mapping[Pair, BentLook], lots: Sequence[Sequence[str]]
-) -> Iterator[tuple[str, Bend | None]]:
+    group: Group, looks: Mapping[Pair, NonrigidRegistration], lots: Sequence[Sequence[str]]
+) -> Iterator[tuple[str, Deformation | None]]:
     """Yield how each map of a group is bent in its own frame; None of one that stays as it is."""
     mates = {name: lot for lot in lots for name in lot}
     used = [pair for pair in group.used if pair in looks]
-    laid, waiting = dict[str, Bend | None](), dict.fromkeys(mates)
+    laid, waiting = dict[str, Deformation | None](), dict.fromkeys(mates)
     while waiting:
         first = next(iter(waiting))
         some = dict.fromkeys(mates[first])  # stay as they are, unless one of the others can be laid
@@ -67,8 +70,8 @@ def _bends(
 
 
 def _onto_laid(
-    laid: Mapping[str, Bend | None], used: Sequence[Pair], looks: Mapping[Pair, BentLook]
-) -> Iterator[tuple[str, Bend]]:
+    laid: Mapping[str, Deformation | None], used: Sequence[Pair], looks: Mapping[Pair, NonrigidRegistration]
+) -> Iterator[tuple[str, Deformation]]:
     """Yield the maps that are bent onto those laid already, and how."""
     for there, its in laid.items():
         for target, source in used:
@@ -81,8 +84,8 @@ def _onto_laid(
 
 
 def _along(
-    laid: Mapping[str, Bend | None], mates: Mapping[str, Sequence[str]], group: Group
-) -> Iterator[tuple[str, Bend]]:
+    laid: Mapping[str, Deformation | None], mates: Mapping[str, Sequence[str]], group: Group
+) -> Iterator[tuple[str, Deformation]]:
     """Yield the maps that were joined with a bent one before, and how they are bent along."""
     for there, bend in laid.items():
         for name in mates[there]:
@@ -91,13 +94,13 @@ def _along(
                 yield name, bend.seen_from(T_there_name, T_there_name)
 
 
-def _straightened(one: TbmMap, bend: Bend) -> TbmMap:
-    """Bend a map's cells and its drives: what was merged before holds more than its keyframes saw."""
+def _straightened(one: TbmMap, bend: Deformation) -> TbmMap:
+    """Deform a map's cells and its drives: what was merged before holds more than its keyframes saw."""
     grid = bend.straightened(one.grid, SE2.identity())
     return TbmMap(grid, tuple(_bent(drive, bend) for drive in one.drives), one.provenance)
 
 
-def _bent(drive: Drive, bend: Bend) -> Drive:
+def _bent(drive: Drive, bend: Deformation) -> Drive:
     """Return a drive with each keyframe where the bent map has it."""
     poses = [bend.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
     return with_keyframes_at(drive, np.array(poses).reshape(-1, 3))

@@ -7,10 +7,10 @@ from functools import partial
 
 from merging.alignment import Pair
 from merging.config import MergeConfig
-from merging.merge_state import Findings
-from merging.nonrigid.search import BentLook, look_bent
+from merging.merge_state import MergeState
+from merging.nonrigid.search import NonrigidRegistration, register_nonrigid
 from merging.pairwise.cluster import Packed, pack, unpack
-from merging.pairwise.executor import Workforce
+from merging.pairwise.executor import Executor
 from tbmslam.cluster import Cluster
 from tbmslam.tbm_map import TbmMap
 from tbmslam.watch import Watch
@@ -19,11 +19,11 @@ from tbmslam.worker_pool import worker_pool
 logger = logging.getLogger(__name__)
 
 
-def look_closer(
-    found: Findings,
+def register_refused_pairs(
+    found: MergeState,
     config: MergeConfig,
-    workforce: Workforce,
-) -> dict[Pair, BentLook]:
+    executor: Executor,
+) -> dict[Pair, NonrigidRegistration]:
     """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
 
     Parameters
@@ -32,16 +32,16 @@ def look_closer(
         The maps, and what is known of them so far.
     config
         How maps are bent and believed.
-    workforce
+    executor
         Who bends them.
     """
     pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
     if not (pairs and config.bent.enabled and config.method == "correlation"):
         return {}
     grids = {name: TbmMap(found.maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
-    workers, watch = min(workforce.workers, len(pairs)), workforce.watch
-    if workforce.scheduler is not None:
-        looks = _on_cluster(pairs, grids, config, workforce.scheduler, watch)
+    workers, watch = min(executor.workers, len(pairs)), executor.watch
+    if executor.scheduler is not None:
+        looks = _on_cluster(pairs, grids, config, executor.scheduler, watch)
     elif workers <= 1:
         looks = [_look(pair, grids, config) for pair in watch.each(pairs, "bending", len(pairs), "pairs")]
     else:
@@ -61,21 +61,21 @@ def _hire(grids: Mapping[str, TbmMap], config: MergeConfig) -> None:
     _here[:] = [(grids, config)]
 
 
-def _look_here(pair: Pair) -> BentLook | None:
+def _look_here(pair: Pair) -> NonrigidRegistration | None:
     return _look(pair, *_here[0])
 
 
-def _look(pair: Pair, grids: Mapping[str, TbmMap], config: MergeConfig) -> BentLook | None:
-    return look_bent(grids[pair[0]], grids[pair[1]], config)
+def _look(pair: Pair, grids: Mapping[str, TbmMap], config: MergeConfig) -> NonrigidRegistration | None:
+    return register_nonrigid(grids[pair[0]], grids[pair[1]], config)
 
 
 def _on_cluster(
     pairs: Sequence[Pair], grids: Mapping[str, TbmMap], config: MergeConfig, scheduler: str, watch: Watch
-) -> list[BentLook | None]:
+) -> list[NonrigidRegistration | None]:
     with Cluster(scheduler) as cluster:
         there = {name: cluster.submit(f"map {name}", _map_of, pack(one.grid)) for name, one in grids.items()}
         submitted = [
-            cluster.submit(f"{source} bent in {target}", look_bent, there[target], there[source], config)
+            cluster.submit(f"{source} bent in {target}", register_nonrigid, there[target], there[source], config)
             for target, source in pairs
         ]
         return list(watch.each(cluster.results(submitted), "bending", len(pairs), "pairs"))

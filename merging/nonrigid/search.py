@@ -13,21 +13,21 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.fusion.warping import at_resolution
 from merging.map_graph.hypothesis import is_same_place
-from merging.nonrigid.deformation import Bend
-from merging.nonrigid.rivals import BentPlaces, first_apart
-from merging.nonrigid.tile_registration import Bendable, Straightened, straighten
+from merging.nonrigid.deformation import Deformation
+from merging.nonrigid.rivals import DeformedRivals, first_apart
+from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
 from merging.registration.correlation import propose
 from merging.rigid_alignment import align_whole, comparison_resolution
 from merging.scoring.confidence import confidences
 from merging.verification.covariance import bent_by
-from merging.walls.wall_map import Structure, without_walls
+from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
 
 
 @dataclass(frozen=True)
-class BentLook:
+class NonrigidRegistration:
     """Two maps of which one fits the other once it is bent.
 
     Parameters
@@ -40,10 +40,10 @@ class BentLook:
     """
 
     alignment: Alignment
-    bend: Bend
+    bend: Deformation
 
 
-def look_bent(target: TbmMap, source: TbmMap, config: MergeConfig) -> BentLook | None:
+def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> NonrigidRegistration | None:
     """Find where a source map lies in a target map's frame once one of them is bent; None where nobody can tell.
 
     Parameters
@@ -59,28 +59,36 @@ def look_bent(target: TbmMap, source: TbmMap, config: MergeConfig) -> BentLook |
         return None
     resolution = comparison_resolution([one.grid for one in both], config)
     grids = [at_resolution(one.grid, resolution) for one in both]
-    structures = [Structure.from_grid(grid, config.structure) for grid in grids]
+    structures = [WallMap.from_grid(grid, config.structure) for grid in grids]
     if without_walls(*structures):
         return None
     moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # who is named first must not matter
-    source_map = Bendable.of(grids[moving], config, structures[moving])
+    source_map = DeformableMap.of(grids[moving], config, structures[moving])
     found = _bent_onto(grids[1 - moving], structures[1 - moving], source_map, config)
-    return found if found is None or moving == 1 else BentLook(found.alignment.reversed(), found.bend.inverse())
+    return (
+        found
+        if found is None or moving == 1
+        else NonrigidRegistration(found.alignment.reversed(), found.bend.inverse())
+    )
 
 
-def _bent_onto(target: TbmGrid, fixed: Structure, source: Bendable, config: MergeConfig) -> BentLook | None:
-    """Bend a map at the places that look best, until it is aligned at one."""
+def _bent_onto(
+    target: TbmGrid, fixed: WallMap, source: DeformableMap, config: MergeConfig
+) -> NonrigidRegistration | None:
+    """Deform a map at the places that look best, until it is aligned at one."""
     proposals = propose(fixed, source.structure, config.correlation)
     for place in first_apart(proposals, source.structure, config.bent.places):
-        laid = straighten(fixed, source, place, config)
+        laid = deform(fixed, source, place, config)
         if laid is None:
             continue
         again = align_whole(TbmMap(target), TbmMap(laid.grid), config)
         if not _is_aligned(again, laid.motion, config):
             continue
-        among = BentPlaces.of(fixed, source, laid.motion, proposals, config)
+        among = DeformedRivals.of(fixed, source, laid.motion, proposals, config)
         confidence = confidences(among.evidence, among.decoys)[0]
-        return BentLook(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
+        return (
+            NonrigidRegistration(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
+        )
     return None
 
 
@@ -93,7 +101,7 @@ def _is_aligned(found: Alignment, there: SE2, config: MergeConfig) -> bool:
     return found.accepted and where is not None and is_same_place(there, where, config.graph, found.covariance)
 
 
-def _answer(again: Alignment, laid: Straightened, confidence: float) -> Alignment:
+def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment:
     bent = f"bent by {laid.apart_m:.2f} m and {math.degrees(laid.apart_rad):.1f} degrees one map fits the other"
     return replace(
         again,

@@ -9,17 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from merging.config import MergeConfig
-from merging.nonrigid.deformation import Bend
+from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.tiles import middle_of, tiles_of
 from merging.registration.hypotheses import refine_all
 from merging.verification.evidence import examine
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import TbmGrid
 from tbmslam.se2 import SE2
 
 
 @dataclass(frozen=True)
-class Bendable:
+class DeformableMap:
     """A map that may be bent.
 
     Parameters
@@ -33,21 +33,21 @@ class Bendable:
     """
 
     grid: TbmGrid
-    structure: Structure
-    rounds: Sequence[Sequence[Structure]]
+    structure: WallMap
+    rounds: Sequence[Sequence[WallMap]]
 
     @classmethod
-    def of(cls, grid: TbmGrid, config: MergeConfig, structure: Structure | None = None) -> "Bendable":
+    def of(cls, grid: TbmGrid, config: MergeConfig, structure: WallMap | None = None) -> "DeformableMap":
         """Cut a grid into tiles; its structure is found where it is not given."""
         how = config.bent
         large = tiles_of(grid, how.side_m, how.most, config.structure)
         small = tiles_of(grid, how.side_m / 2.0, 4 * how.most, config.structure)
         rounds = (large, small, small) if len(large) > 1 else (small, small)
-        return cls(grid, structure or Structure.from_grid(grid, config.structure), rounds)
+        return cls(grid, structure or WallMap.from_grid(grid, config.structure), rounds)
 
 
 @dataclass(frozen=True)
-class Straightened:
+class DeformedMap:
     """A map that was bent.
 
     Parameters
@@ -62,15 +62,15 @@ class Straightened:
         The bent map, in its own frame.
     """
 
-    bend: Bend
+    bend: Deformation
     motion: SE2
     apart_m: float
     apart_rad: float
     grid: TbmGrid
 
 
-def straighten(target: Structure, source: Bendable, start: SE2, config: MergeConfig) -> Straightened | None:
-    """Bend a map so that it fits another near where it is thought to lie; None where hardly any of it fits near there.
+def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> DeformedMap | None:
+    """Deform a map so that it fits another near where it is thought to lie; None where hardly any of it fits.
 
     Parameters
     ----------
@@ -83,21 +83,21 @@ def straighten(target: Structure, source: Bendable, start: SE2, config: MergeCon
     config
         How tiles slide.
     """
-    bend = Bend.none(start)
+    bend = Deformation.none(start)
     for tiles in source.rounds:
         laid = _slid(target, tiles, bend, config)
         if len(laid) < 2:
             return None
-        bend = Bend.of([tile for tile, _ in laid], [motion for _, motion in laid])
+        bend = Deformation.of([tile for tile, _ in laid], [motion for _, motion in laid])
     motion, apart_m, apart_rad = bend.rigid()
-    return Straightened(bend, motion, apart_m, apart_rad, bend.straightened(source.grid, motion))
+    return DeformedMap(bend, motion, apart_m, apart_rad, bend.straightened(source.grid, motion))
 
 
 def _slid(
-    target: Structure, tiles: Sequence[Structure], bend: Bend, config: MergeConfig
-) -> list[tuple[Structure, SE2]]:
+    target: WallMap, tiles: Sequence[WallMap], bend: Deformation, config: MergeConfig
+) -> list[tuple[WallMap, SE2]]:
     """Let tiles slide from where a bent map has them; return those that fit near there, and where."""
-    how, laid = config.bent, list[tuple[Structure, SE2]]()
+    how, laid = config.bent, list[tuple[WallMap, SE2]]()
     for tile in tiles:
         middle = middle_of(tile)
         start = bend.motion_at(middle)

@@ -6,14 +6,14 @@ from itertools import pairwise
 import numpy as np
 
 from merging.config.registration import StructureConfig
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import TbmGrid
 
 _LEAST_WALL = 0.5
 """Tiles with less wall than this share of the side that was asked for say nothing."""
 
 
-def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -> list[Structure]:
+def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -> list[WallMap]:
     """Cut what is known of a grid into tiles of one size; those of hardly any wall are left out.
 
     Parameters
@@ -33,11 +33,11 @@ def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -
     while math.ceil(rows / side) * math.ceil(cols / side) > most:
         side *= 1.1
     cut = [_cut_out(known, row, col) for row in pairwise(_cuts(rows, side)) for col in pairwise(_cuts(cols, side))]
-    tiles = [Structure.from_grid(one, config) for one in cut if one.is_known().any()]
+    tiles = [WallMap.from_grid(one, config) for one in cut if one.is_known().any()]
     return [one for one in tiles if one.wall_m >= _LEAST_WALL * side_m]
 
 
-def middle_of(structure: Structure) -> np.ndarray:
+def middle_of(structure: WallMap) -> np.ndarray:
     """Return the middle (2,) of the walls [m]."""
     return np.asarray(structure.points.mean(axis=0))
 

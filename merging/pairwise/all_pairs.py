@@ -8,9 +8,9 @@ from functools import partial
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.pairwise.cluster import align_on_cluster
-from merging.pairwise.executor import Workforce
-from merging.pairwise.prepared_maps import Views
-from merging.rigid_alignment import align_views
+from merging.pairwise.executor import Executor
+from merging.pairwise.prepared_maps import PreparedMaps
+from merging.rigid_alignment import align_prepared
 from tbmslam.grid import TbmGrid
 from tbmslam.tbm_map import TbmMap
 from tbmslam.worker_pool import worker_pool
@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 def align_all(
     maps: Mapping[str, TbmMap],
     config: MergeConfig,
-    workforce: Workforce | None = None,
+    executor: Executor | None = None,
     pairs: Sequence[Pair] | None = None,
 ) -> dict[Pair, Alignment]:
     """Align every pair of maps, or some pairs; the one named first is the target.
@@ -32,7 +32,7 @@ def align_all(
         Maps by name.
     config
         How they are aligned.
-    workforce
+    executor
         Who aligns them; this process where None.
     pairs
         The pairs wanted; every one where None.
@@ -44,17 +44,17 @@ def align_all(
     WorkerDiedError
         If a process of this machine died.
     """
-    workforce = workforce or Workforce()
-    watch = workforce.watch
+    executor = executor or Executor()
+    watch = executor.watch
     grids = {name: one.grid for name, one in maps.items()}
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
-    workers = min(workforce.workers, len(pairs))
-    if workforce.scheduler is not None:
-        found = align_on_cluster(pairs, grids, config, workforce.scheduler, watch)
+    workers = min(executor.workers, len(pairs))
+    if executor.scheduler is not None:
+        found = align_on_cluster(pairs, grids, config, executor.scheduler, watch)
     elif workers <= 1:
-        views = Views(grids, config)
+        views = PreparedMaps(grids, config)
         found = [
-            align_views(*views.of_pair(pair), config) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")
+            align_prepared(*views.of_pair(pair), config) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")
         ]
     else:
         with worker_pool(workers, partial(_hire, grids, config)) as pool:
@@ -64,14 +64,14 @@ def align_all(
     return dict(zip(pairs, found, strict=True))
 
 
-_here: list[tuple[Views, MergeConfig]] = []
+_here: list[tuple[PreparedMaps, MergeConfig]] = []
 """What this process has seen, where it is a worker, and how it aligns."""
 
 
 def _hire(grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
-    _here[:] = [(Views(grids, config), config)]
+    _here[:] = [(PreparedMaps(grids, config), config)]
 
 
 def _align(pair: Pair) -> Alignment:
     views, config = _here[0]
-    return align_views(*views.of_pair(pair), config)
+    return align_prepared(*views.of_pair(pair), config)

@@ -7,7 +7,7 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
-from merging.rigid_alignment import View, align_views, comparison_resolution, view_of
+from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution, prepared
 from tbmslam.cluster import Cluster
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.watch import Watch
@@ -48,19 +48,19 @@ def align_on_cluster(
     with Cluster(scheduler) as cluster:
         # A map goes along with the work, so that it is not lost with the worker that has it.
         views = {
-            (name, size): cluster.submit(f"view {name} {size}", view_of_packed, pack(grids[name]), size, config)
+            (name, size): cluster.submit(f"view {name} {size}", prepared_from_packed, pack(grids[name]), size, config)
             for name, size in looks
         }
         submitted = [
-            cluster.submit(f"{source} in {target}", align_views, views[target, size], views[source, size], config)
+            cluster.submit(f"{source} in {target}", align_prepared, views[target, size], views[source, size], config)
             for (target, source), size in zip(pairs, sizes, strict=True)
         ]
         return list(watch.each(cluster.results(submitted), "aligning", len(pairs), "pairs"))
 
 
-def view_of_packed(packed: Packed, resolution: float, config: MergeConfig) -> View | None:
-    """Look at a packed grid; see `merging.rigid_alignment.view_of`."""
-    return view_of(unpack(packed), resolution, config)
+def prepared_from_packed(packed: Packed, resolution: float, config: MergeConfig) -> PreparedMap | None:
+    """Look at a packed grid; see `merging.rigid_alignment.prepared`."""
+    return prepared(unpack(packed), resolution, config)
 
 
 def pack(grid: TbmGrid) -> Packed:

@@ -6,7 +6,7 @@ from tbmslam.watch import Watch
 
 
 @dataclass(frozen=True)
-class Workforce:
+class Executor:
     """Who does the work of a merge, and who is told of it.
 
     Parameters

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from merging.alignment import Pair
 from merging.config import MergeConfig
 from merging.fusion.warping import CellSizeError
-from merging.rigid_alignment import View, comparison_resolution, view_of
+from merging.rigid_alignment import PreparedMap, comparison_resolution, prepared
 from tbmslam.grid import TbmGrid
 
 
-class Views:
+class PreparedMaps:
     """Looks at maps when they are first asked for.
 
     A coarse map costs only the pairs that it is in: the others are compared in their own, finer cells.
@@ -24,9 +24,9 @@ class Views:
 
     def __init__(self, grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
         self._grids, self._config = grids, config
-        self._views: dict[tuple[str, float], View | None] = {}
+        self._views: dict[tuple[str, float], PreparedMap | None] = {}
 
-    def of_pair(self, pair: Pair) -> tuple[View | None, View | None]:
+    def of_pair(self, pair: Pair) -> tuple[PreparedMap | None, PreparedMap | None]:
         """Return both maps of a pair, target and source, in cells of one size; None for one of which nothing is known.
 
         Raises
@@ -38,11 +38,11 @@ class Views:
         resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
         return self._view(target, resolution), self._view(source, resolution)
 
-    def _view(self, name: str, resolution: float) -> View | None:
+    def _view(self, name: str, resolution: float) -> PreparedMap | None:
         look = name, resolution
         if look not in self._views:
             try:
-                self._views[look] = view_of(self._grids[name], resolution, self._config)
+                self._views[look] = prepared(self._grids[name], resolution, self._config)
             except CellSizeError as error:
                 raise CellSizeError(f"{name}: {error}") from None
         return self._views[look]

@@ -20,7 +20,7 @@ import scipy.fft
 
 from merging.config.registration import CorrelationConfig
 from merging.registration.non_maximum_suppression import distinct
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.kernels.turned_images import draw_turned, multiply
 from tbmslam.se2 import SE2, FloatArray, wrap_angle
 
@@ -52,7 +52,7 @@ class _Layout:
     filled: FloatArray
 
     @classmethod
-    def of(cls, structure: Structure, cell_m: float, clearance_m: float) -> "_Layout":
+    def of(cls, structure: WallMap, cell_m: float, clearance_m: float) -> "_Layout":
         walls = _complex(structure.points)
         centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
         facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
@@ -87,7 +87,7 @@ class _Layout:
         return float(np.quantile(np.abs(self.walls), 0.8))
 
 
-def propose(target: Structure, source: Structure, config: CorrelationConfig) -> list[SE2]:
+def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> list[SE2]:
     """Return the most promising motions T_target_source, the best first, no two of them alike.
 
     Parameters
@@ -123,7 +123,7 @@ class _Search:
     kinds: _Image
 
     @classmethod
-    def of(cls, target: Structure, source: Structure, cell: float, config: CorrelationConfig) -> "_Search":
+    def of(cls, target: WallMap, source: WallMap, cell: float, config: CorrelationConfig) -> "_Search":
         clearance_m = max(config.clearance_m, config.clearance_cells * cell)
         fixed, moving = (_Layout.of(structure, cell, clearance_m) for structure in (target, source))
         height, width = fixed.extents() + 2.0 * moving.radius() - min(config.min_overlap_m, 2.0 * moving.radius())
@@ -149,7 +149,7 @@ def _complex(points: FloatArray) -> _Complex:
     return np.ascontiguousarray(points).view(np.complex128)[:, 0]
 
 
-def _cell_size(target: Structure, source: Structure, config: CorrelationConfig) -> float:
+def _cell_size(target: WallMap, source: WallMap, config: CorrelationConfig) -> float:
     """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
     extent = float(sum(np.ptp(structure.points, axis=0).max() for structure in (target, source)))
     finest = max(config.min_cell_m, 2.0 * max(target.geometry.resolution, source.geometry.resolution))

@@ -6,7 +6,7 @@ from merging.config import MergeConfig
 from merging.registration.correlation import propose
 from merging.registration.non_maximum_suppression import distinct
 from merging.verification.evidence import Evidence, examine_all, support_m
-from merging.walls.wall_map import Structure, without_walls
+from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.se2 import SE2, FloatArray, compose
 from tbmslam.wall_limits import FACING
 from tbmslam.walls import slide
@@ -18,7 +18,7 @@ Candidate = tuple[SE2, Evidence]
 """A motion T_target_source and what the maps say about it."""
 
 
-def find_candidates(target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
+def find_candidates(target: WallMap, source: WallMap, config: MergeConfig) -> list[Candidate]:
     """Return the places that the walls speak for most, the best first, none near a better one.
 
     The correlation proposes many motions on coarse cells; a few hundred walls slide and some more judge all of
@@ -27,7 +27,7 @@ def find_candidates(target: Structure, source: Structure, config: MergeConfig) -
     return best_of(propose(target, source, config.correlation), target, source, config)
 
 
-def best_of(proposals: list[SE2], target: Structure, source: Structure, config: MergeConfig) -> list[Candidate]:
+def best_of(proposals: list[SE2], target: WallMap, source: WallMap, config: MergeConfig) -> list[Candidate]:
     """Make proposals exact; return those that the walls speak for most, the best first, none near a better one.
 
     Where a map has no walls, none speak for any.
@@ -46,7 +46,7 @@ def best_of(proposals: list[SE2], target: Structure, source: Structure, config: 
     return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
 
 
-def refine_all(target: Structure, source: Structure, motions: list[SE2], config: MergeConfig) -> list[SE2]:
+def refine_all(target: WallMap, source: WallMap, motions: list[SE2], config: MergeConfig) -> list[SE2]:
     """Make alignments exact."""
     how = config.refinement
     reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
@@ -54,7 +54,7 @@ def refine_all(target: Structure, source: Structure, motions: list[SE2], config:
     return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
 
 
-def elsewhere(motions: list[SE2], scores: FloatArray, source: Structure, count: int) -> list[SE2]:
+def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
     """Return so many of the best motions, none of which puts the source where a better one puts it already."""
     middle = np.append(source.points.mean(axis=0), 0.0)
     centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), middle)

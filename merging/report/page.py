@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from merging.config import MergeConfig
-from merging.formatting import confidence_in_words, pose_in_words
+from merging.formatting import format_confidence, format_pose
 from merging.fusion.conflict_places import conflict_places
 from merging.merger import Merge
 from merging.report.layers import colours_of, merged_sheet, single_sheet
@@ -89,7 +89,7 @@ def _figures(merge: Merge) -> dict[str, str]:
     figures = {"pairs accepted": f"{accepted} of {len(merge.alignments)}"}
     if merge.fusion is not None:
         cell_m2 = merge.fusion.grid.geometry.resolution**2
-        figures["least confidence"] = confidence_in_words(min(confidences_of(merge).values()))
+        figures["least confidence"] = format_confidence(min(confidences_of(merge).values()))
         figures["known area"] = f"{merge.fusion.grid.is_known().sum() * cell_m2:.0f} m²"
         figures["contradicted"] = f"{merge.fusion.conflict.sum(dtype=float) * cell_m2:.1f} m²"
     return figures
@@ -139,10 +139,10 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
 def _maps_table(merge: Merge) -> Table:
     sure = confidences_of(merge)
     rows = [
-        (name, *pose_in_words(pose), confidence_in_words(sure[name]), _role(merge, name))
+        (name, *format_pose(pose), format_confidence(sure[name]), _role(merge, name))
         for name, pose in merge.poses.items()
     ]
-    rows += [(name, *pose_in_words(None), "–", f"left out: {reason}") for name, reason in merge.left_out.items()]
+    rows += [(name, *format_pose(None), "–", f"left out: {reason}") for name, reason in merge.left_out.items()]
     marks = [f"rgb{colour}" for colour in colours_of(list(merge.poses)).values()]
     heads = ("map", "#x [m]", "#y [m]", "#θ [°]", "#confidence", "")
     note = (

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 from merging.alignment import Alignment, Alternative, Pair
 from merging.config import MergeConfig
-from merging.formatting import confidence_in_words, exactness_in_words, pose_in_words
+from merging.formatting import format_confidence, format_covariance, format_pose
 from merging.merger import Merge
-from merging.pairwise.prepared_maps import Views
+from merging.pairwise.prepared_maps import PreparedMaps
 from merging.report.pair_pictures import CAPTION, draw_alone, draw_pair
 from tbmslam.report.page import Card, Picture, Table
 from tbmslam.tbm_map import TbmMap
@@ -23,7 +23,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
     telling = sorted(merge.alignments, key=lambda pair: _telling(merge.alignments[pair]), reverse=True)[:MOST_CARDS]
     # Features are for finding an alignment, and these have been found.
     looks = config.model_copy(update={"method": "correlation"})
-    views = Views({name: one.grid for name, one in maps.items()}, looks)
+    views = PreparedMaps({name: one.grid for name, one in maps.items()}, looks)
     cards = [
         Card(
             title=f"{pair[1]} in {pair[0]}",
@@ -60,12 +60,12 @@ def _sentence(reason: str) -> str:
 
 
 def _figures(found: Alignment) -> dict[str, str]:
-    figures = {"confidence": confidence_in_words(found.confidence)}
+    figures = {"confidence": format_confidence(found.confidence)}
     if found.T_target_source is not None:
-        x, y, degrees = pose_in_words(found.T_target_source)
+        x, y, degrees = format_pose(found.T_target_source)
         figures |= {"x": f"{x} m", "y": f"{y} m", "θ": f"{degrees}°"}
     if found.covariance is not None:
-        figures["exact to"] = exactness_in_words(found.covariance)
+        figures["exact to"] = format_covariance(found.covariance)
     figures |= {"overlap": f"{found.overlap_m2:.1f} m²", "walls agree": f"{found.agreed_wall_m:.1f} m"}
     figures |= {"agreement": f"{found.agreement:.0%}", "contradiction": f"{found.conflict:.0%}"}
     if found.rmse_m is not None and math.isfinite(found.rmse_m):
@@ -77,10 +77,13 @@ def _figures(found: Alignment) -> dict[str, str]:
     return figures
 
 
-def _pictures(pair: Pair, merge: Merge, views: Views, config: MergeConfig) -> Sequence[Picture]:
+def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig) -> Sequence[Picture]:
     found, caption = merge.alignments[pair], CAPTION
     if pair in merge.judged_by:
-        views, caption = Views(dict(zip(pair, merge.judged_by[pair], strict=True)), config), f"{CAPTION} {_AS_JUDGED}"
+        views, caption = (
+            PreparedMaps(dict(zip(pair, merge.judged_by[pair], strict=True)), config),
+            f"{CAPTION} {_AS_JUDGED}",
+        )
     target, source = views.of_pair(pair)
     if target is None or source is None or found.T_target_source is None:
         alone = [(name, view) for name, view in zip(pair, (target, source), strict=True) if view is not None]
@@ -94,14 +97,14 @@ def _pictures(pair: Pair, merge: Merge, views: Views, config: MergeConfig) -> Se
 
 
 def _caption(number: int, other: Alternative) -> str:
-    x, y, degrees = pose_in_words(other.T_target_source)
+    x, y, degrees = format_pose(other.T_target_source)
     where = f"Alternative {number}, at {x} m, {y} m, {degrees}°"
     return f"{where}: confidence {other.confidence:.3f}, {other.agreed_wall_m:.1f} m of wall agree."
 
 
 def _table(pairs: Sequence[Pair], merge: Merge) -> Table:
     rows = [
-        (target, source, _verdict((target, source), merge), confidence_in_words(found.confidence), found.reason)
+        (target, source, _verdict((target, source), merge), format_confidence(found.confidence), found.reason)
         for target, source in pairs
         for found in [merge.alignments[target, source]]
     ]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from merging.config.verification import VerificationConfig
 from merging.walls.components import BoolArray
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.report.palette import Levels, Palette
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import FACING
@@ -53,7 +53,7 @@ class _Canvas:
         picture[rows, cols] = level
 
 
-def draw_pair(target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig) -> bytes:
+def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> bytes:
     """Return a picture of the source's walls laid onto the target's, as PNG."""
     moved = T_target_source.apply(source.points)
     canvas = _Canvas.over(
@@ -73,7 +73,7 @@ def draw_pair(target: Structure, source: Structure, T_target_source: SE2, config
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
-def draw_alone(structure: Structure, level: int = _TARGET) -> bytes:
+def draw_alone(structure: WallMap, level: int = _TARGET) -> bytes:
     """Return a picture of one map's walls, as PNG."""
     canvas = _Canvas.over(_corners(structure, SE2.identity()), structure.geometry.resolution)
     known = _is_known(structure, canvas.centres())
@@ -82,7 +82,7 @@ def draw_alone(structure: Structure, level: int = _TARGET) -> bytes:
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
-def _corners(structure: Structure, T_canvas_map: SE2) -> FloatArray:
+def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
     """Return the corners (4, 2) of what a map knows."""
     g = structure.geometry
     rows, cols = (np.flatnonzero(structure.known.any(axis=axis)) for axis in (1, 0))
@@ -93,13 +93,13 @@ def _corners(structure: Structure, T_canvas_map: SE2) -> FloatArray:
     return T_canvas_map.apply([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
 
 
-def _is_known(structure: Structure, points: FloatArray) -> BoolArray:
+def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
     rows, cols, inside = structure.geometry.cells_at(points)
     return np.asarray(inside & structure.known[rows, cols])
 
 
 def _judged(
-    moving: Structure, fixed: Structure, T_fixed_moving: SE2, config: VerificationConfig
+    moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Return which walls (N,) of one map agree with, and which contradict, the other; see `tbmslam.walls.compare`."""
     if not len(fixed.points) or not len(moving.points):

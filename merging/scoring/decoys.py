@@ -14,15 +14,13 @@ import numpy.typing as npt
 from merging.config import MergeConfig
 from merging.registration.hypotheses import find_candidates
 from merging.verification.evidence import Evidence
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 
 Cell = TypeVar("Cell", bound=np.generic)
 
 
-def find_decoys(
-    target: Structure, source: Structure, config: MergeConfig, *, thoroughly: bool = True
-) -> list[Evidence]:
+def find_decoys(target: WallMap, source: WallMap, config: MergeConfig, *, thoroughly: bool = True) -> list[Evidence]:
     """Return what the maps say for and against the best places of the source's mirror image in the target.
 
     `thoroughly` searches them as the source itself is searched, which tells chance without favour; less finds in a
@@ -33,7 +31,7 @@ def find_decoys(
     return [evidence for _, evidence in found]
 
 
-def mirror_image(structure: Structure) -> Structure:
+def mirror_image(structure: WallMap) -> WallMap:
     """Return a map as a mirror along its y axis shows it."""
     g = structure.geometry
     return replace(

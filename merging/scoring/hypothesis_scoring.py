@@ -6,14 +6,14 @@ from merging.config import MergeConfig
 from merging.scoring.confidence import confidences
 from merging.scoring.decoys import find_decoys
 from merging.verification.evidence import Evidence
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 
 _IN_DOUBT = (0.1, 0.999)
 """Within these a closer look at chance may decide. It hardly ever makes a place likelier."""
 
 
-def judge(
-    target: Structure, source: Structure, places: Sequence[Evidence], config: MergeConfig
+def score_hypotheses(
+    target: WallMap, source: WallMap, places: Sequence[Evidence], config: MergeConfig
 ) -> tuple[list[float], list[Evidence]]:
     """Return the probability (K,) of each place, together 1 at the most, and what chance achieves.
 

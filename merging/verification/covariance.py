@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from merging.config.verification import ExactnessConfig
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import Limits
 from tbmslam.walls import AGREES, hold
@@ -29,7 +29,7 @@ _MANY_WALLS = 4000
 
 
 def covariance_of(
-    target: Structure, source: Structure, T_target_source: SE2, limits: Limits, config: ExactnessConfig
+    target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits, config: ExactnessConfig
 ) -> Covariance:
     """Return how exactly the walls that agree under an alignment tell where the source lies.
 
@@ -63,7 +63,7 @@ def covariance_of(
 
 
 def _agreeing(
-    moving: Structure, fixed: Structure, T_fixed_moving: SE2, T_source_moving: SE2, limits: Limits
+    moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, T_source_moving: SE2, limits: Limits
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return half the metres (N,) of one map's agreeing walls, the other map sees them too, and where they are."""
     some = moving.some(_MANY_WALLS)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from merging.config.verification import VerificationConfig
 from merging.verification.see_through import seen_through_m
 from merging.verification.wall_segments import Pieces, count_pieces
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, Walls, compare
 
@@ -75,7 +75,7 @@ class Evidence:
 
 
 def support_m(
-    target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig, limit: int | None = None
+    target: WallMap, source: WallMap, motions: list[SE2], config: VerificationConfig, limit: int | None = None
 ) -> FloatArray:
     """Return how much wall (M,) speaks for each alignment, less what speaks against it [m].
 
@@ -87,12 +87,12 @@ def support_m(
     return np.asarray((agreed - config.other_weight * others) / 2.0)
 
 
-def examine(target: Structure, source: Structure, T_target_source: SE2, config: VerificationConfig) -> Evidence:
+def examine(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> Evidence:
     """Compare two maps under an alignment, each one's walls with the other map."""
     return examine_all(target, source, [T_target_source], config)[0]
 
 
-def examine_all(target: Structure, source: Structure, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
+def examine_all(target: WallMap, source: WallMap, motions: list[SE2], config: VerificationConfig) -> list[Evidence]:
     """Compare two maps under each of some alignments; see `examine`."""
     means = np.mean(_sums(target, source, motions, config, lambda one: _walls_of(one, None)), axis=0)
     things = np.mean(_sums(target, source, motions, config, _things_of), axis=0)
@@ -103,21 +103,21 @@ def examine_all(target: Structure, source: Structure, motions: list[SE2], config
     ]
 
 
-def _walls_of(structure: Structure, limit: int | None) -> _Chosen:
+def _walls_of(structure: WallMap, limit: int | None) -> _Chosen:
     some = structure.some(limit)
     return structure.walls, some, structure.geometry.resolution * len(structure.points) / max(len(some), 1)
 
 
-def _things_of(structure: Structure) -> _Chosen:
+def _things_of(structure: WallMap) -> _Chosen:
     return *structure.things, structure.geometry.resolution
 
 
 def _sums(
-    target: Structure,
-    source: Structure,
+    target: WallMap,
+    source: WallMap,
     motions: list[SE2],
     config: VerificationConfig,
-    chosen: Callable[[Structure], _Chosen],
+    chosen: Callable[[WallMap], _Chosen],
 ) -> tuple[FloatArray, FloatArray]:
     """Return the sums (M, 8) of `compare` in metres: what is chosen of the source held against the target, and back."""
     backward = [motion.inverse() for motion in motions]
@@ -129,8 +129,8 @@ def _sums(
 
 
 def _evidence(
-    target: Structure,
-    source: Structure,
+    target: WallMap,
+    source: WallMap,
     motion: SE2,
     mean: FloatArray,
     things: FloatArray,
@@ -157,13 +157,13 @@ def _evidence(
     )
 
 
-def _overlap_m2(target: Structure, source: Structure, T_target_source: SE2) -> float:
+def _overlap_m2(target: WallMap, source: WallMap, T_target_source: SE2) -> float:
     centres, cell_m2 = _some_known(source)
     rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
     return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
 
 
-def _some_known(structure: Structure) -> tuple[FloatArray, float]:
+def _some_known(structure: WallMap) -> tuple[FloatArray, float]:
     """Return centres (K, 2) of known cells, evenly chosen, and the area each stands for [m^2]."""
     cells: npt.NDArray[np.intp] = np.flatnonzero(structure.known)
     every = max(len(cells) // _MANY_CELLS, 1)

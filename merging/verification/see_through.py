@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2
 from tbmslam.walls import see_through
 
@@ -19,7 +19,7 @@ _TOUCHING = 3
 """Cells no farther apart along rows and columns touch once both are grown by one."""
 
 
-def seen_through_m(target: Structure, source: Structure, T_target_source: SE2, reach_m: float) -> float:
+def seen_through_m(target: WallMap, source: WallMap, T_target_source: SE2, reach_m: float) -> float:
     """Return the length of unbroken stretches of wall that the other map saw through, a mean of two directions [m].
 
     Of each only what is longer than a door leaf counts. Places that look alike share many walls, and then one of
@@ -35,7 +35,7 @@ def seen_through_m(target: Structure, source: Structure, T_target_source: SE2, r
     return (forth + _stretches_m(target, source, T_target_source.inverse(), reach_m)) / 2.0
 
 
-def _stretches_m(moving: Structure, fixed: Structure, motion: SE2, reach_m: float) -> float:
+def _stretches_m(moving: WallMap, fixed: WallMap, motion: SE2, reach_m: float) -> float:
     through = see_through(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
     rows, cols, _ = moving.geometry.cells_at(moving.points[through])
     return stretches_m(np.column_stack((rows, cols)), moving.geometry.resolution)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import Limits
 from tbmslam.walls import AGREES, CONFLICTS, NOT_SEEN, OUTSIDE, hold
@@ -42,7 +42,7 @@ class Pieces:
     corners: float
 
 
-def count_pieces(target: Structure, source: Structure, T_target_source: SE2, limits: Limits) -> Pieces:
+def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits) -> Pieces:
     """Count the pieces of wall that speak for and against an alignment."""
     forth = _counts(source, target, T_target_source, limits)
     back = _counts(target, source, T_target_source.inverse(), limits)
@@ -50,7 +50,7 @@ def count_pieces(target: Structure, source: Structure, T_target_source: SE2, lim
     return Pieces(agreeing, conflicting, compared, corners)
 
 
-def _counts(moving: Structure, fixed: Structure, motion: SE2, limits: Limits) -> FloatArray:
+def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> FloatArray:
     some = moving.some(_MANY_WALLS)
     held = hold(moving.walls, some, fixed.walls, motion, limits)
     there = (held != OUTSIDE) & (held != NOT_SEEN)

@@ -22,7 +22,7 @@ _FLAT = 0.1
 
 
 @dataclass(frozen=True)
-class Structure:
+class WallMap:
     """Walls and free space of a grid, ready to be compared with another's.
 
     A map learns free space slower than walls (vinySLAM: m(free) = 0.23 after a hundred passages), so a cell is free
@@ -60,7 +60,7 @@ class Structure:
     weights: FloatArray
 
     @classmethod
-    def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "Structure":
+    def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "WallMap":
         """Find walls and free space of a grid."""
         free_mass, wall_mass = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
         free = free_mass > wall_mass
@@ -118,7 +118,7 @@ class Structure:
         return np.linspace(0, count - 1, limit).astype(np.int64)
 
 
-def without_walls(target: Structure, source: Structure) -> str | None:
+def without_walls(target: WallMap, source: WallMap) -> str | None:
     """Return in words which of two maps holds no wall, so that nothing tells how they lie; None where both do."""
     bare = [name for name, one in (("target", target), ("source", source)) if not len(one.points)]
     if not bare:

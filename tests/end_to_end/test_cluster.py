@@ -12,9 +12,9 @@ import pytest
 from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
-from merging.merge_state import Findings
-from merging.nonrigid.refused_pairs import look_closer
-from merging.pairwise.executor import Workforce
+from merging.merge_state import MergeState
+from merging.nonrigid.refused_pairs import register_refused_pairs
+from merging.pairwise.executor import Executor
 from tbmslam.se2 import SE2
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 from tests.merging.bent_floor import bent_maps
@@ -70,9 +70,9 @@ def test_bent_maps_are_joined_alike(tmp_path):
     maps, pair = {"a": target, "b": source}, ("a", "b")
     groups = [Group({name: SE2.identity()}) for name in maps]
     refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere")}
-    found = Findings.of(maps, refused, lambda _: groups)
+    found = MergeState.of(maps, refused, lambda _: groups)
     with DaskCluster(tmp_path, workers=1) as cluster:
-        there = look_closer(found, MergeConfig(), Workforce(scheduler=cluster.address))
-    here = look_closer(found, MergeConfig(), Workforce())
+        there = register_refused_pairs(found, MergeConfig(), Executor(scheduler=cluster.address))
+    here = register_refused_pairs(found, MergeConfig(), Executor())
     assert there[pair].alignment == here[pair].alignment
-    np.testing.assert_array_equal(there[pair].bend.middles, here[pair].bend.middles)
+    np.testing.assert_array_equal(there[pair].bend.centroids, here[pair].bend.centroids)

@@ -5,11 +5,11 @@ import pytest
 
 from merging import MergeConfig, bridges, merger
 from merging.alignment import Alignment, Alternative
-from merging.bridges import refute_lone_join
+from merging.bridges import refute_bridge
 from merging.map_graph.grouping import groups_of
-from merging.merge_state import Findings
+from merging.merge_state import MergeState
 from merging.merger import merge
-from merging.pairwise.executor import Workforce
+from merging.pairwise.executor import Executor
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -46,17 +46,17 @@ def wholes(monkeypatch):
     """Groups are aligned as told; which maps were on which side is kept."""
     asked, answers = [], []
 
-    def align_wholes(wholes, pairs, *_):
+    def align_group_maps(wholes, pairs, *_):
         asked.append(tuple("".join(sorted(wholes[name].poses)) for name in pairs[0]))
         return {pairs[0]: answers[-1]}
 
-    monkeypatch.setattr(bridges, "align_wholes", align_wholes)
+    monkeypatch.setattr(bridges, "align_group_maps", align_group_maps)
     return asked, answers
 
 
 def refuted(alignments, stood=()):
-    found = Findings.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
-    return refute_lone_join(found, CONFIG, Workforce(), stood)
+    found = MergeState.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
+    return refute_bridge(found, CONFIG, Executor(), stood)
 
 
 def test_what_alone_joins_groups_that_do_not_fit_so_is_refused(wholes):
@@ -84,7 +84,7 @@ def test_it_stands_where_the_groups_offer_its_place_too(wholes):
 
 
 def test_groups_too_large_to_be_one_map_do_not_speak_against_it(wholes, monkeypatch):
-    monkeypatch.setattr(bridges, "wholes_of", lambda *_: {"b": None})
+    monkeypatch.setattr(bridges, "group_maps_of", lambda *_: {"b": None})
     nothing, fitting = refuted(SURE | found("bc", 0.95))
     assert (nothing, len(fitting)) == (None, 1)
     assert wholes[0] == []

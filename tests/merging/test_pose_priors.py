@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge
-from merging.pose_priors import KnownPoseError, align_near, place_known
-from merging.rigid_alignment import view_of
+from merging.pose_priors import KnownPoseError, align_near, place_by_priors
+from merging.rigid_alignment import prepared
 from tbmslam.belief import FREE, UNKNOWN
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.resampling import resample
@@ -55,7 +55,7 @@ def assert_near(found, true, metres=0.05, degrees=0.3):
 
 def test_a_rough_pose_is_made_exact_and_says_so(maps):
     config = told(half=about(TRUTH))
-    found = place_known(maps, config)
+    found = place_by_priors(maps, config)
     assert list(found.poses) == ["floor", "half"]
     assert_near(found.poses["half"], TRUTH)
     one = found.alignments["floor", "half"]
@@ -67,8 +67,8 @@ def test_a_rough_pose_is_made_exact_and_says_so(maps):
 
 
 def test_a_pose_that_is_exact_is_said_to_be_borne_out(maps):
-    exact = place_known(maps, told(half=TRUTH)).alignments["floor", "half"].T_target_source
-    reason = place_known(maps, told(half=exact)).alignments["floor", "half"].reason
+    exact = place_by_priors(maps, told(half=TRUTH)).alignments["floor", "half"].T_target_source
+    reason = place_by_priors(maps, told(half=exact)).alignments["floor", "half"].reason
     assert reason.startswith("laid where told, but for 0.00 m and 0.0 degrees; ")
 
 
@@ -101,7 +101,7 @@ def test_a_map_is_laid_onto_the_one_it_shares_most_with(maps):
     apart = SE2(200.0, 0.0, 1.0)
     shifted = TbmMap(maps["floor"].grid)
     three = {"half": maps["half"], "away": shifted, "near": maps["half"]}
-    found = place_known(three, told(away=apart, near=apart @ TRUTH))
+    found = place_by_priors(three, told(away=apart, near=apart @ TRUTH))
     assert list(found.alignments) == [("half", "away"), ("away", "near")]
     assert_near(found.poses["near"], apart @ TRUTH)
 
@@ -116,7 +116,7 @@ def test_a_pose_that_walls_contradict_is_warned_of(maps, caplog):
 @pytest.mark.parametrize(("empty", "which"), [(0, "target"), (1, "source")])
 def test_an_empty_map_lies_where_told(maps, empty, which):
     config = MergeConfig()
-    views = [view_of(maps["floor"].grid, 0.05, config)] * 2
+    views = [prepared(maps["floor"].grid, 0.05, config)] * 2
     views[empty] = None
     found = align_near(*views, TRUTH, config)
     assert found.accepted

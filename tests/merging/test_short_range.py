@@ -10,8 +10,8 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.joint_slam.rendering import redraw
 from merging.map_graph.grouping import Group
-from merging.merge_state import Findings
-from merging.pairwise.executor import Workforce
+from merging.merge_state import MergeState
+from merging.pairwise.executor import Executor
 from merging.report.pair_cards import pair_cards
 from merging.short_range import short_range_map, with_short_range_alignments
 from tbmslam.belief import FREE, OCCUPIED
@@ -50,7 +50,7 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     assert found.reason.startswith("by what was seen within 8.5 m: confidence ")
     # Exact to a centimetre where walls agree, from which the frame's origin is far.
     assert found.T_target_source == pytest.approx(T_WORLD_B, abs=0.04)
-    # Straightened together, the drives heed what was seen far off as well, which is wrong by half.
+    # DeformedMap together, the drives heed what was seen far off as well, which is wrong by half.
     assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.1)
 
 
@@ -72,7 +72,7 @@ def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
     nothing = Alignment("correlation", accepted=False, reason="", confidence=-1.0)
     first = dict.fromkeys(itertools.combinations(maps, 2), nothing)
     groups = [Group({"a": SE2.identity(), "same": SE2.identity()}), *(Group({n: SE2.identity()}) for n in others)]
-    look = with_short_range_alignments(Findings.of(maps, first, lambda _: groups), CONFIG, Workforce())
+    look = with_short_range_alignments(MergeState.of(maps, first, lambda _: groups), CONFIG, Executor())
     assert look.judged_by.keys() == {("a", "stranger"), ("same", "stranger")}
     assert {pair for pair, found in look.alignments.items() if found is not nothing} == look.judged_by.keys()
     assert not any(found.accepted for found in look.alignments.values())

@@ -2,7 +2,7 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.verification.evidence import examine
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tools.make_map_pairs import main
 from tools.pair_files import load_pair
 
@@ -55,5 +55,5 @@ def test_pairs_of_another_year_are_the_same_places_bent_more(tmp_path):
 
 def agreement(pair):
     config = MergeConfig()
-    structures = [Structure.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
+    structures = [WallMap.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
     return examine(*structures, pair.T_target_source, config.verification).agreement

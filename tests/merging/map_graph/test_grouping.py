@@ -8,7 +8,7 @@ import pytest
 from merging.alignment import Alignment, Alternative
 from merging.config.map_graph import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
-from merging.map_graph.hypothesis import offers_of
+from merging.map_graph.hypothesis import hypotheses_of
 from merging.verification.covariance import seen_from
 from tbmslam.se2 import SE2
 
@@ -52,7 +52,7 @@ def test_of_forty_maps_the_one_false_alignment_is_outvoted_at_once():
     for target, source in itertools.combinations(places, 2):  # 78 million threes of alignments, minutes to look at all
         motion = SE2(30.0, 0.0, 0.0) if (target, source) == (7, 21) else places[target].inverse() @ places[source]
         (pair, one), *_ = found(str(target), str(source), T=motion).items()
-        offers += offers_of(pair, one, config)
+        offers += hypotheses_of(pair, one, config)
     kept = _without_outvoted(offers, config)
     assert [offer for offer in offers if offer not in kept] == [one for one in offers if one.pair == ("7", "21")]
     assert len(kept) == len(offers) - 1
@@ -145,7 +145,7 @@ SPREAD = (np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist()
 
 
 def in_frames(alignments, origins):
-    """The same alignments, by what is at the maps' middles, where these lie elsewhere in their frames."""
+    """The same alignments, by what is at the maps' centroids, where these lie elsewhere in their frames."""
     return {
         (target, source): replace(
             one,
@@ -166,8 +166,8 @@ def test_it_does_not_matter_where_the_frames_of_maps_have_their_origins(far_m):
     group = groups_of(list("abcd"), in_frames(wrong | right, origins))[0]
     assert set(group.used) == set(right)
     assert group.outvoted == (("a", "d"),)
-    middles = {name: origins["a"].inverse() @ pose @ origins[name] for name, pose in group.poses.items()}
-    for name, pose in middles.items():
+    centroids = {name: origins["a"].inverse() @ pose @ origins[name] for name, pose in group.poses.items()}
+    for name, pose in centroids.items():
         assert math.dist(pose[:2], POSES[name][:2]) < 0.2
         assert pose.theta == pytest.approx(POSES[name].theta, abs=0.02)
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from merging.alignment import Alignment, Alternative
 from merging.config.map_graph import GraphConfig
 from merging.map_graph.grouping import groups_of
-from merging.map_graph.hypothesis import offers_of
-from merging.map_graph.links import joints_of
+from merging.map_graph.hypothesis import hypotheses_of
+from merging.map_graph.links import links_of
 from tbmslam.se2 import SE2
-from tests.merging.slow_joints import slow_joints_of
+from tests.merging.slow_links import slow_links_of
 
 CONFIG = GraphConfig()
 
@@ -47,11 +47,11 @@ def anywhere(rng):
 def test_joints_are_those_of_the_slow_twin(seed, count, wrong):
     rng = np.random.default_rng(seed)
     places, alignments = crowd(count, rng, wrong)
-    offers = [offer for pair, found in alignments.items() for offer in offers_of(pair, found, CONFIG)]
+    offers = [offer for pair, found in alignments.items() for offer in hypotheses_of(pair, found, CONFIG)]
     groups = [{} for _ in range(int(rng.integers(1, count + 1)))]
     for name, place in places.items():
         groups[int(rng.integers(len(groups)))][name] = place
-    found, expected = joints_of(groups, offers, CONFIG), slow_joints_of(groups, offers, CONFIG)
+    found, expected = links_of(groups, offers, CONFIG), slow_links_of(groups, offers, CONFIG)
     assert [joint[1:4] for joint in found] == [joint[1:4] for joint in expected]
     assert [joint.support for joint in found] == pytest.approx([joint[0] for joint in expected])
     assert [joint.motion for joint in found] == [joint[4] for joint in expected]

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from merging.nonrigid.deformation import Bend
+from merging.nonrigid.deformation import Deformation
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.se2 import SE2
 
@@ -14,13 +14,13 @@ MIDDLES = np.array([[4.0, 3.0], [12.0, 3.0], [4.0, 9.0], [12.0, 9.0]])
 def bent(turn=0.03, reach_m=4.0):
     """A motion, and tiles that lie beside it, some turned one way and some the other."""
     aside = [SE2(0.2, 0.1, turn), SE2(-0.3, 0.2, -turn), SE2(0.0, -0.3, 0.0), SE2(0.1, 0.0, turn)]
-    return Bend(
+    return Deformation(
         MIDDLES, [MOTION @ SE2(*m, 0.0) @ a @ SE2(*-m, 0.0) for m, a in zip(MIDDLES, aside, strict=True)], reach_m
     )
 
 
 def test_tiles_that_all_say_one_thing_are_not_bent():
-    bend = Bend(MIDDLES, [MOTION] * 4, 4.0)
+    bend = Deformation(MIDDLES, [MOTION] * 4, 4.0)
     points = np.array([[0.0, 0.0], [7.0, 5.0], [30.0, -8.0]])
     np.testing.assert_allclose(bend.apply(points), MOTION.apply(points), atol=1e-12)
     motion, apart_m, apart_rad = bend.rigid()
@@ -31,7 +31,7 @@ def test_tiles_that_all_say_one_thing_are_not_bent():
 
 def test_near_a_tile_its_own_word_counts():
     bend = bent(reach_m=1.5)
-    for middle, motion in zip(bend.middles, bend.motions, strict=True):
+    for middle, motion in zip(bend.centroids, bend.motions, strict=True):
         np.testing.assert_allclose(bend.apply(middle[None])[0], motion.apply(middle), atol=0.01)
         assert bend.motion_at(middle) == pytest.approx(motion, abs=0.05)
 
@@ -52,13 +52,13 @@ def test_what_a_rigid_motion_leaves_is_told():
 
 def test_the_inverse_leads_back():
     bend = bent(reach_m=2.0)
-    there = bend.apply(bend.middles)
-    np.testing.assert_allclose(bend.inverse().apply(there), bend.middles, atol=0.05)
+    there = bend.apply(bend.centroids)
+    np.testing.assert_allclose(bend.inverse().apply(there), bend.centroids, atol=0.05)
 
 
 def test_one_bend_after_another():
     first, second = bent(), bent(turn=-0.02, reach_m=5.0)
-    onward = Bend(MOTION.apply(second.middles), [m @ MOTION.inverse() for m in second.motions], second.reach_m)
+    onward = Deformation(MOTION.apply(second.centroids), [m @ MOTION.inverse() for m in second.motions], second.reach_m)
     points = np.array([[4.0, 4.0], [8.0, 6.0], [11.0, 8.0]])
     np.testing.assert_allclose(first.then(onward).apply(points), onward.apply(first.apply(points)), atol=0.05)
 
@@ -72,7 +72,7 @@ def test_a_bend_is_the_same_seen_from_other_frames():
 
 def test_a_map_that_is_not_bent_stays_as_it_is(rooms):
     floor = rooms(1)
-    same = Bend(MIDDLES, [MOTION] * 4, 4.0).straightened(floor, MOTION)
+    same = Deformation(MIDDLES, [MOTION] * 4, 4.0).straightened(floor, MOTION)
     row, col = same.geometry.cell_at(*floor.geometry.centre_of(0, 0))
     np.testing.assert_array_equal(same.masses[row : row + 240, col : col + 320], floor.masses)
     assert same.is_known().sum() == floor.is_known().sum()

@@ -6,9 +6,9 @@ import pytest
 
 from merging.alignment import Alignment
 from merging.map_graph.grouping import Group
-from merging.nonrigid.deformation import Bend
-from merging.nonrigid.propagation import straightened_by
-from merging.nonrigid.search import BentLook
+from merging.nonrigid.deformation import Deformation
+from merging.nonrigid.propagation import deformed_maps
+from merging.nonrigid.search import NonrigidRegistration
 from tbmslam.belief import FREE, OCCUPIED
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.keyframes import Keyframes
@@ -44,13 +44,13 @@ def spotted():
 def look(name):
     """What was found of a map in another's frame: four tiles of it lie beside where a motion has them."""
     motion = MOTIONS[name]
-    bend = Bend(MIDDLES, [SE2(x, y, 0.0) @ motion for x, y in ASIDE[name]], 4.0)
-    return BentLook(Alignment("correlation", accepted=True, reason="", T_target_source=motion), bend)
+    bend = Deformation(MIDDLES, [SE2(x, y, 0.0) @ motion for x, y in ASIDE[name]], 4.0)
+    return NonrigidRegistration(Alignment("correlation", accepted=True, reason="", T_target_source=motion), bend)
 
 
 def backward(one):
     """The same with target and source exchanged."""
-    return BentLook(one.alignment.reversed(), one.bend.inverse())
+    return NonrigidRegistration(one.alignment.reversed(), one.bend.inverse())
 
 
 def alone(names):
@@ -74,7 +74,7 @@ def bent_spot(name):
 
 def test_the_source_is_bent(maps):
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
-    bent = straightened_by({("a", "b"): look("b")}, maps, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): look("b")}, maps, [group], alone("ab"))
     assert list(bent) == ["b"]
     assert math.dist(bent_spot("b"), SPOT) > 0.1
     assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
@@ -82,7 +82,7 @@ def test_the_source_is_bent(maps):
 
 def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none(maps):
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
-    bent = straightened_by({("a", "b"): look("b")}, {**maps, "b": driven(maps["b"])}, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): look("b")}, {**maps, "b": driven(maps["b"])}, [group], alone("ab"))
     assert list(bent) == ["a"]
     expected = MOTIONS["b"].apply(look("b").bend.inverse().apply(np.array([SPOT])))[0]
     assert math.dist(expected, SPOT) > 0.1
@@ -93,7 +93,7 @@ def test_a_map_that_holds_more_than_its_keyframes_saw_keeps_it(maps):
     """As one merged of a drive's and a picture."""
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
     all_driven = {name: driven(one) for name, one in maps.items()}
-    bent = straightened_by({("a", "b"): look("b")}, all_driven, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): look("b")}, all_driven, [group], alone("ab"))
     assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
     assert bent["b"].grid.is_known().sum() == pytest.approx(maps["b"].grid.is_known().sum(), rel=0.1)
 
@@ -107,14 +107,14 @@ def test_maps_that_fit_as_they_are_stay_so(maps, first):
         looks = {("b", "a"): backward(look("b")), ("b", "c"): backward(look("b"))}
     group = Group(poses, (*looks, ("a", "c")))
     before = [Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),)), *alone("b")]
-    bent = straightened_by(looks, {**maps, "b": driven(maps["b"])}, [group], before)
+    bent = deformed_maps(looks, {**maps, "b": driven(maps["b"])}, [group], before)
     assert list(bent) == ["b"]
 
 
 def test_a_map_that_lies_on_a_bent_one_is_bent_as_that_is_besides(maps):
     looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"] @ MOTIONS["c"]}, tuple(looks))
-    bent = straightened_by(looks, maps, [group], alone("abc"))
+    bent = deformed_maps(looks, maps, [group], alone("abc"))
     assert list(bent) == ["b", "c"]
     on_b = look("c").bend.apply(np.array([SPOT]))
     expected = group.poses["c"].inverse().apply(look("b").bend.apply(on_b))[0]
@@ -128,7 +128,7 @@ def test_a_map_goes_along_with_a_bent_one_that_it_fits(maps):
     fixed = dict.fromkeys(("a", *others), SE2.identity())
     before = [Group(fixed), Group({"b": SE2.identity(), "c": T_b_c}, (("b", "c"),))]
     group = Group({**fixed, "b": MOTIONS["b"], "c": MOTIONS["b"] @ T_b_c}, (("a", "b"), ("b", "c")))
-    bent = straightened_by({("a", "b"): look("b")}, {**maps, **others}, [group], before)
+    bent = deformed_maps({("a", "b"): look("b")}, {**maps, **others}, [group], before)
     assert list(bent) == ["b", "c"]
     spot_in_b = T_b_c.apply(np.array([SPOT]))
     expected = group.poses["c"].inverse().apply(look("b").bend.apply(spot_in_b))[0]
@@ -139,4 +139,4 @@ def test_a_map_goes_along_with_a_bent_one_that_it_fits(maps):
 def test_what_is_not_used_bends_nothing(maps):
     looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
     group = Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),))
-    assert straightened_by(looks, maps, [group, *alone("b")], alone("abc")) == {}
+    assert deformed_maps(looks, maps, [group, *alone("b")], alone("abc")) == {}

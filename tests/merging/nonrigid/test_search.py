@@ -9,14 +9,14 @@ from datasets.synthetic.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.map_graph.grouping import Group
-from merging.merge_state import Findings
-from merging.nonrigid.refused_pairs import look_closer
-from merging.nonrigid.search import look_bent
-from merging.pairwise.executor import Workforce
+from merging.merge_state import MergeState
+from merging.nonrigid.refused_pairs import register_refused_pairs
+from merging.nonrigid.search import register_nonrigid
+from merging.pairwise.executor import Executor
 from merging.rigid_alignment import align_whole
 from merging.verification.covariance import deviations
 from merging.verification.evidence import examine
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -38,7 +38,7 @@ def errors(motion, true, one):
 def agreement(target, source, motion):
     """The share of the walls that agree under a motion."""
     config = MergeConfig()
-    structures = [Structure.from_grid(one.grid, config.structure) for one in (target, source)]
+    structures = [WallMap.from_grid(one.grid, config.structure) for one in (target, source)]
     return examine(*structures, motion, config.verification).agreement
 
 
@@ -93,14 +93,14 @@ def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
 def test_maps_of_two_buildings_are_not_aligned_so_either():
     target, _, _ = bent_maps("office")
     other, _, _ = bent_maps("store")
-    assert look_bent(target, other, MergeConfig()) is None
+    assert register_nonrigid(target, other, MergeConfig()) is None
 
 
 def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
     corridor = make_pair("self-similar", 1, 9)
-    assert look_bent(corridor.target, corridor.source, MergeConfig()) is None
+    assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is None
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
-    assert look_bent(corridor.target, corridor.source, MergeConfig()) is not None
+    assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is not None
 
 
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
@@ -114,7 +114,7 @@ def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, 
         return replace(found, accepted=accepted, T_target_source=SE2(shift_m, 0.0, 0.0) @ found.T_target_source)
 
     monkeypatch.setattr("merging.nonrigid.search.align_whole", aligned)
-    found = look_bent(target, source, MergeConfig())
+    found = register_nonrigid(target, source, MergeConfig())
     assert (found is not None) == (accepted and shift_m == 0.0)
 
 
@@ -123,14 +123,14 @@ def test_empty_maps_and_those_without_walls_are_not_tried():
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
     bare = TbmMap(TbmGrid(empty.grid.geometry, np.tile(np.float32([0.0, 1.0, 0.0, 0.0]), (300, 300, 1))))
     for other in (empty, bare):
-        assert look_bent(target, other, MergeConfig()) is None
-        assert look_bent(other, source, MergeConfig()) is None
-    assert look_bent(target, source, OFF) is None
+        assert register_nonrigid(target, other, MergeConfig()) is None
+        assert register_nonrigid(other, source, MergeConfig()) is None
+    assert register_nonrigid(target, source, OFF) is None
 
 
 def closer(maps, groups, alignments, config=None, workers=1):
-    found = Findings.of(maps, alignments, lambda _: groups)
-    return look_closer(found, config or MergeConfig(), Workforce(workers))
+    found = MergeState.of(maps, alignments, lambda _: groups)
+    return register_refused_pairs(found, config or MergeConfig(), Executor(workers))
 
 
 def test_any_number_of_workers_finds_the_same(caplog):

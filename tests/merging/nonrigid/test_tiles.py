@@ -3,7 +3,7 @@ import pytest
 
 from merging.config.registration import StructureConfig
 from merging.nonrigid.tiles import middle_of, tiles_of
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
 from tbmslam.grid import TbmGrid
 
@@ -51,4 +51,4 @@ def test_the_middle_is_that_of_the_walls(rooms):
     floor = rooms(1)
     floor.masses[:] = (0.0, 1.0, 0.0, 0.0)
     floor.masses[40:80, 60] = (0.0, 0.0, 1.0, 0.0)
-    np.testing.assert_allclose(middle_of(Structure.from_grid(floor, StructureConfig())), (3.025, 3.0))
+    np.testing.assert_allclose(middle_of(WallMap.from_grid(floor, StructureConfig())), (3.025, 3.0))

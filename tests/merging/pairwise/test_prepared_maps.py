@@ -1,12 +1,12 @@
 from merging import MergeConfig
 from merging.fusion.warping import at_resolution
-from merging.pairwise.prepared_maps import Views
+from merging.pairwise.prepared_maps import PreparedMaps
 from tbmslam.grid import GridGeometry, TbmGrid
 
 
 def test_a_coarse_map_leaves_the_other_pairs_their_fine_cells(rooms):
     fine, coarse = rooms(1), at_resolution(rooms(2), 0.1)
-    views = Views({"a": fine, "b": rooms(3), "coarse": coarse}, MergeConfig())
+    views = PreparedMaps({"a": fine, "b": rooms(3), "coarse": coarse}, MergeConfig())
     sizes = {
         pair: [view.structure.geometry.resolution for view in views.of_pair(pair) if view is not None]
         for pair in (("a", "b"), ("a", "coarse"), ("coarse", "b"))
@@ -15,12 +15,12 @@ def test_a_coarse_map_leaves_the_other_pairs_their_fine_cells(rooms):
 
 
 def test_a_map_is_looked_at_once_for_each_cell_size(rooms):
-    views = Views({"a": rooms(1), "b": rooms(2), "c": rooms(3)}, MergeConfig())
+    views = PreparedMaps({"a": rooms(1), "b": rooms(2), "c": rooms(3)}, MergeConfig())
     assert views.of_pair(("a", "b"))[0] is views.of_pair(("c", "a"))[1]
 
 
 def test_of_an_empty_map_there_is_nothing_to_look_at(rooms):
     empty = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
-    target, source = Views({"a": rooms(1), "empty": empty}, MergeConfig()).of_pair(("a", "empty"))
+    target, source = PreparedMaps({"a": rooms(1), "empty": empty}, MergeConfig()).of_pair(("a", "empty"))
     assert target is not None
     assert source is None

@@ -7,7 +7,7 @@ from merging import MergeConfig, align
 from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion.warping import warp
 from merging.registration.correlation import propose
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.tbm_map import TbmMap
@@ -16,7 +16,7 @@ CONFIG = CorrelationConfig()
 
 
 def structure(grid):
-    return Structure.from_grid(grid, StructureConfig())
+    return WallMap.from_grid(grid, StructureConfig())
 
 
 def left_part(grid, share):

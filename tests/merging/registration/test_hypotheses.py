@@ -7,7 +7,7 @@ from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion.warping import warp
 from merging.registration.hypotheses import best_of, find_candidates, refine_all
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 
@@ -15,7 +15,7 @@ CONFIG = MergeConfig()
 
 
 def structure(grid):
-    return Structure.from_grid(grid, StructureConfig())
+    return WallMap.from_grid(grid, StructureConfig())
 
 
 def refine(target, source, motion, config):

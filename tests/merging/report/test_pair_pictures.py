@@ -9,7 +9,7 @@ from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.report.pair_pictures import draw_alone, draw_pair
 from merging.verification.evidence import examine
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 
@@ -22,7 +22,7 @@ def pixels(png):
 
 @pytest.fixture
 def structure(rooms):
-    return lambda seed: Structure.from_grid(rooms(seed), StructureConfig())
+    return lambda seed: WallMap.from_grid(rooms(seed), StructureConfig())
 
 
 def test_a_map_on_itself_is_green(structure):
@@ -54,6 +54,6 @@ def test_a_map_alone_and_one_without_walls(structure):
     assert pixels(draw_alone(structure(1)))[BLUE] > 500
     grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20))
     grid.masses[5:9, 5:9] = (0.0, 1.0, 0.0, 0.0)
-    bare = Structure.from_grid(grid, StructureConfig())
+    bare = WallMap.from_grid(grid, StructureConfig())
     assert pixels(draw_alone(bare))[GREY] > 0
     assert pixels(draw_pair(bare, structure(1), SE2.identity(), VerificationConfig()))[RED] == 0

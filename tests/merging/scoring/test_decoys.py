@@ -5,14 +5,14 @@ from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion.warping import warp
 from merging.scoring.decoys import find_decoys, mirror_image, mirrored
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2
 
 CONFIG = MergeConfig()
 
 
 def structure(grid):
-    return Structure.from_grid(grid, StructureConfig())
+    return WallMap.from_grid(grid, StructureConfig())
 
 
 def test_a_mirror_image_is_what_the_mirrored_grid_looks_like(rooms):

@@ -7,8 +7,8 @@ from merging.registration.hypotheses import find_candidates
 from merging.scoring import hypothesis_scoring
 from merging.scoring.confidence import confidences
 from merging.scoring.decoys import find_decoys
-from merging.scoring.hypothesis_scoring import judge
-from merging.walls.wall_map import Structure
+from merging.scoring.hypothesis_scoring import score_hypotheses
+from merging.walls.wall_map import WallMap
 from tbmslam.se2 import SE2
 
 CONFIG = MergeConfig()
@@ -18,7 +18,7 @@ CONFIG = MergeConfig()
 def maps(rooms):
     grid = rooms(1)
     other = warp(grid, SE2(2.0, -1.0, 0.4), grid.geometry)
-    return tuple(Structure.from_grid(one, StructureConfig()) for one in (grid, other))
+    return tuple(WallMap.from_grid(one, StructureConfig()) for one in (grid, other))
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_chance_is_searched_thoroughly_where_it_may_decide(maps, monkeypatch, at
 
     monkeypatch.setattr(hypothesis_scoring, "find_decoys", glance)
     monkeypatch.setattr(hypothesis_scoring, "confidences", lambda _, decoys: [0.3 if decoys[0] else at_a_glance])
-    likely, decoys = judge(*maps, [None], CONFIG)
+    likely, decoys = score_hypotheses(*maps, [None], CONFIG)
     assert seen == looks
     assert decoys == looks[-1:]
     assert likely == [0.3 if looks[-1] else at_a_glance]
@@ -42,13 +42,13 @@ def test_chance_is_searched_thoroughly_where_it_may_decide(maps, monkeypatch, at
 
 def test_places_are_judged_beside_what_chance_achieves(maps):
     places = [evidence for _, evidence in find_candidates(*maps, CONFIG)]
-    likely, decoys = judge(*maps, places, CONFIG)
+    likely, decoys = score_hypotheses(*maps, places, CONFIG)
     assert likely == confidences(places, decoys)
     assert decoys in [find_decoys(*maps, CONFIG, thoroughly=how) for how in (False, True)]
 
 
 def test_no_place_is_no_probability(maps):
-    assert judge(*maps, [], CONFIG)[0] == []
+    assert score_hypotheses(*maps, [], CONFIG)[0] == []
 
 
 def test_a_thorough_search_finds_no_less_of_chance(maps):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from merging.config.registration import StructureConfig
 from merging.config.verification import ExactnessConfig, VerificationConfig
 from merging.verification.covariance import bent_by, covariance_of, deviations, known_best_at, seen_from
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 
@@ -28,7 +28,7 @@ def hall(length_m, width_m=0.0):
     masses[8:10] = (0.0, 0.0, 1.0, 0.0)
     if width_m:
         masses[rows - 10 : rows - 8] = (0.0, 0.0, 1.0, 0.0)
-    return Structure.from_grid(TbmGrid(GridGeometry(0.05, 0.0, 0.0, rows, cols), masses), StructureConfig())
+    return WallMap.from_grid(TbmGrid(GridGeometry(0.05, 0.0, 0.0, rows, cols), masses), StructureConfig())
 
 
 def exact(one, motion=HERE):
@@ -80,7 +80,7 @@ def test_walls_that_count_nothing_tell_nothing():
 
 
 def test_the_same_seen_from_either_map(rooms):
-    one, other = (Structure.from_grid(rooms(1), StructureConfig()) for _ in range(2))
+    one, other = (WallMap.from_grid(rooms(1), StructureConfig()) for _ in range(2))
     forth = exact(one)
     back = covariance_of(other, one, SE2.identity(), LIMITS, CONFIG)
     np.testing.assert_allclose(seen_from(forth, SE2.identity()), back, rtol=1e-9, atol=1e-12)

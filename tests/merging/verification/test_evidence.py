@@ -7,7 +7,7 @@ from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.fusion.warping import warp
 from merging.verification.evidence import examine, support_m
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.wall_limits import FACING
@@ -17,7 +17,7 @@ CONFIG = VerificationConfig()
 
 
 def structure(grid):
-    return Structure.from_grid(grid, StructureConfig())
+    return WallMap.from_grid(grid, StructureConfig())
 
 
 def corridor(length=200):

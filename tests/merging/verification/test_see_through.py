@@ -8,7 +8,7 @@ from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.verification.see_through import seen_through_m, stretches_m
 from merging.walls.components import Components
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 
@@ -23,7 +23,7 @@ def hall(*things):
     masses[20:220, 20:220] = (0.0, 1.0, 0.0, 0.0)
     for thing in things:
         masses[thing] = (0.0, 0.0, 1.0, 0.0)
-    return Structure.from_grid(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 240, 240), masses), StructureConfig())
+    return WallMap.from_grid(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 240, 240), masses), StructureConfig())
 
 
 def test_a_wall_across_a_free_room_counts_but_for_a_door():

@@ -7,7 +7,7 @@ from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.fusion.warping import warp
 from merging.verification.wall_segments import Pieces, count_pieces
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 from tbmslam.se2 import SE2
 from tbmslam.walls import AGREED, AGREES, COMPARED, CONFLICTING, CONFLICTS, NOT_SEEN, OUTSIDE, UNSEEN, compare, hold
@@ -16,7 +16,7 @@ LIMITS = VerificationConfig().limits()
 
 
 def structure(grid):
-    return Structure.from_grid(grid, StructureConfig())
+    return WallMap.from_grid(grid, StructureConfig())
 
 
 def straight(length=400):

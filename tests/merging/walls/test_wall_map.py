@@ -1,7 +1,7 @@
 import numpy as np
 
 from merging.config.registration import StructureConfig
-from merging.walls.wall_map import Structure
+from merging.walls.wall_map import WallMap
 from tbmslam.grid import GridGeometry, TbmGrid
 
 
@@ -15,7 +15,7 @@ def room(free_mass=1.0, wall_mass=1.0, thickness=3):
 
 
 def test_only_the_surface_of_a_thick_wall_is_wall_and_faces_the_room():
-    structure = Structure.from_grid(room(), StructureConfig())
+    structure = WallMap.from_grid(room(), StructureConfig())
     assert len(structure.points) == 2 * (30 + 40) + 4
     centre = np.array([-1.0 + 30 * 0.1, 2.0 + 25 * 0.1])
     assert np.all(np.einsum("ij,ij->i", structure.normals, centre - structure.points) > 0.0)
@@ -24,27 +24,27 @@ def test_only_the_surface_of_a_thick_wall_is_wall_and_faces_the_room():
 
 
 def test_free_space_counts_however_weak_its_evidence():
-    strong, weak = (Structure.from_grid(room(mass, 0.3), StructureConfig()) for mass in (1.0, 0.003))
+    strong, weak = (WallMap.from_grid(room(mass, 0.3), StructureConfig()) for mass in (1.0, 0.003))
     np.testing.assert_array_equal(strong.free, weak.free)
     np.testing.assert_array_equal(strong.points, weak.points)
 
 
 def test_blur_is_no_wall():
-    assert len(Structure.from_grid(room(wall_mass=0.05), StructureConfig()).points) == 0
+    assert len(WallMap.from_grid(room(wall_mass=0.05), StructureConfig()).points) == 0
 
 
 def test_specks_are_no_wall():
     grid = room()
     grid.masses[20, 20] = (0.0, 0.0, 1.0, 0.0)
-    clean = Structure.from_grid(room(), StructureConfig())
-    assert len(Structure.from_grid(grid, StructureConfig()).points) == len(clean.points)
-    assert len(Structure.from_grid(grid, StructureConfig(min_speck_m=0.0)).points) == len(clean.points) + 1
+    clean = WallMap.from_grid(room(), StructureConfig())
+    assert len(WallMap.from_grid(grid, StructureConfig()).points) == len(clean.points)
+    assert len(WallMap.from_grid(grid, StructureConfig(min_speck_m=0.0)).points) == len(clean.points) + 1
 
 
 def test_a_thin_wall_between_two_rooms_faces_both():
     grid = room()
     grid.masses[10:40, 30] = (0.0, 0.0, 1.0, 0.0)
-    structure = Structure.from_grid(grid, StructureConfig())
+    structure = WallMap.from_grid(grid, StructureConfig())
     thin = np.isclose(structure.points[:, 0], grid.geometry.centre_of(0, 30)[0])
     thin &= np.abs(structure.points[:, 1] - 4.5) < 1.0
     assert thin.sum() == 20
@@ -56,13 +56,13 @@ def test_a_thin_wall_between_two_rooms_faces_both():
 def test_small_things_count_little():
     grid = room()
     grid.masses[30:34, 30:36] = (0.0, 0.0, 1.0, 0.0)
-    found = Structure.from_grid(grid, StructureConfig(least_weight=0.1))
+    found = WallMap.from_grid(grid, StructureConfig(least_weight=0.1))
     assert sorted(set(found.weights)) == [0.1, 1.0]
     np.testing.assert_array_equal(found.walls.weights, found.weights)
 
 
 def test_every_cell_knows_its_nearest_wall():
-    structure = Structure.from_grid(room(), StructureConfig())
+    structure = WallMap.from_grid(room(), StructureConfig())
     for row, col in ((25, 30), (12, 11), (0, 0), (38, 45)):
         apart = np.linalg.norm(structure.points - structure.geometry.centre_of(row, col), axis=1)
         assert abs(structure.distances_m[row, col] - apart.min()) < 0.1
@@ -70,13 +70,13 @@ def test_every_cell_knows_its_nearest_wall():
 
 
 def test_a_map_without_walls_is_far_from_any():
-    structure = Structure.from_grid(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 4, 4)), StructureConfig())
+    structure = WallMap.from_grid(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 4, 4)), StructureConfig())
     assert len(structure.points) == 0
     assert np.all(np.isinf(structure.distances_m))
 
 
 def test_points_outside_are_told_apart():
-    structure = Structure.from_grid(room(), StructureConfig())
+    structure = WallMap.from_grid(room(), StructureConfig())
     rows, cols, inside = structure.geometry.cells_at(
         np.array([(-0.95, 2.05), (-1.05, 2.05), (4.95, 6.95), (4.95, 7.05)])
     )

@@ -6,10 +6,10 @@ import math
 from merging.map_graph.hypothesis import is_same_place
 
 
-def slow_joints_of(groups, offers, config):
+def slow_links_of(groups, offers, config):
     between = _by_groups(groups, offers)
     pairs = itertools.combinations(range(len(groups)), 2)
-    return [joint for pair in pairs if (joint := _best_joint(groups, *pair, between, config)) is not None]
+    return [joint for pair in pairs if (joint := _best_link(groups, *pair, between, config)) is not None]
 
 
 def _by_groups(groups, offers):
@@ -25,7 +25,7 @@ def _by_groups(groups, offers):
     return between
 
 
-def _best_joint(groups, first, second, between, config):
+def _best_link(groups, first, second, between, config):
     """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
     direct = between.get((first, second), ())
     if not direct:
