@@ -59,7 +59,19 @@ docs/report.png: demo develop
 docs/pairs.png: demo develop
 	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@ --element .cards
 
-docs: docs/merged-office.png docs/report.png docs/pairs.png
+# Two real drives of docs/accuracy.md, from the recordings in DATA: the grounds of a hospital, and an office floor.
+docs/real-drives.png: install
+	$(BIN)/python tools/build_maps.py $(DATA)/fr-clinic/fr-clinic.bag --no-truth -o out/real-drives/clinic
+	$(BIN)/python tools/build_maps.py $(DATA)/intel-real/intel-real.bag --angle-step-deg 1.0 --no-truth -o out/real-drives/intel
+	$(BIN)/python -c "import cv2; \
+	maps = [cv2.imread(f'out/real-drives/{name}/robot_0/pignistic.png') for name in ('clinic', 'intel')]; \
+	boxes = [cv2.boundingRect((abs(one[..., 0].astype(int) - 128) > 8).astype('uint8')) for one in maps]; \
+	maps = [one[y : y + h, x : x + w] for one, (x, y, w, h) in zip(maps, boxes)]; \
+	maps = [cv2.resize(one, (round(500 * one.shape[1] / one.shape[0]), 500), interpolation=cv2.INTER_AREA) for one in maps]; \
+	gap = cv2.copyMakeBorder(maps[1], 0, 0, 12, 0, cv2.BORDER_CONSTANT, value=(255, 255, 255)); \
+	cv2.imwrite('$@', cv2.hconcat([maps[0], gap]) // 16 * 16 + 8)"
+
+docs: docs/merged-office.png docs/report.png docs/pairs.png docs/real-drives.png
 
 # Compiled code hides from coverage; here Python runs the kernels itself, and the table says which lines no test reaches.
 kernel-coverage: develop

@@ -50,8 +50,8 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     assert found.reason.startswith("by what was seen within 8.5 m: confidence ")
     # Exact to a centimetre where walls agree, from which the frame's origin is far.
     assert found.T_target_source == pytest.approx(T_WORLD_B, abs=0.04)
-    # DeformedMap together, the drives heed what was seen far off as well, which is wrong by half.
-    assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.1)
+    # Optimised jointly, the drives follow distant hits as well, whose ranges are wrong by half.
+    assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.15)
 
 
 def test_its_card_shows_what_was_looked_at(halls):

@@ -24,7 +24,7 @@ def test_a_map_is_laid_where_it_is_told(folders, tmp_path, capsys):
 
 def test_a_pose_of_the_first_map_is_refused(folders, tmp_path, capsys):
     given = [str(folders / name) for name in ("here", "there")]
-    assert merge.main([*given, "-o", str(tmp_path), "--set", "merging.pose_priors.here=[0.0, 0.0, 0.0]"]) == 1
+    assert merge.main([*given, "-o", str(tmp_path), "--set", "merging.known_poses.here=[0.0, 0.0, 0.0]"]) == 1
     told = "merge: --pose: poses are told in the frame of here, the first map: tell those of there"
     assert capsys.readouterr().err.strip() == told
 

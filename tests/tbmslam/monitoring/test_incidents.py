@@ -65,7 +65,7 @@ def test_what_goes_on_is_one_incident():
 
 def test_everything_that_can_go_wrong_is_explained():
     """The words that programs give incidents are the rows of a table."""
-    text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
     named = [
         LOST.partition(": ")[0],
         "something on the robot",

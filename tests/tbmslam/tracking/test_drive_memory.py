@@ -92,7 +92,7 @@ def test_what_comes_later_goes_on_in_the_same_frame(memory, rounds):
 
 @pytest.mark.slow
 def test_rounds_without_end_need_no_more_memory():
-    """Half of the keyframes are forgotten, and the trajectory is as good as with all of them."""
+    """A third of the keyframes are forgotten, and the trajectory is as good as with all of them."""
     laser = SimulatedLaser(beams=180, angle_min=-np.pi / 2, angle_increment=np.pi / 180, rate=5.0)
     endless_rounds = EndlessDrive("round", 600.0, laser, OdometryNoise.preset("good"))
     config = preset("default")
@@ -105,5 +105,5 @@ def test_rounds_without_end_need_no_more_memory():
         np.testing.assert_array_equal(drive.trajectory.poses[drive.keyframes.indices], drive.keyframes.poses)
         truth = endless_rounds.truth().poses
         errors[limit] = np.hypot(*(drive.trajectory.poses - truth)[:, :2].T).max(), len(drive.keyframes)
-    assert errors[400][1] < 0.6 * errors[100_000][1]
+    assert errors[400][1] < 0.7 * errors[100_000][1]
     assert errors[400][0] < errors[100_000][0] + 0.01
