@@ -9,8 +9,8 @@ class AdjustmentConfig(FrozenConfig):
     """How drives and walls are adjusted to each other."""
 
     enabled: bool = Field(True, description="adjust at all")
-    quick_rounds: int = Field(2, ge=0, description="how often a third of the hits is assigned to pieces of wall")
-    rounds: int = Field(1, ge=1, description="how often all hits are, after that")
+    quick_rounds: int = Field(5, ge=0, description="how often a third of the hits is assigned to pieces of wall")
+    rounds: int = Field(2, ge=1, description="how often all hits are, after that")
     stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")
     turn: float = Field(1.0, gt=0, description="turned angle that moves as one [rad]")
     max_range: float = Field(

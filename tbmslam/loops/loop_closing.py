@@ -149,7 +149,6 @@ class _Drive:
         self._tracked = poses
         self._hits = DriveHits(scans, poses)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
-        self._searched: list[int] = []
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, Hits] | None = None
         self._chain = MotionChain(chain)
@@ -161,17 +160,10 @@ class _Drive:
         self._far_stop = -1
 
     def search_forward(self) -> None:
-        """Follow the drive in time and close what it comes back to, correcting at once what follows.
-
-        A place right behind one that was found about where it was thought to be tells the same: it is passed over.
-        """
-        stops, is_found = self._stops().tolist(), False
+        """Follow the drive in time and close what it comes back to, correcting at once what follows."""
+        stops = self._stops().tolist()
         for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
-            if is_found:
-                is_found = False
-                continue
-            self._searched.append(keyframe)
             fits = self._found(keyframe)
             elected = [] if fits else self._found_far(keyframe)
             self._targets.note(keyframe, [fit.target for fit in (*fits, *elected) if fit.keyframe == keyframe])
@@ -180,8 +172,6 @@ class _Drive:
                 self._pull_together()
             elif any(map(self._is_surprising, fits)):
                 self._optimise(_ROUGHLY)
-            else:
-                is_found = bool(fits)
         self._optimise()
 
     def tighten(self) -> None:
@@ -189,7 +179,8 @@ class _Drive:
 
         What they still miss, adjusting drive and walls makes good.
         """
-        for keyframe in self._watch.each(self._searched, "tightening loops", len(self._searched), "places"):
+        stops = self._stops().tolist()
+        for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
                 known = self.closures.get((keyframe, target))

@@ -21,9 +21,9 @@ _STRAY = 3.0
 _THING = 0.5
 """Length of surface within which all hits are known or all are not, as those of a person [m]. With 0.1 m, as hits err,
 five people who go along a corridor hold the robot back by metres."""
-_RECOGNISED = 0.3
+_RECOGNISED = 0.4
 """A scan of which a smaller share fits where odometry puts it was not taken there. Without this limit csail, whose
-odometry stands still in a fast turn, is torn."""
+odometry stands still in a fast turn, is torn; with 0.6 crowds hold the robot back again."""
 _FEW, _MANY = 0.2, 15.0
 """A scan of which a smaller share fits, and more independent hits fit nothing, says that the robot is elsewhere or that
 all has changed. Four good indoor drives stay above a share of 0.4."""
