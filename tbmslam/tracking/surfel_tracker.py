@@ -16,8 +16,9 @@ from tbmslam.tracking.odometry_noise import FREEDOM
 from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 
-_STRAY = 3.0
-"""Log-odds of a thing to lie on a known surface where the pose is right: one of twenty does not."""
+_STRAY = 4.0
+"""Log-odds of a thing to lie on a known surface where the pose is right: one of fifty does not. With 3, intel with
+reversed odometry is torn (`benchmark.py perturb`); with 5, crowds along corridors hold the robot back."""
 _THING = 0.5
 """Length of surface within which all hits are known or all are not, as those of a person [m]. With 0.1 m, as hits err,
 five people who go along a corridor hold the robot back by metres."""
