@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from datasets.counts import ReadingCounts
 from datasets.recording import Recording
-from tbmslam.laser_scan import Reading
+from tbmslam.sensing.laser_scan import Reading
 
 _OVERHEAD_BYTES = 1000  # Python objects around the ranges of one reading
 

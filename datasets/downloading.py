@@ -8,7 +8,7 @@ from typing import BinaryIO
 import requests
 
 from datasets.errors import DatasetError
-from tbmslam.files.atomic_file import replacing, write_text
+from tbmslam.io.atomic_file import replacing, write_text
 
 Progress = Callable[[int, int | None], None]
 """Is told how many bytes are there, and of how many where that is known."""

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from datasets.bag_files import STORAGE_SUFFIXES
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
+from datasets.rosbag.file_names import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
-from tbmslam.files.special_file import is_device_or_pipe, why_unreadable
+from tbmslam.io.special_file import is_device_or_pipe, why_unreadable
 
 _MAGICS = (
     (b"#ROSBAG", "rosbag"),
@@ -44,10 +44,10 @@ def open_recording(paths: Sequence[Path], options: RecordingOptions | None = Non
         raise DatasetError(f"{listed}: bags and logs cannot be one recording, give them separately")
     chosen = options or RecordingOptions()
     if kinds[files[0]] == "carmen":
-        from datasets.carmen import open_carmen  # noqa: PLC0415 - each format loads only what it needs
+        from datasets.carmen.reader import open_carmen  # noqa: PLC0415 - each format loads only what it needs
 
         return open_carmen(files, chosen)
-    from datasets.rosbag import open_rosbags  # noqa: PLC0415 - rosbags takes long to import
+    from datasets.rosbag.reader import open_rosbags  # noqa: PLC0415 - rosbags takes long to import
 
     return open_rosbags(files, chosen)
 

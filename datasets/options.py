@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 Profile = Literal["auto", "stata"]
 OdometrySource = Literal["auto", "tf", "topic", "none"]

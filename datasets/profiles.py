@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from datasets.options import RecordingOptions
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 # Base laser of the PR2 in front of base_footprint; used where a Stata recording's tf does not tell.
 STATA_SENSOR_POSE = SE2(0.275, 0.0, 0.0)

@@ -5,7 +5,7 @@ from queue import Empty, Queue
 from threading import Event, Thread
 from typing import TypeAlias
 
-from tbmslam.laser_scan import Reading
+from tbmslam.sensing.laser_scan import Reading
 
 _BLOCK = 32  # readings handed over at a time, as each time costs
 _MOST_BLOCKS = 16  # that wait to be used; memory stays bounded

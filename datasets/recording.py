@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
-from tbmslam.laser_scan import Reading
+from tbmslam.sensing.laser_scan import Reading
 
 _REMEDIES = {
     "before_odometry": "check --odometry, --odom-frame and --clock-offset",

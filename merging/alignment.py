@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 
 from merging.verification.covariance import Covariance, seen_from
 from merging.verification.evidence import Evidence
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 Pair = tuple[str, str]
 """The names of a target and a source map."""

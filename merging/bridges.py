@@ -15,8 +15,8 @@ from merging.map_graph.grouping import Group
 from merging.map_graph.hypothesis import is_same_place
 from merging.merge_state import MergeState
 from merging.pairwise.executor import Executor
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 logger = logging.getLogger(__name__)
 

@@ -4,7 +4,7 @@ import math
 
 from merging.verification.covariance import Covariance, deviations
 from merging.verification.evidence import Evidence
-from tbmslam.se2 import SE2, wrap_angle
+from tbmslam.geometry.se2 import SE2, wrap_angle
 
 
 def format_confidence(confidence: float) -> str:

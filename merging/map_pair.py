@@ -4,7 +4,7 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.nonrigid.search import register_nonrigid
 from merging.rigid_alignment import align_whole
-from tbmslam.tbm_map import TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 from merging.alignment import Alignment, Pair
 from merging.map_graph.grouping import Group
-from tbmslam.grid import TbmGrid
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.map.tbm_map import TbmMap
 
 Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
 

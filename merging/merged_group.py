@@ -9,11 +9,11 @@ from merging.fusion.warping import place
 from merging.joint_slam.joint_optimisation import JointRefinement, refine_jointly
 from merging.joint_slam.rendering import drawn_alike, redraw
 from merging.map_graph.grouping import Group
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.progress import Watch
 
 
 @dataclass(frozen=True)

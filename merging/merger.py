@@ -21,10 +21,10 @@ from merging.pairwise.all_pairs import align_all
 from merging.pairwise.executor import Executor
 from merging.pose_priors import place_by_priors
 from merging.short_range import with_short_range_alignments
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.progress import Watch
 
 logger = logging.getLogger(__name__)
 

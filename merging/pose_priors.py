@@ -26,9 +26,9 @@ from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.map_check import MAX_CELLS
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.tbm_map import TbmMap
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.io.map_check import MAX_CELLS
+from tbmslam.map.tbm_map import TbmMap
 
 logger = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from merging.scoring.hypothesis_scoring import score_hypotheses
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap, without_walls
-from tbmslam.grid import TbmGrid
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.map.tbm_map import TbmMap
 
 _ALTERNATIVES = 4
 """Other places that an answer lists at the most."""

@@ -14,7 +14,7 @@ from merging.joint_slam.rendering import redraw
 from merging.merge_state import MergeState
 from merging.pairwise.all_pairs import align_all
 from merging.pairwise.executor import Executor
-from tbmslam.tbm_map import TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 
 def with_short_range_alignments(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from datasets.opening import open_recording
     from datasets.options import RecordingOptions
-    from tbmslam.config import SlamConfig, preset
+    from tbmslam.belief.grid import TbmGrid
+    from tbmslam.configuration.slam_config import SlamConfig, preset
     from tbmslam.errors import TbmSlamError
-    from tbmslam.files.map_folder import load_map, save_map
-    from tbmslam.grid import TbmGrid
-    from tbmslam.laser_scan import LaserScan, Reading
-    from tbmslam.se2 import SE2
+    from tbmslam.geometry.se2 import SE2
+    from tbmslam.io.map_folder import load_map, save_map
+    from tbmslam.map.tbm_map import TbmMap
+    from tbmslam.sensing.laser_scan import LaserScan, Reading
     from tbmslam.slam import Slam
-    from tbmslam.tbm_map import TbmMap
 
 __all__ = [
     "SE2",
@@ -36,17 +36,17 @@ __all__ = [
 ]
 
 _HOMES = {
-    "SE2": "se2",
-    "LaserScan": "laser_scan",
-    "Reading": "laser_scan",
+    "SE2": "geometry.se2",
+    "LaserScan": "sensing.laser_scan",
+    "Reading": "sensing.laser_scan",
     "Slam": "slam",
-    "SlamConfig": "config",
-    "TbmGrid": "grid",
-    "TbmMap": "tbm_map",
+    "SlamConfig": "configuration.slam_config",
+    "TbmGrid": "belief.grid",
+    "TbmMap": "map.tbm_map",
     "TbmSlamError": "errors",
-    "load_map": "files.map_folder",
-    "preset": "config",
-    "save_map": "files.map_folder",
+    "load_map": "io.map_folder",
+    "preset": "configuration.slam_config",
+    "save_map": "io.map_folder",
 }
 
 

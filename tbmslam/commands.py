@@ -1,6 +1,6 @@
 """The programs as commands of an installed tbmslam."""
 
-from tools.interruption import hear_interruption
+from tools.command_line.interruption import hear_interruption
 
 
 def build_maps() -> int:

@@ -8,41 +8,41 @@ from dataclasses import replace
 
 import numpy as np
 
-from tbmslam.adjustment.laser_fit import fit_laser
-from tbmslam.adjustment.surface_adjustment import adjust
-from tbmslam.config import SlamConfig
-from tbmslam.corrections import Corrections
-from tbmslam.drive_motions import DriveMotions
-from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.grid import TbmGrid
-from tbmslam.kernels.determined import prior_information
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.loops.loop_closing import LoopCloser
-from tbmslam.mapping import ScanInserter
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.calibration.laser_check import laser_doubts
+from tbmslam.calibration.laser_fit import fit_laser
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.kernels.surfels.determined import prior_information
+from tbmslam.loop_closure.loop_closer import LoopCloser
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.local_frame import NearFrame
+from tbmslam.map.rendering import render
+from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.scan_inserter import ScanInserter
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview
-from tbmslam.monitoring.laser_check import laser_doubts
-from tbmslam.near_frame import NearFrame
-from tbmslam.pose_graph import MotionEdge
-from tbmslam.rendering import render
-from tbmslam.scan_hits import ScanHits
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.sensor_model import beam_factors
-from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.optimisation.bundle_adjustment import adjust
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.parallel.progress import Watch
+from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.related.tile_maps import TileMaps
+from tbmslam.sensing.corrections import Corrections
+from tbmslam.sensing.laser_scan import LaserScan, Reading
+from tbmslam.sensing.sensor_model import beam_factors
 from tbmslam.tracking.deskew import deskewed
 from tbmslam.tracking.drive_memory import DriveMemory
-from tbmslam.tracking.grid_tracker import GridTracker, GridTrackerConfig
-from tbmslam.tracking.motion import MotionModel
-from tbmslam.tracking.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.tracking.motion_model import MotionModel
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
-from tbmslam.tracking.tile_maps import TileMaps
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 from tbmslam.tracking.tracker import Tracker
-from tbmslam.trajectory import Trajectory
-from tbmslam.watch import Watch
+from tbmslam.vinyslam.grid_tracker import GridTracker, GridTrackerConfig
 
 logger = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ class Slam:
     Parameters
     ----------
     config
-        Every parameter; see `tbmslam.config.preset`.
+        Every parameter; see `tbmslam.configuration.slam_config.preset`.
     name
         The robot's name in the map.
     watch

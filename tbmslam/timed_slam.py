@@ -8,15 +8,15 @@ import time
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from tbmslam.config import SlamConfig
-from tbmslam.grid import TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracker import Tracker
 
 _P = ParamSpec("_P")

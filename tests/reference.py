@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise
-from tbmslam.kernels.surfel_alignment import pair_up
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise
+from tbmslam.kernels.surfels.surfel_alignment import pair_up
 
 
 def observation(probability, quality):

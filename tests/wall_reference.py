@@ -1,10 +1,11 @@
-"""Slow plain twins of the kernels in `tbmslam.kernels.walls`: one wall at a time, by matrices."""
+"""Slow plain twins of the kernels in `tbmslam.kernels.grids.walls`: one wall at a time, by matrices."""
 
 import math
 
 import numpy as np
 
-from tbmslam.kernels.walls import (
+from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.grids.walls import (
     AGREED,
     AGREES,
     COMPARED,
@@ -19,7 +20,6 @@ from tbmslam.kernels.walls import (
     XY,
     YY,
 )
-from tbmslam.se2 import SE2
 
 
 def cell_of(fixed, point):

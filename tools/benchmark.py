@@ -11,7 +11,7 @@ building of 1 km2.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("benchmark")
 
@@ -20,10 +20,10 @@ import sys
 from typing import Any
 
 from tools.build_maps import MOST_ROBOTS
-from tools.ending import ended
-from tools.grammar import Grammar
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 from tools.merge import METHODS
-from tools.path_argument import path_argument
 
 PAIR_METHODS = (*METHODS, "howard")
 """Howard's needs to be told of encounters, so that `merge` cannot offer it."""
@@ -36,7 +36,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       ten drives through ten buildings each, and a line on the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
-      every .npz pair of a folder (see datasets/synthetic/map_pairs.py), with a line for each that went wrong
+      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each that went wrong
   python tools/%(prog)s.py align map-pairs/ --method all
       one table of our methods and the related work's
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
@@ -243,7 +243,7 @@ def _check_perturb(args: argparse.Namespace) -> None:
 
 def _check_drives(args: argparse.Namespace) -> None:
     """Turn the texts of `slam` and `scaling` into what they mean; see `_check`."""
-    from tbmslam.config import PRESETS
+    from tbmslam.configuration.slam_config import PRESETS
     from tools.benchmarks.recording_spec import parse_recording_spec
     from tools.benchmarks.simulated_recording import SimulatedRecording
 

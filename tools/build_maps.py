@@ -5,7 +5,7 @@ a frame that no other robot knows.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("build_maps")
 
@@ -15,17 +15,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.configuration_options import add_configuration_options
-from tools.ending import ended
-from tools.extra_files import add_extra_files
-from tools.grammar import Grammar
-from tools.loading import loading
+from tools.command_line.configuration_options import add_configuration_options
+from tools.command_line.ending import ended
+from tools.command_line.extra_files import add_extra_files
+from tools.command_line.grammar import Grammar
+from tools.command_line.loading import loading
+from tools.command_line.path_argument import path_argument
+from tools.command_line.recording_options import add_recording_options, given_options
 from tools.mapping.viewer_option import add_viewer_option
-from tools.path_argument import path_argument
-from tools.recording_options import add_recording_options, given_options
 
 if TYPE_CHECKING:
-    from tools.configuration import Configuration
+    from tools.command_line.configuration import Configuration
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
@@ -123,9 +123,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None) -> None:
     with loading():
-        from tools.configuration import whole_text
+        from tools.command_line.configuration import whole_text
+        from tools.command_line.typed_command import typed_command
         from tools.mapping.run import build_maps
-        from tools.typed_command import typed_command
 
     _check_recording_options(grammar, args)
     config = _configuration(args)
@@ -161,8 +161,8 @@ def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Na
 
 def _configuration(args: argparse.Namespace) -> "Configuration":
     """Return preset, file, settings and options, the later the stronger."""
-    from tbmslam.parameters import changed
-    from tools.configuration import read_configuration
+    from tbmslam.configuration.parameters import changed
+    from tools.command_line.configuration import read_configuration
 
     config = read_configuration(args.preset, args.config).with_settings(args.set)
     changes: dict[str, object] = {"recording": given_options(args)}

@@ -6,7 +6,7 @@ left out.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("calibrate_merging")
 
@@ -17,14 +17,14 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
-    from tbmslam.worker_pool import WorkerPool
-    from tools.confidence_fit import Trial
+    from tbmslam.parallel.worker_pool import WorkerPool
+    from tools.calibration.confidence_fit import Trial
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ cut-anew/ -o merging/confidence_model.json
@@ -83,11 +83,11 @@ def _parser() -> Grammar:
 
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
-    from tbmslam.files.atomic_file import write_bytes, write_text
-    from tbmslam.worker_pool import worker_pool
-    from tools.calibration_plot import draw_calibration
-    from tools.calibration_table import BINS, calibration_table, worth
-    from tools.confidence_fit import fit_model, held_out
+    from tbmslam.io.atomic_file import write_bytes, write_text
+    from tbmslam.parallel.worker_pool import worker_pool
+    from tools.calibration.calibration_plot import draw_calibration
+    from tools.calibration.calibration_table import BINS, calibration_table, worth
+    from tools.calibration.confidence_fit import fit_model, held_out
 
     config = MergeConfig()
     with worker_pool(args.workers) as pool:
@@ -123,7 +123,7 @@ def trials_of(
     PairFileError
         If a file there is no pair of maps, or there is none.
     """
-    from tools.pair_files import PairFileError
+    from tools.map_pairs.files import PairFileError
 
     paths = sorted(folder.glob("*.npz"))
     if not paths:
@@ -133,9 +133,9 @@ def trials_of(
 
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
-    from tools.confidence_fit import Trial
-    from tools.pair_files import load_pair
-    from tools.pair_floors import shows_part
+    from tools.calibration.confidence_fit import Trial
+    from tools.map_pairs.files import load_pair
+    from tools.map_pairs.floors import shows_part
 
     pair = load_pair(path)
     of = Trial.of_bent if bent else Trial.of
@@ -151,7 +151,7 @@ def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Tr
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":
     from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.confidence_fit import Trial
+    from tools.calibration.confidence_fit import Trial
 
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
     return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)

@@ -4,7 +4,7 @@ What broke off goes on where it was; what has arrived is checked, and not downlo
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("download")
 
@@ -14,9 +14,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 if TYPE_CHECKING:
     from datasets.known_recordings import KnownRecording
@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> None:
     from datasets.known_recordings import known_recording
-    from tools.output_folder import output_folder
+    from tools.command_line.output_folder import output_folder
 
     if args.list:
         _list()

@@ -5,7 +5,7 @@ relations of the public SLAM benchmark. A map is compared with another map or a 
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("evaluate")
 
@@ -13,10 +13,10 @@ import argparse
 import sys
 from typing import Any
 
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.loading import loading
-from tools.path_argument import path_argument
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.loading import loading
+from tools.command_line.path_argument import path_argument
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -119,7 +119,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> None:
     with loading():
-        from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
+        from tools.evaluation.scores import evaluate_map, evaluate_trajectory, print_report
 
     report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
     print_report(report, as_json=args.json)
@@ -145,7 +145,7 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 
 def _check_transform(grammar: argparse.ArgumentParser, numbers: list[float]) -> None:
     with loading():
-        from tbmslam.laser_scan import FARTHEST_PLACE
+        from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 
     if not all(abs(number) <= FARTHEST_PLACE for number in numbers):
         grammar.error(f"--transform must be finite and within {FARTHEST_PLACE:.0e} m")

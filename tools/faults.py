@@ -4,7 +4,7 @@ A row is red where the result is wrong, or where a program ended otherwise than 
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("faults")
 
@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.ending import ended
-from tools.grammar import Grammar
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
 
 if TYPE_CHECKING:
     from tools.fault_cases.fault_case import FaultCase, Outcome
@@ -52,8 +52,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _try_all(args: argparse.Namespace) -> int:
+    from tools.command_line.text_table import text_table
     from tools.fault_cases import bags, files, sensors
-    from tools.text_table import text_table
 
     cases = {"bags": bags.CASES, "sensors": sensors.CASES, "files": files.CASES}
     rows, red = [], 0

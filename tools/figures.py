@@ -7,7 +7,7 @@ where ROW is the first cell of its row.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("figures")
 
@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.atomic_file import write_text
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tbmslam.io.atomic_file import write_text
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,7 +1,7 @@
 """Write pairs of partial maps of made-up or real buildings, with their true relative pose, and pairs of two places."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("make_map_pairs")
 
@@ -12,12 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 if TYPE_CHECKING:
-    from datasets.synthetic.map_pairs import Building
+    from datasets.synthetic.map_pairs.pairs import Building
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o pairs --seeds 0 1 2
@@ -87,9 +87,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _write(args: argparse.Namespace) -> None:
-    from datasets.synthetic.floors import pairs_of, variants_of
-    from datasets.synthetic.map_distortion import Distortion
-    from datasets.synthetic.map_pairs import building_of_area, building_of_world, room_of
+    from datasets.synthetic.map_pairs.distortion import Distortion
+    from datasets.synthetic.map_pairs.floors import pairs_of, variants_of
+    from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, room_of
 
     kinds = args.world or (() if args.floor or args.lattice else KINDS)
     buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in kinds]
@@ -111,9 +111,9 @@ def _write(args: argparse.Namespace) -> None:
 
 
 def _floor(name: str, path: str) -> "Building":
-    from datasets.synthetic.floors import floor_of_grid
-    from tbmslam.files.map_folder import load_map
-    from tools.pair_files import PairFileError, load_pair
+    from datasets.synthetic.map_pairs.floors import floor_of_grid
+    from tbmslam.io.map_folder import load_map
+    from tools.map_pairs.files import PairFileError, load_pair
 
     try:
         return floor_of_grid(name, load_pair(Path(path)).target.grid)

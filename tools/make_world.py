@@ -5,7 +5,7 @@ of each as robot_0.truth.tum, truth.json, the building as world.npz and a pictur
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("make_world")
 
@@ -15,16 +15,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from datasets.synthetic.faults import Fault
-    from datasets.synthetic.laser import SimulatedLaser
-    from datasets.synthetic.simulation import SimulatedRobot
+    from datasets.synthetic.robot.faults import Fault
+    from datasets.synthetic.robot.laser import SimulatedLaser
+    from datasets.synthetic.robot.simulation import SimulatedRobot
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
@@ -136,7 +136,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    from tools.output_folder import output_folder
+    from tools.command_line.output_folder import output_folder
 
     try:
         with output_folder(args.out):
@@ -150,14 +150,14 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 def make(args: argparse.Namespace) -> None:
     """Simulate what the arguments ask for and write it."""
     from datasets.synthetic.buildings import make_world
-    from datasets.synthetic.drives import plan_drives
-    from datasets.synthetic.faults import Fault, inject
-    from datasets.synthetic.odometry_noise import OdometryNoise
-    from datasets.synthetic.simulation import simulate
-    from datasets.synthetic.truth import write_truth
-    from tbmslam.files.atomic_file import write_bytes
-    from tbmslam.files.png import encode_png
-    from tools.progress import ProgressBars
+    from datasets.synthetic.robot.drives import plan_drives
+    from datasets.synthetic.robot.faults import Fault, inject
+    from datasets.synthetic.robot.odometry_noise import OdometryNoise
+    from datasets.synthetic.robot.simulation import simulate
+    from datasets.synthetic.robot.truth import write_truth
+    from tbmslam.io.atomic_file import write_bytes
+    from tbmslam.io.png import encode_png
+    from tools.command_line.progress import ProgressBars
     from tools.world_picture import draw_world
 
     faults = [Fault.parse(text) for text in args.fault]
@@ -209,8 +209,8 @@ def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) ->
 
 def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
     """Return the laser that the arguments describe."""
-    from datasets.synthetic.laser import SimulatedLaser
-    from tbmslam.se2 import SE2
+    from datasets.synthetic.robot.laser import SimulatedLaser
+    from tbmslam.geometry.se2 import SE2
 
     angle_min, angle_increment = SimulatedLaser.field_of(args.beams)
     return SimulatedLaser(

@@ -1,7 +1,7 @@
 """Merge maps whose relative poses nobody knows into one map."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("merge")
 
@@ -14,21 +14,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.configuration_options import add_configuration_options
-from tools.ending import DONE, ended
-from tools.extra_files import add_extra_files, check_extra_files, write_extra_files
-from tools.grammar import Grammar
-from tools.loading import loading
-from tools.map_listing import holds_map, list_maps
-from tools.path_argument import path_argument
-from tools.typed_command import typed_command
+from tools.command_line.configuration_options import add_configuration_options
+from tools.command_line.ending import DONE, ended
+from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
+from tools.command_line.grammar import Grammar
+from tools.command_line.loading import loading
+from tools.command_line.map_listing import holds_map, list_maps
+from tools.command_line.path_argument import path_argument
+from tools.command_line.typed_command import typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from merging.merger import Merge
+    from tbmslam.map.tbm_map import TbmMap
     from tbmslam.report.making import Making
-    from tbmslam.tbm_map import TbmMap
-    from tools.configuration import Configuration
+    from tools.command_line.configuration import Configuration
 
 logger = logging.getLogger("merge")
 
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str] | None) -> int:
     with loading():
-        from tools.configuration import whole_text
+        from tools.command_line.configuration import whole_text
 
     config = _configuration(parser, options)
     if options.print_config:
@@ -246,8 +246,8 @@ def _reliability(text: str) -> tuple[str, float]:
 
 def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
     """Return file, settings and options, the later the stronger."""
-    from tbmslam.parameters import ConfigError, changed
-    from tools.configuration import read_configuration
+    from tbmslam.configuration.parameters import ConfigError, changed
+    from tools.command_line.configuration import read_configuration
 
     config = read_configuration(options.preset, options.config).with_settings(options.set)
     chosen = {
@@ -294,11 +294,11 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     with loading():
         from merging.merger import merge
         from merging.report.shared_scans import drives_given_twice
-        from tbmslam.files.map_folder import load_map
-        from tbmslam.parameters import ConfigError
+        from tbmslam.configuration.parameters import ConfigError
+        from tbmslam.io.map_folder import load_map
         from tbmslam.report.making import Making
-        from tools.output_folder import output_folder
-        from tools.progress import ProgressBars
+        from tools.command_line.output_folder import output_folder
+        from tools.command_line.progress import ProgressBars
 
     check_extra_files(options)
     watch = ProgressBars()
@@ -319,7 +319,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
 
 
 def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
-    from tbmslam.parameters import ConfigError
+    from tbmslam.configuration.parameters import ConfigError
 
     for name in config.known_poses:
         if name == names[0]:
@@ -331,8 +331,8 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:
     """Refuse to write over a picture that a yaml among the maps names, and tell of maps that are given twice."""
-    from tbmslam.files.map_folder import FIXED_NAMES, files_of_map
-    from tools.output_folder import OutputError
+    from tbmslam.io.map_folder import FIXED_NAMES, files_of_map
+    from tools.command_line.output_folder import OutputError
 
     ours, seen = {*FIXED_NAMES, "overlay.png", "contradictions.png"}, set()
     for path in paths:
@@ -355,11 +355,11 @@ def _save(
     making: "Making",
 ) -> None:
     from merging.report.json_report import write_report
-    from tbmslam.files.atomic_file import write_text
-    from tbmslam.files.map_folder import remove_map, save_map
-    from tools.checksums import NAME as CHECKSUMS
-    from tools.checksums import write_checksums
-    from tools.configuration import merging_text
+    from tbmslam.io.atomic_file import write_text
+    from tbmslam.io.map_folder import remove_map, save_map
+    from tools.command_line.checksums import NAME as CHECKSUMS
+    from tools.command_line.checksums import write_checksums
+    from tools.command_line.configuration import merging_text
 
     (options.out / CHECKSUMS).unlink(missing_ok=True)
     if result.merged is not None:

@@ -6,7 +6,7 @@ the recordings and maps where they are made first.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("reproduce_paper")
 
@@ -15,10 +15,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.ending import ended
-from tools.grammar import Grammar
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 from tools.make_world import WORLDS
-from tools.path_argument import path_argument
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,7 +121,7 @@ def _check(args: argparse.Namespace) -> None:
         raise ValueError(f"--keypoints, --ratios, --areas, --tolerance and --duration must be within 0 and {_FAR:.0e}")
     if not 0.001 <= args.resolution <= 10.0 or not 0.0 <= args.overlap <= 0.9 or not 0.0 <= args.min_overlap <= 1.0:
         raise ValueError("--resolution must be within 0.001 and 10 m, --overlap 0 and 0.9, --min-overlap 0 and 1")
-    from tbmslam.config import PRESETS
+    from tbmslam.configuration.slam_config import PRESETS
 
     if args.preset not in PRESETS:
         raise ValueError(f"--preset: there is no {args.preset!r}; there are {', '.join(PRESETS)}")
@@ -132,7 +132,7 @@ def _check(args: argparse.Namespace) -> None:
 def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
-    from tbmslam.files.atomic_file import write_text
+    from tbmslam.io.atomic_file import write_text
     from tools.paper.experiments import run_experiments
     from tools.paper.maps import load_pairs
     from tools.paper.record import record_of
@@ -179,7 +179,7 @@ def _report(
     settings: "PaperSettings",
     results: "PaperResults",
 ) -> str:
-    from tools.machine import describe_machine
+    from tools.command_line.machine import describe_machine
     from tools.paper.feature_sections import curve_section, detector_section, modification_section
     from tools.paper.merge_sections import duration_section, halves_section, map_section, transform_section
     from tools.paper.page import PaperTable, Section, paper_page

@@ -1,7 +1,7 @@
 """Take a picture of a report as a browser shows it, for documentation."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.interruption import hear_interruption
+    from tools.command_line.interruption import hear_interruption
 
     hear_interruption("screenshot")
 
@@ -11,10 +11,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tbmslam.files.atomic_file import write_bytes
-from tools.ending import ended
-from tools.grammar import Grammar
-from tools.path_argument import path_argument
+from tbmslam.io.atomic_file import write_bytes
+from tools.command_line.ending import ended
+from tools.command_line.grammar import Grammar
+from tools.command_line.path_argument import path_argument
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 

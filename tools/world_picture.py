@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from datasets.synthetic.simulation import SimulatedRobot
-from datasets.synthetic.world import World
-from tbmslam.files.png import Picture
+from datasets.synthetic.robot.simulation import SimulatedRobot
+from datasets.synthetic.world.world import World
+from tbmslam.io.png import Picture
 
 _PIXELS_PER_METRE = 25
 _SIXTEENTHS = _PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel

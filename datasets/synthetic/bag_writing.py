@@ -14,9 +14,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from datasets.synthetic.messages import LASER_HEIGHT, Messages
-from datasets.synthetic.simulation import SimulatedRobot
+from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
-from tbmslam.laser_scan import LaserScan
+from tbmslam.sensing.laser_scan import LaserScan
 
 SCAN_TOPIC, ODOMETRY_TOPIC = "/base_scan", "/base_odometry/odom"
 ODOM_FRAME, ROBOT_FRAME, LASER_FRAME = "odom_combined", "base_footprint", "base_laser_link"

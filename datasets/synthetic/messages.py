@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 LASER_HEIGHT = 0.252
 """Height of the PR2's base laser above the floor [m]."""

@@ -8,7 +8,7 @@ from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_UNKNOWN, CellStates
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 @dataclass(frozen=True)

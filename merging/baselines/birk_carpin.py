@@ -24,8 +24,8 @@ from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellState
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
 from merging.config.baselines import BirkCarpinConfig
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

@@ -20,8 +20,8 @@ from merging.baselines.cell_states import IS_WALL, CellStates, Points, Reals
 from merging.baselines.hough_spectrum import BINS, hough_spectrum, likely_turns
 from merging.baselines.placing import Placing, climb
 from merging.config import MergeConfig
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import FloatArray
 
 _BEST = 8
 """Offers that are made exact."""

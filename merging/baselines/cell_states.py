@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
 
 Points = npt.NDArray[np.complexfloating]
 """Points of the plane, x + iy [m]: a rotation is a product."""

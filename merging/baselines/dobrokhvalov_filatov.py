@@ -12,7 +12,7 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
 
 _ENOUGH = 3
 """Matches that determine the program's affine transform."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from merging.baselines.cell_states import Points
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 BINS = 360
 """Directions of a line, 0 to 180 degrees."""

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from merging.alignment import Alignment
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 METRES, DEGREES = 0.05, 1.0
 """Standard deviations of a simulated measurement of a pose, along each axis and of its direction."""

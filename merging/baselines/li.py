@@ -22,9 +22,9 @@ from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellFiel
 from merging.baselines.placing import Placing
 from merging.config import MergeConfig
 from merging.config.baselines import LiConfig
-from tbmslam.belief import pignistic
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import pignistic
+from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

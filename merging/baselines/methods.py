@@ -7,7 +7,7 @@ from merging.baselines import birk_carpin, carpin, dobrokhvalov_filatov, li, sae
 from merging.config import MergeConfig
 from merging.config.choices import Method
 from merging.fusion.warping import at_resolution
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
 
 BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = {
     "birk-carpin": birk_carpin.align,

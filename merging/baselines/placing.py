@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.baselines.cell_states import CellStates, Points
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 Score = Callable[[FloatArray], FloatArray]
 """Rates places (K, 3), the more the better (K,)."""

@@ -25,9 +25,9 @@ from merging.baselines.placing import Placing, climb
 from merging.baselines.shift_search import Channel, ShiftSearch
 from merging.config import MergeConfig
 from merging.config.baselines import SaeediConfig
-from tbmslam.belief import pignistic
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import pignistic
+from tbmslam.geometry.se2 import FloatArray
 
 _CLEARANCES_M = (0.0, 0.6, 1.0, 1.6, np.inf)
 """Cells of the diagram whose distances to walls lie in one of these intervals are like each other."""

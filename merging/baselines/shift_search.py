@@ -10,7 +10,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from merging.baselines.cell_states import Field, Points, Reals
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 Channel = tuple[Points, Reals]
 """Points about a map's middle (N,) and what each counts (N,)."""

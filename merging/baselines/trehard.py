@@ -23,9 +23,9 @@ from merging.baselines.placing import Placing, climb
 from merging.baselines.shift_search import ShiftSearch
 from merging.config import MergeConfig
 from merging.config.baselines import TrehardConfig
-from tbmslam.belief import OCCUPIED, UNKNOWN
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import OCCUPIED, UNKNOWN
+from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

@@ -4,9 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from tbmslam.adjustment.adjustment_config import AdjustmentConfig
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
-from tbmslam.loops.submap import SubmapConfig
+from tbmslam.loop_closure.submap import SubmapConfig
+from tbmslam.optimisation.config import AdjustmentConfig
 
 
 class JointConfig(FrozenConfig):
@@ -36,7 +36,7 @@ class JointConfig(FrozenConfig):
     min_matched, max_violated, max_ambiguity, min_determined
         A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, and
         no place as good elsewhere; a direction whose curvature is a smaller share of the other's than the last is left
-        open; see `tbmslam.loops.loop_closing`.
+        open; see `tbmslam.loop_closure.loop_closer`.
     sure_matched, doubtful_weight
         With less of its bundle on surfaces than it takes to close a loop of one robot, a closure between robots counts
         for a share only: things were moved, or the fit is none.

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from tbmslam.files.map_check import MAX_DISTANCE, MAX_TURN
 from tbmslam.frozen_config import FrozenConfig, Metres
+from tbmslam.io.map_check import MAX_DISTANCE, MAX_TURN
 
 Coordinate = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-MAX_TURN, le=MAX_TURN, allow_inf_nan=False)]

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.experiments.map_pair import MapPair
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from merging.experiments.descriptor_matches import Described, DescriptorMatches,
 from merging.experiments.map_pair import MapPair
 from merging.registration.channels import Channels, Image
 from merging.registration.features import ORB_EDGE
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
 
 RANSAC_PIXELS = 3.0
 """How far apart the paper's program lets an inlier be [px]; OpenCV's default."""

@@ -12,7 +12,7 @@ from merging.fusion.fusion import fuse
 from merging.fusion.warping import place
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.fusion.fusion import fuse
-from tbmslam.belief import UNKNOWN, VACUOUS
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import UNKNOWN, VACUOUS
 
 SHARE = 0.51
 """Of the map's columns that each half keeps."""

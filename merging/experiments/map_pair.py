@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.fusion.warping import warp
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2, FloatArray
 
 
 @dataclass(frozen=True)

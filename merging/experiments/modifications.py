@@ -13,8 +13,8 @@ from merging.experiments.descriptor_matches import Described, match_all
 from merging.experiments.map_pair import MapPair
 from merging.registration.channels import Channels
 from merging.registration.features import ORB_EDGE, joined, orb_of
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import FloatArray
 
 MODIFICATIONS: Mapping[str, Descriptor] = {
     "a": "pignistic",

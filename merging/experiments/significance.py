@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 LEVEL = 0.95
 TEST = (

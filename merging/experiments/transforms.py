@@ -11,8 +11,8 @@ from merging.experiments.map_pair import MapPair
 from merging.map_pair import align
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.tbm_map import TbmMap
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.map.tbm_map import TbmMap
 
 
 @dataclass(frozen=True)

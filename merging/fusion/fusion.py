@@ -10,9 +10,9 @@ import numpy.typing as npt
 from merging.config.choices import Coverage, Rule
 from merging.fusion.rules import RULES, FusionRule
 from merging.fusion.warping import canvas_over, offset_in
-from tbmslam.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.kernels.fusion import add_layer, finish
-from tbmslam.threads import in_threads
+from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.kernels.grids.fusion import add_layer, finish
+from tbmslam.parallel.threads import in_threads
 
 _CELLS_AT_ONCE = 1 << 17
 """Enough to be worth a thread, and few enough to stay in a cache."""

@@ -9,7 +9,7 @@ the probability that they come to.
 from typing import NamedTuple
 
 from merging.config.choices import Rule
-from tbmslam.kernels import fusion
+from tbmslam.kernels.grids import fusion
 
 
 class FusionRule(NamedTuple):

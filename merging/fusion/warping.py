@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import PlacedGrid
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import PlacedGrid
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.io.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 
 
 class CellSizeError(TbmSlamError):

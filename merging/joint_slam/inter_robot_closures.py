@@ -7,16 +7,16 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config.joint_slam import JointConfig
-from tbmslam.keyframes import Keyframes
-from tbmslam.loops.drive_hits import DriveHits
-from tbmslam.loops.submap import Submap, SubmapConfig, split_into_submaps
-from tbmslam.pose_graph import MotionEdge, relative_pose
-from tbmslam.scan_hits import ScanHits
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.tbm_map import Drive
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.tbm_map import Drive
+from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.parallel.progress import Watch
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tbmslam.tracking.tracked_keyframe import chain
-from tbmslam.watch import Watch
 
 
 class Track:
@@ -170,7 +170,7 @@ def _closure(
 
 
 def _determined(hessian: FloatArray, config: JointConfig) -> FloatArray:
-    """Return the curvature without the direction that a fit leaves open; as in `tbmslam.loops.loop_closing`."""
+    """Return the curvature without the direction that a fit leaves open; as in `tbmslam.loop_closure.loop_closer`."""
     values, directions = np.linalg.eigh(hessian[:2, :2])
     if values[0] >= config.min_determined * values[1]:
         return hessian

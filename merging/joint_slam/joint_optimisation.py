@@ -4,7 +4,7 @@ A map that bent while it was made fits another nowhere exactly. Where maps carry
 keyframes are laid onto submaps of another's near where the rigid alignment puts them, and onto its own where it came
 back; what fits becomes a closure, and one pose graph of all drives, of what they measured of their motions before they
 closed loops by themselves, takes the bends out. In the end drives and walls are adjusted to each other
-(`tbmslam.adjustment.surface_adjustment`).
+(`tbmslam.optimisation.bundle_adjustment`).
 """
 
 import logging
@@ -17,14 +17,14 @@ import numpy.typing as npt
 from merging.config.joint_slam import JointConfig
 from merging.joint_slam.inter_robot_closures import Track, find_closures
 from merging.joint_slam.rendering import redraw
-from tbmslam.adjustment.surface_adjustment import adjust
-from tbmslam.drive_correction import with_keyframes_at
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.near_frame import NearFrame
-from tbmslam.pose_graph import MotionEdge, optimise
-from tbmslam.se2 import SE2, FloatArray, compose, inverse
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.map.local_frame import NearFrame
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.map.trajectory_correction import with_keyframes_at
+from tbmslam.optimisation.bundle_adjustment import adjust
+from tbmslam.optimisation.pose_graph import MotionEdge, optimise
+from tbmslam.parallel.progress import Watch
 
 logger = logging.getLogger(__name__)
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 
 from pydantic import ValidationError
 
-from tbmslam.config import MapConfig
-from tbmslam.grid import TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.rendering import render
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.map.config import MapConfig
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.rendering import render
+from tbmslam.map.tbm_map import TbmMap
 
 
 def redraw(drives: Sequence[Keyframes], one: TbmMap, max_range: float = math.inf) -> TbmGrid:

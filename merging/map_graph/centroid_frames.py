@@ -11,7 +11,7 @@ import numpy as np
 
 from merging.map_graph.hypothesis import PoseHypothesis
 from merging.verification.covariance import known_best_at, seen_from
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 class CentroidFrames:

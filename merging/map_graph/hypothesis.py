@@ -8,7 +8,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config.map_graph import GraphConfig
 from merging.verification.covariance import Covariance, known_best_at
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _SURE, _DOUBTFUL = 0.999, 0.85
 """No alignment is believed more than this, and none that was refused."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from merging.config.map_graph import GraphConfig
 from merging.map_graph.hypothesis import PoseHypothesis, worth_of
-from tbmslam.se2 import SE2, FloatArray, compose
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
 
 _Indices = npt.NDArray[np.intp]
 

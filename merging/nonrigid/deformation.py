@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from merging.nonrigid.tiles import middle_of
 from merging.walls.wall_map import WallMap
-from tbmslam.belief import UNKNOWN
+from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.masses import UNKNOWN
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _STEP = 8
 """At every so many cells it is asked where they come from; between them that changes evenly."""

@@ -13,9 +13,9 @@ from merging.alignment import Pair
 from merging.map_graph.grouping import Group
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.search import NonrigidRegistration
-from tbmslam.drive_correction import with_keyframes_at
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.trajectory_correction import with_keyframes_at
 
 
 def deformed_maps(

@@ -11,10 +11,10 @@ from merging.merge_state import MergeState
 from merging.nonrigid.search import NonrigidRegistration, register_nonrigid
 from merging.pairwise.cluster import Packed, pack, unpack
 from merging.pairwise.executor import Executor
-from tbmslam.cluster import Cluster
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
-from tbmslam.worker_pool import worker_pool
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.cluster import Cluster
+from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.worker_pool import worker_pool
 
 logger = logging.getLogger(__name__)
 

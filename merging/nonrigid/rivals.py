@@ -12,7 +12,7 @@ from merging.registration.hypotheses import best_of, elsewhere, refine_all
 from merging.scoring.decoys import mirrored
 from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from merging.rigid_alignment import align_whole, comparison_resolution
 from merging.scoring.confidence import confidences
 from merging.verification.covariance import bent_by
 from merging.walls.wall_map import WallMap, without_walls
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 
 @dataclass(frozen=True)

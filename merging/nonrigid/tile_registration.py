@@ -14,8 +14,8 @@ from merging.nonrigid.tiles import middle_of, tiles_of
 from merging.registration.hypotheses import refine_all
 from merging.verification.evidence import examine
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from merging.config.registration import StructureConfig
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
 
 _LEAST_WALL = 0.5
 """Tiles with less wall than this share of the side that was asked for say nothing."""

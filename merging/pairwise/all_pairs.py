@@ -11,9 +11,9 @@ from merging.pairwise.cluster import align_on_cluster
 from merging.pairwise.executor import Executor
 from merging.pairwise.prepared_maps import PreparedMaps
 from merging.rigid_alignment import align_prepared
-from tbmslam.grid import TbmGrid
-from tbmslam.tbm_map import TbmMap
-from tbmslam.worker_pool import worker_pool
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.worker_pool import worker_pool
 
 logger = logging.getLogger(__name__)
 

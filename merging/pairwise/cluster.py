@@ -8,9 +8,9 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution, prepared
-from tbmslam.cluster import Cluster
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.watch import Watch
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.parallel.cluster import Cluster
+from tbmslam.parallel.progress import Watch
 
 Packed = tuple[GridGeometry, bytes]
 """A grid in little space: most of it is unknown."""

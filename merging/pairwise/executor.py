@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tbmslam.watch import Watch
+from tbmslam.parallel.progress import Watch
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from merging.alignment import Pair
 from merging.config import MergeConfig
 from merging.fusion.warping import CellSizeError
 from merging.rigid_alignment import PreparedMap, comparison_resolution, prepared
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
 
 
 class PreparedMaps:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.kernels.channels import draw_channels
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.grids.channels import draw_channels
 
 Image = npt.NDArray[np.uint8]
 

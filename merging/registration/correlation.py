@@ -21,8 +21,8 @@ import scipy.fft
 from merging.config.registration import CorrelationConfig
 from merging.registration.non_maximum_suppression import distinct
 from merging.walls.wall_map import WallMap
-from tbmslam.kernels.turned_images import draw_turned, multiply
-from tbmslam.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.kernels.search.turned_images import draw_turned, multiply
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
 _Complex = npt.NDArray[np.complex128]

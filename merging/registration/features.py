@@ -15,9 +15,9 @@ import numpy.typing as npt
 from merging.config.choices import Descriptor
 from merging.config.registration import FeatureConfig
 from merging.registration.channels import Channels, Image
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
-from tbmslam.threads import in_threads
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.parallel.threads import in_threads
 
 ORB_EDGE = 31
 """ORB looks for nothing nearer than this to an image's edge [px]."""

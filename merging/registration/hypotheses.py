@@ -7,9 +7,9 @@ from merging.registration.correlation import propose
 from merging.registration.non_maximum_suppression import distinct
 from merging.verification.evidence import Evidence, examine_all, support_m
 from merging.walls.wall_map import WallMap, without_walls
-from tbmslam.se2 import SE2, FloatArray, compose
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
+from tbmslam.map.walls import slide
 from tbmslam.wall_limits import FACING
-from tbmslam.walls import slide
 
 _ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
 """Alignments farther apart than this are different answers, not one answer twice."""

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import FloatArray, wrap_angles
+from tbmslam.geometry.se2 import FloatArray, wrap_angles
 
 
 def distinct(

@@ -11,8 +11,8 @@ import numpy as np
 
 from merging.fusion.warping import offset_in, warp
 from merging.merger import Merge
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.map.tbm_map import TbmMap
 
 _ONE_WALL, _ONE_WALL_M = 2, 0.2
 """Walls at most so many cells apart are one, but no farther than so many metres, or a cell where they are coarse: cells

@@ -16,12 +16,12 @@ from merging.merger import Merge
 from merging.registration.channels import Channels, Image, flipped
 from merging.report.contradictions import without_rounding
 from merging.report.page import merge_page
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.files.atomic_file import write_bytes
-from tbmslam.files.png import encode_png
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.io.atomic_file import write_bytes
+from tbmslam.io.png import encode_png
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.tbm_map import TbmMap
 
 _UNKNOWN_GREY = 205
 _AREAS_TOLD = {

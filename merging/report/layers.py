@@ -9,12 +9,12 @@ from merging.fusion.fusion import Fusion
 from merging.fusion.warping import warp
 from merging.merger import Merge
 from merging.report.provenance import incidents_of
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
-from tbmslam.tbm_map import Drive, TbmMap
 
 _CONTRADICTION = Palette.ramp((255, 244, 240), (240, 110, 80), (170, 0, 20), alphas=(0,))
 _MOST_SEEN = 20

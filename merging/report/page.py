@@ -9,11 +9,11 @@ from merging.merger import Merge
 from merging.report.layers import colours_of, merged_sheet, single_sheet
 from merging.report.pair_cards import pair_cards
 from merging.report.provenance import warnings_of
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.making import Making, versions
 from tbmslam.report.page import Page, Table
 from tbmslam.report.shared_warnings import by_whom
 from tbmslam.report.sheet import Sheet
-from tbmslam.tbm_map import TbmMap
 
 _DOUBTFUL = 0.9
 _LARGE_CONFLICT_M2 = 0.25

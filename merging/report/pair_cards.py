@@ -9,8 +9,8 @@ from merging.formatting import format_confidence, format_covariance, format_pose
 from merging.merger import Merge
 from merging.pairwise.prepared_maps import PreparedMaps
 from merging.report.pair_pictures import CAPTION, draw_alone, draw_pair
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.page import Card, Picture, Table
-from tbmslam.tbm_map import TbmMap
 
 MOST_CARDS = 60
 """More pairs than these are told in a table: pictures of thousands would make the page too large to open."""

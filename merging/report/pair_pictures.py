@@ -8,8 +8,8 @@ import numpy.typing as npt
 from merging.config.verification import VerificationConfig
 from merging.walls.components import BoolArray
 from merging.walls.wall_map import WallMap
+from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.report.palette import Levels, Palette
-from tbmslam.se2 import SE2, FloatArray
 from tbmslam.wall_limits import FACING
 
 _NOBODY, _ONE, _BOTH, _TARGET, _SOURCE, _AGREED, _CONTRADICTED = range(7)
@@ -101,7 +101,7 @@ def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
 def _judged(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return which walls (N,) of one map agree with, and which contradict, the other; see `tbmslam.walls.compare`."""
+    """Return which walls (N,) agree with the other map, and which contradict it; see `tbmslam.map.walls.compare`."""
     if not len(fixed.points) or not len(moving.points):
         nothing = np.zeros(len(moving.points), dtype=bool)
         return nothing, nothing

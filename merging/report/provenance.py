@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.shared_warnings import by_whom
-from tbmslam.tbm_map import TbmMap
 
 
 def warnings_of(provenance: Mapping[str, object]) -> list[str]:

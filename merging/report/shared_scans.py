@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from tbmslam.tbm_map import TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 _ONE_DRIVE = 0.5
 """Robots cut from one recording share less of their keyframes by default; copies of one drive share all."""

@@ -26,7 +26,7 @@ import numpy as np
 
 from merging.scoring.logit_features import MEASURES, by_chance, doubtful_m, measured
 from merging.verification.evidence import Evidence
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 SIGNS = {
     "log of all walls": -1,

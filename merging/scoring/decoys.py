@@ -15,7 +15,7 @@ from merging.config import MergeConfig
 from merging.registration.hypotheses import find_candidates
 from merging.verification.evidence import Evidence
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 Cell = TypeVar("Cell", bound=np.generic)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.verification.evidence import Evidence
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 @dataclass(frozen=True)

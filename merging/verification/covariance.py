@@ -17,9 +17,9 @@ import numpy as np
 
 from merging.config.verification import ExactnessConfig
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.map.walls import AGREES, hold
 from tbmslam.wall_limits import Limits
-from tbmslam.walls import AGREES, hold
 
 Covariance = tuple[tuple[float, ...], ...]
 """Of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""

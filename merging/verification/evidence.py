@@ -11,8 +11,8 @@ from merging.config.verification import VerificationConfig
 from merging.verification.see_through import seen_through_m
 from merging.verification.wall_segments import Pieces, count_pieces
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, Walls, compare
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.map.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, Walls, compare
 
 _Chosen = tuple[Walls, npt.NDArray[np.int64], float]
 """Walls, the indices of those that are looked at, and the length that each of them stands for [m]."""

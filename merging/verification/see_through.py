@@ -8,8 +8,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2
-from tbmslam.walls import see_through
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.walls import see_through
 
 Cells = npt.NDArray[np.int64]
 

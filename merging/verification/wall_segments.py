@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.map.walls import AGREES, CONFLICTS, NOT_SEEN, OUTSIDE, hold
 from tbmslam.wall_limits import Limits
-from tbmslam.walls import AGREES, CONFLICTS, NOT_SEEN, OUTSIDE, hold
 
 _BLOCK_M = 1.0
 """Side of a block."""

@@ -5,7 +5,7 @@ import numpy as np
 
 from merging.config.registration import StructureConfig
 from merging.walls.components import BoolArray, Components
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 def steadiness(

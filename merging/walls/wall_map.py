@@ -10,10 +10,10 @@ import numpy.typing as npt
 from merging.config.registration import StructureConfig
 from merging.walls.components import BoolArray, Components
 from merging.walls.movable_objects import steadiness
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import FloatArray
-from tbmslam.walls import Walls
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.map.walls import Walls
 
 _MOVABLE = 0.5
 """What counts less than this is a thing."""

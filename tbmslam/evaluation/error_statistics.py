@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import FloatArray
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
+from tbmslam.geometry.se2 import FloatArray
 
 Labels = npt.NDArray[np.uint8]
-"""What each cell is: FREE, OCCUPIED or UNKNOWN of `tbmslam.belief`."""
+"""What each cell is: FREE, OCCUPIED or UNKNOWN of `tbmslam.belief.masses`."""
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy import ndimage, optimize
 
-from tbmslam.belief import OCCUPIED
+from tbmslam.belief.grid import GridGeometry
+from tbmslam.belief.masses import OCCUPIED
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.map_agreement import Labels
-from tbmslam.grid import GridGeometry
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
 
 REACHES = (1.0, 0.3, 0.1)
 """Walls further apart than this have no say [m], from wide to narrow."""

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 _MOST_LIKE = 64
 """Poses of about the same stamp that are considered: where a clock stands still, all poses have it."""

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_stamps
-from tbmslam.files.special_file import why_unreadable
-from tbmslam.laser_scan import FARTHEST_PLACE
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 
 
 class RelationsError(TbmSlamError):

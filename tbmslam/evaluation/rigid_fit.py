@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 def fit_rigid(target: npt.ArrayLike, source: npt.ArrayLike) -> tuple[SE2, float]:

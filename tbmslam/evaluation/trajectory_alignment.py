@@ -7,8 +7,8 @@ import numpy as np
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_poses
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.se2 import SE2, FloatArray
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.trajectory import Trajectory
 
 
 class TrajectoryAlignmentError(TbmSlamError):

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from tbmslam.evaluation.pose_matching import matching_poses
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
-from tbmslam.se2 import SE2, FloatArray, way_lengths, wrap_angles
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2, FloatArray, way_lengths, wrap_angles
+from tbmslam.geometry.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

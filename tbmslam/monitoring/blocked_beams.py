@@ -7,10 +7,10 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.blocked_beams import follow_beams
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.rays.blocked_beams import follow_beams
 from tbmslam.monitoring.blocked_spans import BlockedSpans
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.sensing.laser_scan import LaserScan
 
 
 class BlockedBeamsConfig(FrozenConfig):

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.sensing.laser_scan import LaserScan
 
 _Beams = npt.NDArray[np.bool_]
 _MOST_TOLD = 3

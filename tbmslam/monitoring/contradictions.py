@@ -6,9 +6,9 @@ slip take that weight from single scans, which is no news.
 
 import math
 
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 
 _CONTRADICTED = 0.02
 """Trust below which a scan contradicts the odometry: 18 deviations off."""

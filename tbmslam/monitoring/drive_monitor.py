@@ -4,7 +4,7 @@ import logging
 import math
 from collections.abc import Iterable
 
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.contradictions import DISAGREE, Contradictions
 from tbmslam.monitoring.end_warnings import EndWarning
@@ -12,9 +12,9 @@ from tbmslam.monitoring.incidents import SOON_S, Incidents
 from tbmslam.monitoring.laser_view import LaserView
 from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
 from tbmslam.monitoring.view_change import agreeing_share
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 
 logger = logging.getLogger(__name__)
 

@@ -3,17 +3,17 @@
 import math
 from collections.abc import Sequence
 
-from tbmslam.keyframes import Keyframes
+from tbmslam.calibration.mount_change import MountChange, mount_changes
+from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.end_warnings import EndWarning
 from tbmslam.monitoring.impossible_speed import impossible_speed
-from tbmslam.monitoring.mount_change import MountChange, mount_changes
-from tbmslam.monitoring.mount_check import MountCheckConfig, mount_doubt
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.monitoring.odometry_scale import odometry_scale
 from tbmslam.monitoring.undetermined_motion import undetermined_motion
-from tbmslam.se2 import FloatArray
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
-from tbmslam.trajectory import Trajectory
 
 _BEYOND_S = 0.1
 """Intervals are told in steps of it and exclude their end."""

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tbmslam.geometry.se2 import FloatArray, way_lengths
 from tbmslam.kernels import IntArray
-from tbmslam.se2 import FloatArray, way_lengths
 
 _SPAN_S, _STEP_S = 10.0, 1.0
 """Time over which a speed is taken, and time between the poses that tell it: noise of single poses is no speed."""

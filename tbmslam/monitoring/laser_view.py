@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels import BoolArray
-from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig
 from tbmslam.monitoring.blocked_spans import directions
 from tbmslam.monitoring.incidents import Incidents
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 _LATELY_S = 60.0  # beams that were blocked so lately are no news
 _TOGETHER_S = 5.0  # what came so soon after other things is told with them

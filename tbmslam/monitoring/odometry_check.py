@@ -6,7 +6,7 @@ from collections import deque
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 _SHORTEST_S = 0.02  # stamps may be anything
 _USUAL_STEPS = 20

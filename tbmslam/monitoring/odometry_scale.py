@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tbmslam.se2 import FloatArray, compose, inverse
+from tbmslam.geometry.se2 import FloatArray, compose, inverse
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 _LENGTH, _LEAST = 1.0, 0.1

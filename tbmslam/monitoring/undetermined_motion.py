@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels import BoolArray
 from tbmslam.monitoring.end_warnings import EndWarning
-from tbmslam.se2 import FloatArray
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 _LEAST_S = 2.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 _NEAR, _NEAR_SHARE = 0.15, 0.03
 """Distance between two ranges of one surface [m], and more of it per metre, as beams fall beside each other."""

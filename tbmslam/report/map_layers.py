@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
-from tbmslam.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
+from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.map.tbm_map import Drive
 from tbmslam.report.palette import Colour, Palette, levels_of
 from tbmslam.report.sheet import Kind, Marks, Raster, Switch
-from tbmslam.se2 import FloatArray, way_lengths
-from tbmslam.tbm_map import Drive
 
 ROBOT_COLOURS: tuple[Colour, ...] = (
     (0, 114, 178),

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
 from tbmslam.report.page import Page, Table
 from tbmslam.report.shared_warnings import by_whom
 from tbmslam.report.sheet import Sheet
-from tbmslam.tbm_map import Drive, TbmMap
 
 _LARGE_CORRECTION_M = 1.0
 MOST_SHEETS = 30

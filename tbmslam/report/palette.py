@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 
 Colour = tuple[int, int, int]
 Levels = npt.NDArray[np.uint8]

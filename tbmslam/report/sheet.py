@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from tbmslam.grid import GridGeometry
+from tbmslam.belief.grid import GridGeometry
+from tbmslam.geometry.se2 import FloatArray
 from tbmslam.report.palette import Colour, Levels, Palette
-from tbmslam.se2 import FloatArray
 
 Kind = Literal["line", "dots", "links"]
 

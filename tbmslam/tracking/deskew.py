@@ -10,8 +10,8 @@ from dataclasses import replace
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 
 class DeskewConfig(FrozenConfig):

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.drive_correction import spread_corrections
-from tbmslam.pose_graph import MotionEdge, relative_pose
-from tbmslam.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.map.trajectory_correction import spread_corrections
+from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 

@@ -7,9 +7,9 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.ways import shown_before
-from tbmslam.pose_graph import MotionEdge
-from tbmslam.se2 import FloatArray, way_lengths
+from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.kernels.search.ways import shown_before
+from tbmslam.optimisation.pose_graph import MotionEdge
 
 
 class ForgettingConfig(FrozenConfig):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tbmslam.tracking.odometry_noise import Deviations
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.lattice import Lattice
-from tbmslam.kernels.surfel_alignment import Search, SurfelArrays, align, place_scan, strays
-from tbmslam.kernels.surfel_search import search
-from tbmslam.kernels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
-from tbmslam.laser_scan import Hits, LaserScan
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.surfels.surfel_alignment import Search, SurfelArrays, align, place_scan, strays
+from tbmslam.kernels.surfels.surfel_search import search
+from tbmslam.kernels.surfels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
+from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.pose_prior import PosePrior
 
 
@@ -109,7 +109,7 @@ class SurfelMap:
         T_robot_sensor
             Pose of the laser on the robot.
         search
-            See `tbmslam.kernels.surfel_alignment.align`.
+            See `tbmslam.kernels.surfels.surfel_alignment.align`.
         """
         # Plain tuples come in in a third of the time of named ones.
         beams = scan.angle_min, scan.angle_increment, (*scan.beam_step,), max_range
@@ -132,7 +132,7 @@ class SurfelMap:
         mean, information
             The prior's mean, and its inverse scale (3, 3); what the surfaces leave open keeps to the mean.
         search
-            See `tbmslam.kernels.surfel_alignment.align`.
+            See `tbmslam.kernels.surfels.surfel_alignment.align`.
         """
         hessian = np.empty((3, 3))
         x, y, theta, *fit = align(

@@ -6,14 +6,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from tbmslam.evidence_grid import EvidenceGrid
+from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.kernels.determined import prior_information
-from tbmslam.laser_scan import Hits, LaserScan
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.surfels.determined import prior_information
+from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_noise import FREEDOM
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 
 _STRAY = 4.0

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.drive_motions import DriveMotions
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.pose_graph import MotionEdge
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.scan_match import ScanMatch
 
 
 @dataclass(frozen=True, slots=True)

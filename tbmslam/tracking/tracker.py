@@ -2,11 +2,11 @@
 
 from typing import Protocol
 
-from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.laser_scan import LaserScan
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, FloatArray
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 
 
 class Tracker(Protocol):

@@ -11,8 +11,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from datasets.se3 import SE3
-from tbmslam.se2 import SE2
+from datasets.odometry.se3 import SE3
+from tbmslam.geometry.se2 import SE2
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"

@@ -3,7 +3,7 @@ import pytest
 
 from datasets.cached import cached
 from datasets.recording import Recording
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 
 class Source:

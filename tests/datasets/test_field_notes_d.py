@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
-from datasets.cleaning import RangeRules
 from datasets.counts import ReadingCounts
-from datasets.scan_intake import RawScan, ScanIntake
-from datasets.se3 import SE3
+from datasets.odometry.se3 import SE3
+from datasets.scans.cleaning import RangeRules
+from datasets.scans.intake import RawScan, ScanIntake
 from datasets.synthetic.messages import Messages
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 def driven(script, until=110.0):

@@ -6,7 +6,7 @@ import pytest
 
 from datasets import DatasetError
 from datasets.read_ahead import read_ahead
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 MOST_WAITING = 32 * 18  # blocks that wait, one that is being filled, one that waits for room
 

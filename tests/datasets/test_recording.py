@@ -3,7 +3,7 @@ import json
 import pytest
 
 from datasets import DatasetError, ReadingCounts, Recording, RecordingOptions
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 def recording_of(**values):

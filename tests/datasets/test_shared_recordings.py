@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets import RecordingOptions, open_recording
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 @pytest.mark.parametrize(

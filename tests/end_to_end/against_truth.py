@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from datasets.synthetic.world import World
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from datasets.synthetic.world.world import World
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.map_agreement import cell_labels
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignment, align_trajectories
-from tbmslam.files.tum import read_tum
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.tum import read_tum
 
 ONE_CELL_AROUND = np.ones((3, 3), dtype=bool)
 

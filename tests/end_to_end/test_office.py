@@ -2,9 +2,9 @@
 
 import pytest
 
-from datasets.synthetic.world import load_world
+from datasets.synthetic.world.world import load_world
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
-from tbmslam.files.map_folder import load_map
+from tbmslam.io.map_folder import load_map
 from tests.end_to_end.against_truth import alignment_errors, placed, share_of_cells_as_in
 from tests.end_to_end.programs import contents, merge_maps, report, simulate
 from tools import build_maps

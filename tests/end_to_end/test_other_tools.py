@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from datasets import RecordingOptions, open_recording
-from tbmslam.files.map_folder import load_map
-from tbmslam.files.tum import read_tum
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.tum import read_tum
 from tests.end_to_end.programs import merge_maps
 
 pytestmark = pytest.mark.xdist_group("flat")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tbmslam.files.map_folder import load_map
+from tbmslam.io.map_folder import load_map
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

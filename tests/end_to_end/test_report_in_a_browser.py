@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tbmslam.files.map_folder import load_map
+from tbmslam.io.map_folder import load_map
 from tests.browser import OpenPage, browser_window
 from tests.end_to_end.programs import merge_maps
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tbmslam.evaluation.relations import read_relations, relation_errors
-from tbmslam.files.map_folder import load_map
-from tbmslam.files.tum import read_tum
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.tum import read_tum
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
 

@@ -9,14 +9,14 @@ import pytest
 
 from datasets.synthetic.bag_writing import write_ros1_bag
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import simulate as simulate_robots
-from datasets.synthetic.world import load_world
-from tbmslam.files.map_folder import load_map
-from tbmslam.se2 import SE2
-from tbmslam.trajectory import Trajectory
+from datasets.synthetic.robot.drives import plan_drives
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import simulate as simulate_robots
+from datasets.synthetic.world.world import load_world
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.map_folder import load_map
 from tests.end_to_end.against_truth import alignment_errors, placed, share_of_cells_as_in
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 

@@ -15,28 +15,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.synthetic.floors import pairs_of
-from datasets.synthetic.map_pairs import building_of_world
+from datasets.synthetic.map_pairs.floors import pairs_of
+from datasets.synthetic.map_pairs.pairs import building_of_world
 from merging.config import MergeConfig
 from merging.fusion.fusion import fuse
 from merging.merger import merge
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
 from tbmslam.evaluation.trajectory_errors import absolute_errors
-from tbmslam.evidence_grid import EvidenceGrid, GridTooLargeError
-from tbmslam.files.map_check import MapFileError, check_size
-from tbmslam.files.map_folder import load_map, save_map
-from tbmslam.files.ros_map import read_ros_map, write_ros_map
-from tbmslam.files.tum import TumError, read_tum, write_tum
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.kernels.insertion import __dict__ as insertion_kernels
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.map_check import MapFileError, check_size
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.io.ros_map import read_ros_map, write_ros_map
+from tbmslam.io.tum import TumError, read_tum, write_tum
+from tbmslam.kernels.rays.insertion import __dict__ as insertion_kernels
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
-from tools.pair_files import grid_of
+from tools.map_pairs.files import grid_of
 
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -286,7 +286,7 @@ def test_d27_kernels_are_exact_and_know_nan():
 
 @pytest.mark.parametrize("place", ["/dev/null/cache", "~nobody-of-this-name/cache"])
 def test_d27_without_a_place_for_a_cache_kernels_work_all_the_same(place):
-    code = "from tbmslam.kernels import _CACHE_ROOT; from tbmslam.se2 import compose; print(_CACHE_ROOT)"
+    code = "from tbmslam.kernels import _CACHE_ROOT; from tbmslam.geometry.se2 import compose; print(_CACHE_ROOT)"
     surroundings = {"PYTHONPATH": str(ROOT), "PATH": os.defpath, "NUMBA_CACHE_DIR": place}
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=False)  # noqa: S603 - our code

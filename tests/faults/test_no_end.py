@@ -10,24 +10,24 @@ import pytest
 from datasets import DatasetError, open_recording
 from datasets.digest import file_digests
 from datasets.listing import list_recordings
-from datasets.synthetic.world import WorldError, load_world
-from tbmslam.config import ConfigError
+from datasets.synthetic.world.world import WorldError, load_world
+from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import RelationsError, read_relations
-from tbmslam.files.beesoft_map import read_beesoft_map
-from tbmslam.files.map_check import MapFileError
-from tbmslam.files.map_file import drive_lengths, read_map_file
-from tbmslam.files.map_folder import files_of_map, load_map
-from tbmslam.files.ros_map import read_ros_map
-from tbmslam.files.tbm_dump import read_tbm_dump
-from tbmslam.files.tum import TumError, read_tum
+from tbmslam.io.beesoft_map import read_beesoft_map
+from tbmslam.io.map_check import MapFileError
+from tbmslam.io.map_folder import files_of_map, load_map
+from tbmslam.io.map_npz import drive_lengths, read_map_file
+from tbmslam.io.ros_map import read_ros_map
+from tbmslam.io.tbm_dump import read_tbm_dump
+from tbmslam.io.tum import TumError, read_tum
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
-from tools.checksums import NAME, changed_files
-from tools.configuration import read_configuration
-from tools.pair_files import PairFileError, load_pair
+from tools.command_line.checksums import NAME, changed_files
+from tools.command_line.configuration import read_configuration
+from tools.evaluation.truth_file import TruthFileError
+from tools.map_pairs.files import PairFileError, load_pair
 from tools.paper.maps import load_pairs
-from tools.truth_file import TruthFileError
 
 NO_FILE, EMPTY = "is no file but a device or a pipe", "is empty"
 KERNEL_LOG = Path("/proc/kmsg")

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.cleaning import KNOWN_CODES, RangeRules
 from datasets.counts import ReadingCounts
-from datasets.frames import FrameGraph, choose_frames
-from datasets.mcap_salvage import salvage_mcap
-from datasets.message_decoder import MessageDecoder
-from datasets.message_types import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES
+from datasets.odometry.frames import FrameGraph, choose_frames
 from datasets.options import RecordingOptions
-from datasets.ros1_salvage import salvage_ros1
-from datasets.rosbag_messages import FramedScan
-from datasets.salvaged_bag import SalvagedBag
-from datasets.scan_intake import ScanIntake
-from datasets.sqlite_salvage import salvage_sqlite
-from tbmslam.laser_scan import Reading
+from datasets.rosbag.message_decoder import MessageDecoder
+from datasets.rosbag.message_types import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES
+from datasets.rosbag.messages import FramedScan
+from datasets.salvage.mcap import salvage_mcap
+from datasets.salvage.ros1 import salvage_ros1
+from datasets.salvage.salvaged_bag import SalvagedBag
+from datasets.salvage.sqlite import salvage_sqlite
+from datasets.scans.cleaning import KNOWN_CODES, RangeRules
+from datasets.scans.intake import ScanIntake
+from tbmslam.sensing.laser_scan import Reading
 
 _DAMAGED = (OSError, ValueError, struct.error)  # what `BagSource` expects of a salvager and puts into words
 

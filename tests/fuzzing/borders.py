@@ -19,18 +19,18 @@ from pydantic import ValidationError
 
 from datasets import open_recording
 from merging.config import MergeConfig
-from tbmslam.config import config_from_dict
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.configuration.slam_config import config_from_dict
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import read_relations
-from tbmslam.files.map_folder import load_map, save_map
-from tbmslam.files.tbm_dump import write_tbm_dump
-from tbmslam.files.tum import read_tum
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.io.tbm_dump import write_tbm_dump
+from tbmslam.io.tum import read_tum
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.sensing.laser_scan import LaserScan
 from tests.fuzzing import bag_layers, seed_bags
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,9 +11,9 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 
-from datasets.ros1_records import record_at
+from datasets.salvage.ros1_records import record_at
 from datasets.synthetic.messages import Messages
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 ROS1, ROS2 = Messages(ros1=True), Messages(ros1=False)

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from datasets.synthetic.map_distortion import Distortion
-from datasets.synthetic.map_pairs import building_of_world
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from datasets.synthetic.map_pairs.distortion import Distortion
+from datasets.synthetic.map_pairs.pairs import building_of_world
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 from tests.merging.conftest import grid_of_occupancy
 
 

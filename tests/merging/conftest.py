@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 MAP_PAIRS = Path(__file__).resolve().parents[2] / ".." / "shared/data/map-pairs"
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.joint_slam.rendering import redraw
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 
 
 def map_of(world, drive, bend, T_world_map=None):

@@ -3,10 +3,10 @@ import pytest
 
 from merging import MergeConfig, group_map
 from merging.group_map import GroupMap, group_maps_of
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.progress import Watch
 
 WALL, FREE = (0.0, 0.1, 0.8, 0.1), (0.0, 0.9, 0.0, 0.1)
 

@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config import MergeConfig
 from merging.fusion.fusion import fuse
 from merging.fusion.warping import warp
 from merging.joint_slam.rendering import redraw
 from merging.map_graph.grouping import Group
 from merging.merged_group import merge_group
-from tbmslam.config import MapConfig
+from tbmslam.belief.grid_resampling import resample
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
-from tbmslam.keyframes import Keyframes
-from tbmslam.rendering import render
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
-from tbmslam.watch import Watch
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.config import MapConfig
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.rendering import render
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.parallel.progress import Watch
 
 POSES = {"a": SE2.identity(), "b": SE2(3.0, -2.0, 0.7)}
 

@@ -7,11 +7,11 @@ import pytest
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.fusion.warping import warp
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 
 CONFIG = MergeConfig(method="features")
 

@@ -7,11 +7,11 @@ import pytest
 from merging import MergeConfig, merge
 from merging.pose_priors import KnownPoseError, align_near, place_by_priors
 from merging.rigid_alignment import prepared
-from tbmslam.belief import FREE, UNKNOWN
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import FREE, UNKNOWN
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 TRUTH = SE2(-7.0, 30.0, math.radians(110.0))
 """Where the room's map lies in the other's frame."""

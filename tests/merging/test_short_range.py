@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
+from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.joint_slam.rendering import redraw
@@ -14,9 +14,9 @@ from merging.merge_state import MergeState
 from merging.pairwise.executor import Executor
 from merging.report.pair_cards import pair_cards
 from merging.short_range import short_range_map, with_short_range_alignments
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 from tests.merging.driven_map import map_of
 
 CONFIG = MergeConfig()

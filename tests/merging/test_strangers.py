@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.map_pairs import Building, building_of_world, cut_pairs, foreign_pair, mirrored
+from datasets.synthetic.map_pairs.pairs import Building, building_of_world, cut_pairs, foreign_pair, mirrored
 from merging import align
-from tools.pair_files import KnownPair
+from tools.map_pairs.files import KnownPair
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.belief import (
+from tbmslam.belief.masses import (
     CONFLICT,
     FREE,
     OCCUPIED,

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from tbmslam.files.map_check import MapFileError
-from tbmslam.files.map_folder import load_map, save_map
-from tbmslam.files.tbm_dump import write_tbm_dump
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.map_check import MapFileError
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.io.tbm_dump import write_tbm_dump
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.sensing.laser_scan import LaserScan
 
 BEESOFT = """robot_specifications->resolution 10
 global_map[0]: 2 3

@@ -10,8 +10,18 @@ from hypothesis import strategies as st
 
 from merging.config.choices import Rule
 from merging.fusion.fusion import fuse
-from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise, pignistic
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import (
+    CONFLICT,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    VACUOUS,
+    conjunctive,
+    dempster,
+    normalise,
+    pignistic,
+)
 
 RULES = get_args(Rule)
 ROUNDING = 2e-5  # single precision, some factors of which are divided by small sums

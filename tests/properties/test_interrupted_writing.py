@@ -12,21 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tbmslam.files.atomic_file import FileNotWrittenError, write_bytes
-from tbmslam.files.map_check import MapFileError
-from tbmslam.files.map_file import read_map_file, write_map_file
-from tbmslam.files.map_folder import load_map, save_map
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.io.atomic_file import FileNotWrittenError, write_bytes
+from tbmslam.io.map_check import MapFileError
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.io.map_npz import read_map_file, write_map_file
+from tbmslam.map.tbm_map import TbmMap
 
 ROOT = Path(__file__).resolve().parents[2]
 
 WRITE_FOR_EVER = """
 import sys
 import numpy as np
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.files.map_folder import save_map
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.io.map_folder import save_map
+from tbmslam.map.tbm_map import TbmMap
 maps = []
 for name, cell in (("old", (0, 1, 0, 0)), ("new", (0, 0, 1, 0))):
     masses = np.tile(np.array(cell, np.float32), (200, 200, 1))
@@ -43,11 +43,11 @@ import os, shutil, signal, sys
 from itertools import count
 from pathlib import Path
 import numpy as np
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.files.map_folder import remove_map, save_map
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.io.map_folder import remove_map, save_map
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.geometry.trajectory import Trajectory
 
 def a_map(*names):
     poses = Trajectory(np.arange(3.0), np.zeros((3, 3)) + 0.01 * len(names[0]))

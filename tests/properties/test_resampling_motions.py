@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tbmslam.belief import UNKNOWN
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import UNKNOWN
+from tbmslam.geometry.se2 import SE2
 
 RESOLUTION = 0.05
 steps = st.integers(-40, 40)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.se2 import SE2, wrap_angle, wrap_angles
+from tbmslam.geometry.se2 import SE2, wrap_angle, wrap_angles
 
 lengths = st.floats(-1e3, 1e3)
 poses = st.builds(SE2, lengths, lengths, st.floats(-10.0, 10.0))

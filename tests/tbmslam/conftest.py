@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import simulate
+from datasets.synthetic.robot.drives import plan_drives
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import simulate
 
 
 @pytest.fixture(scope="session")

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tbmslam.keyframes import Keyframes
-from tbmslam.pose_graph import relative_pose
-from tbmslam.scan_hits import ScanHits
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_hits import ScanHits
+from tbmslam.optimisation.pose_graph import relative_pose
 
 
 def drifting_keyframes(robot, turn_per_metre, every):

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.endless_drive import EndlessDrive
-from datasets.synthetic.faults import Fault, inject
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import poses_at
-from tbmslam.config import config_from_dict, preset
+from datasets.synthetic.robot.endless_drive import EndlessDrive
+from datasets.synthetic.robot.faults import Fault, inject
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import poses_at
+from tbmslam.configuration.slam_config import config_from_dict, preset
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import absolute_errors
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.se2 import SE2, compose, inverse
-from tbmslam.segmentation import in_frame
+from tbmslam.geometry.se2 import SE2, compose, inverse
+from tbmslam.sensing.laser_scan import LaserScan, Reading
+from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
 
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.endless_drive import EndlessDrive
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.config import preset
+from datasets.synthetic.robot.endless_drive import EndlessDrive
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from tbmslam.configuration.slam_config import preset
 from tbmslam.slam import Slam
 from tbmslam.timed_slam import STAGES, StageClock, TimedSlam
 

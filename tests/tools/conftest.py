@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.files import map_folder
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.resampling import resample
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io import map_folder
+from tbmslam.map.tbm_map import TbmMap
 from tools import make_world
 
 

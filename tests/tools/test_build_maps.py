@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tbmslam.files.map_folder import load_map
-from tbmslam.files.tum import read_tum
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.tum import read_tum
 from tests.tools.built_maps import QUICK, run, run_record
 from tools import make_world
 

@@ -6,9 +6,9 @@ import re
 import pytest
 
 from datasets import DatasetError
-from tbmslam.config import ConfigError
-from tbmslam.files.tum import TumError
-from tbmslam.segmentation import SegmentationError
+from tbmslam.configuration.slam_config import ConfigError
+from tbmslam.io.tum import TumError
+from tbmslam.sensing.segmentation import SegmentationError
 from tests.tools.built_maps import run
 from tools.mapping.run import OutputError
 

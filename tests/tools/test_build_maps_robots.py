@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from tbmslam.files.tum import read_tum
+from tbmslam.io.tum import read_tum
 from tests.tools.built_maps import QUICK, run, run_record
 from tools import make_world
 

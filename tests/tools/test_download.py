@@ -4,7 +4,7 @@ import pytest
 
 from datasets import downloading, known_recordings
 from tools import build_maps, download
-from tools.output_folder import output_folder
+from tools.command_line.output_folder import output_folder
 
 
 def test_the_list_is_honest_about_what_was_tried(capsys):

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
-from tbmslam.files.map_folder import load_map, save_map
-from tbmslam.files.tum import write_tum
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.io.tum import write_tum
+from tbmslam.map.tbm_map import TbmMap
 from tools.evaluate import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -178,7 +178,7 @@ def test_ctrl_c_and_too_little_memory_are_one_line(tmp_path, monkeypatch, capsys
     def give_up(_):
         raise raised
 
-    monkeypatch.setattr("tools.evaluation.evaluate_map", give_up)
+    monkeypatch.setattr("tools.evaluation.scores.evaluate_map", give_up)
     assert main(["map", str(tmp_path), "--truth", str(tmp_path)]) == code
     assert capsys.readouterr().err.startswith(f"evaluate: {said}")
 

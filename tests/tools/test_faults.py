@@ -15,7 +15,7 @@ from tools.fault_cases.waiting_child import Moment
 ROOT = Path(__file__).resolve().parents[2]
 
 _PROGRAM = """
-from tbmslam.files.atomic_file import write_bytes
+from tbmslam.io.atomic_file import write_bytes
 
 def main(argv):
     write_bytes(argv[0], b"1234")

@@ -6,17 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from datasets.synthetic.floors import pairs_of
-from datasets.synthetic.map_pairs import building_of_world
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.files.map_folder import load_map
-from tbmslam.files.ros_map import write_ros_map
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from datasets.synthetic.map_pairs.floors import pairs_of
+from datasets.synthetic.map_pairs.pairs import building_of_world
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.ros_map import write_ros_map
 from tests.datasets.conftest import BagScript
 from tools import build_maps
 from tools import merge as merge_program
-from tools.pair_files import grid_of
+from tools.map_pairs.files import grid_of
 
 ROUND_ROOM = np.full(180, 3.0)
 

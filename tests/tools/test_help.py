@@ -46,7 +46,7 @@ def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
     ("program", "step", "line"),
     [
         (build_maps, "tools.mapping.run.plan_mapping", "build_maps: memory has run out: use a coarser map.resolution"),
-        (merge, "tbmslam.files.map_folder.load_map", "merge: memory has run out: merge fewer maps"),
+        (merge, "tbmslam.io.map_folder.load_map", "merge: memory has run out: merge fewer maps"),
     ],
 )
 def test_memory_that_runs_out_is_one_line(monkeypatch, capsys, tmp_path, program, step, line):

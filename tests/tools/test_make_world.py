@@ -9,9 +9,9 @@ import pytest
 
 from datasets import open_recording
 from datasets.synthetic.buildings import WORLDS as BUILT
-from datasets.synthetic.world import load_world
+from datasets.synthetic.world.world import load_world
+from tools.command_line.output_folder import OutputError, output_folder
 from tools.make_world import WORLDS, main
-from tools.output_folder import OutputError, output_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ["--duration", "3", "--beams", "180"]

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from merging.config.choices import Coverage, Descriptor, Method, Rule
-from tbmslam.files import map_folder
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io import map_folder
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.sensing.laser_scan import LaserScan
 from tools import merge
 
 REPOSITORY = Path(__file__).resolve().parents[2]

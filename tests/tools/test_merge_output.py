@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tbmslam.files import map_folder
+from tbmslam.io import map_folder
 from tools import merge
 
 

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from merging.config import MergeConfig
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tools import merge
 
 

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from tbmslam.files import map_folder
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.io import map_folder
+from tbmslam.map.tbm_map import TbmMap
 from tools import merge
 
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.calibration_table import BINS, calibration_table
-from tools.machine import describe_machine, machine_line
-from tools.text_table import number, text_table
+from tools.calibration.calibration_table import BINS, calibration_table
+from tools.command_line.machine import describe_machine, machine_line
+from tools.command_line.text_table import number, text_table
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
-    from tbmslam.se2 import SE2
+    from tbmslam.geometry.se2 import SE2
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
 
@@ -77,7 +77,7 @@ class PairResult:
 def benchmark_pairs(args: argparse.Namespace) -> None:
     """Align all pairs of a folder and print the tables."""
     from tbmslam.errors import TbmSlamError
-    from tbmslam.files.atomic_file import write_bytes, write_text
+    from tbmslam.io.atomic_file import write_bytes, write_text
 
     paths = sorted(args.pairs.glob("*.npz"))
     if not paths:
@@ -102,7 +102,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
         record = {"machine": machine, "methods": pairs}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
     if args.plot:
-        from tools.calibration_plot import draw_calibration
+        from tools.calibration.calibration_plot import draw_calibration
 
         write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in first], BINS))
 
@@ -122,7 +122,7 @@ def measure(path: Path, method: str) -> PairResult:
     from merging.baselines import howard
     from merging.config import MergeConfig
     from tools.benchmarks.pair_encounters import encounters_of
-    from tools.pair_files import load_pair
+    from tools.map_pairs.files import load_pair
 
     pair = load_pair(path)
     encounters = encounters_of(pair)

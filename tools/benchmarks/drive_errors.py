@@ -12,9 +12,9 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.evaluation.relations import Relations, read_relations, relation_errors
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.files.tum import read_tum
-from tbmslam.se2 import FloatArray
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.tum import read_tum
 from tools.benchmarks.recording_spec import beside
 
 _SAME_SCAN_S = 1e-3

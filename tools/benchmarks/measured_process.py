@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Generic, ParamSpec, TypeVar, cast
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.worker_pool import interrupts_held
+from tbmslam.parallel.worker_pool import interrupts_held
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

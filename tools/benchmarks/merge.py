@@ -12,23 +12,23 @@ from typing import TypeVar
 
 import numpy as np
 
-from datasets.synthetic.map_distortion import Distortion
-from datasets.synthetic.map_pairs import building_of_area, building_of_world, cut_pairs, room_of
+from datasets.synthetic.map_pairs.distortion import Distortion
+from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, cut_pairs, room_of
 from merging import align, merge
 from merging.config import MergeConfig
 from merging.fusion.fusion import fuse
 from merging.fusion.warping import canvas_over, place
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
-from tbmslam.files.atomic_file import write_text
-from tbmslam.grid import GridGeometry
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import write_text
+from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.machine import describe_machine, machine_line
-from tools.pair_files import KnownPair, grid_of
-from tools.text_table import number, text_table
+from tools.command_line.machine import describe_machine, machine_line
+from tools.command_line.text_table import number, text_table
+from tools.map_pairs.files import KnownPair, grid_of
 
 HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.baselines.howard import Encounter, measured
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.grid import TbmGrid
-from tbmslam.se2 import SE2, FloatArray
-from tools.pair_files import KnownPair
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tools.map_pairs.files import KnownPair
 
 _WITHIN_M = 3.0
 """Robots that meet are no farther apart than this."""

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tbmslam.files.atomic_file import write_text
+from tbmslam.io.atomic_file import write_text
 from tools.benchmarks.drive_errors import DriveErrors, truth_beside
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
 from tools.benchmarks.perturbation import UNPERTURBED, Perturbation, perturbations
 from tools.benchmarks.perturbed_run import config_with, run_perturbed
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.machine import describe_machine
-from tools.text_table import number, text_table
+from tools.command_line.machine import describe_machine
+from tools.command_line.text_table import number, text_table
 
 OVERVIEW_HEAD = ("recording", "error m", "perturbed runs", "misses", "lost or failed", "worst ratio")
 

@@ -13,8 +13,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tbmslam.laser_scan import Reading
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import Reading
 
 Change: TypeAlias = Callable[[Iterable[Reading]], Iterator[Reading]]
 

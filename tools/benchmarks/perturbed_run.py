@@ -8,12 +8,12 @@ from contextlib import contextmanager
 import numpy as np
 
 from datasets import open_recording
-from tbmslam.config import SlamConfig
-from tbmslam.parameters import changed, parse_setting
-from tbmslam.se2 import compose
+from tbmslam.configuration.parameters import changed, parse_setting
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.geometry.se2 import compose
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.slam import Slam
-from tbmslam.tbm_map import TbmMap
-from tbmslam.trajectory import Trajectory
 from tools.benchmarks.drive_errors import DriveErrors, drive_errors, truth_beside
 from tools.benchmarks.perturbation import Perturbation
 from tools.benchmarks.recording_spec import RecordingSpec

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from tools.recording_options import add_recording_options, options_from
+from tools.command_line.recording_options import add_recording_options, options_from
 
 if TYPE_CHECKING:
     from datasets.options import RecordingOptions

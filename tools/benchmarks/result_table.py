@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from tbmslam.files.atomic_file import write_text
+from tbmslam.io.atomic_file import write_text
 
 _CODE = ("tbmslam", "merging", "datasets", "tools")
 """Folders whose changes change figures."""
@@ -29,7 +29,7 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
     path
         The file; None writes nothing.
     machine
-        See `tools.machine.describe_machine`.
+        See `tools.command_line.machine.describe_machine`.
     tables
         Tables by name; those without rows are left out.
     """

@@ -7,19 +7,19 @@ import json
 import sys
 from dataclasses import dataclass
 
-from datasets.synthetic.endless_drive import ROUTES, EndlessDrive, Route
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.config import preset
+from datasets.synthetic.robot.endless_drive import ROUTES, EndlessDrive, Route
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.files.atomic_file import write_text
+from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.slam_run import CpuClock
 from tools.benchmarks.warm_up import warm_up
-from tools.machine import describe_machine, machine_line
-from tools.text_table import number, text_table
+from tools.command_line.machine import describe_machine, machine_line
+from tools.command_line.text_table import number, text_table
 
 HEAD = (
     *(

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets import open_recording
-from tbmslam.config import preset
+from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.files.tum import read_tum
-from tbmslam.laser_scan import Reading
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.tum import read_tum
+from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
-from tbmslam.trajectory import Trajectory
 from tools.benchmarks.measured_process import peak_memory_mb
 from tools.benchmarks.recording_spec import RecordingSpec, beside
 from tools.benchmarks.warm_up import warm_up

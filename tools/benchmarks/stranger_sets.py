@@ -13,19 +13,19 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
-from datasets.synthetic.map_pairs import Building
-from datasets.synthetic.map_sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
+from datasets.synthetic.map_pairs.pairs import Building
+from datasets.synthetic.map_pairs.sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
 from merging import MergeConfig, merge
 from merging.alignment import Pair
 from merging.map_graph.grouping import Group, groups_of
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
-from tbmslam.worker_pool import worker_pool
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.worker_pool import worker_pool
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of, some_part
-from tools.machine import describe_machine, machine_line
-from tools.pair_files import KnownPair, grid_of
-from tools.text_table import number, text_table
+from tools.command_line.machine import describe_machine, machine_line
+from tools.command_line.text_table import number, text_table
+from tools.map_pairs.files import KnownPair, grid_of
 
 MAPS = 6
 """Maps of a set."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
-from datasets.synthetic.map_pairs import (
+from datasets.synthetic.map_pairs.pairs import (
     Building,
     MapPair,
     building_of_world,
@@ -25,15 +25,15 @@ from datasets.synthetic.map_pairs import (
     room_of,
 )
 from merging import align
-from tbmslam.code_digest import code_digest
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.atomic_file import write_text
-from tbmslam.files.special_file import why_unreadable
-from tbmslam.worker_pool import worker_pool
+from tbmslam.io.atomic_file import write_text
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.parallel.code_digest import code_digest
+from tbmslam.parallel.worker_pool import worker_pool
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.machine import describe_machine, machine_line
-from tools.pair_files import KnownPair
-from tools.text_table import number, text_table
+from tools.command_line.machine import describe_machine, machine_line
+from tools.command_line.text_table import number, text_table
+from tools.map_pairs.files import KnownPair
 
 KINDS = {
     "unrelated": "maps of two buildings, whole or in part",

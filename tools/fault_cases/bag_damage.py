@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.bag_source import BagSource
-from datasets.ros1_records import INDEX, next_record, record_at
+from datasets.rosbag.source import BagSource
+from datasets.salvage.ros1_records import INDEX, next_record, record_at
 
 
 def cut(path: Path, share: float) -> None:

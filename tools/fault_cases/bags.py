@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from datasets.salvaged_bag import UNTOLD
+from datasets.salvage.salvaged_bag import UNTOLD
 from tools.fault_cases import bag_damage
 from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import mapped, simulated

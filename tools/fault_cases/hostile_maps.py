@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tbmslam.files.map_folder import save_map
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.io.map_folder import save_map
+from tbmslam.map.tbm_map import TbmMap
 from tools import merge
 from tools.fault_cases.child_run import run_child
 from tools.fault_cases.fault_case import FaultCase, Outcome, shortened

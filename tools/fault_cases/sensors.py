@@ -5,9 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from datasets.synthetic.faults import Fault
+from datasets.synthetic.robot.faults import Fault
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.files.tum import read_tum
+from tbmslam.io.tum import read_tum
 from tools.fault_cases.fault_case import FaultCase, Outcome
 from tools.fault_cases.program_run import mapped, simulated
 

@@ -11,12 +11,12 @@ from itertools import product
 from pathlib import Path
 
 from tools import build_maps, merge
+from tools.command_line.interruption import INTERRUPTED
 from tools.fault_cases.child_run import run_child
 from tools.fault_cases.fault_case import FaultCase, Outcome, shortened
 from tools.fault_cases.program_run import ProgramRun, run_program
 from tools.fault_cases.waiting_child import Moment, State
 from tools.fault_cases.written_maps import WrittenMaps, contents
-from tools.interruption import INTERRUPTED
 
 _STATES: tuple[State, ...] = ("empty", "half", "whole", "named")
 _FULL_AT = 10_000

@@ -5,7 +5,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from tbmslam.files.map_folder import load_map
+from tbmslam.io.map_folder import load_map
 from tools import build_maps, make_world
 from tools.fault_cases.program_run import ProgramRun, run_program
 

@@ -6,10 +6,10 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from tbmslam.cluster import Cluster
 from tbmslam.errors import TbmSlamError
-from tbmslam.watch import Watch
-from tbmslam.worker_pool import worker_pool
+from tbmslam.parallel.cluster import Cluster
+from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.worker_pool import worker_pool
 from tools.mapping.task import Mapped, MappingTask, Shelf, map_robot
 
 logger = logging.getLogger(__name__)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from datasets.digest import file_digests
 from datasets.listing import list_recordings
-from tbmslam.segmentation import (
+from tbmslam.parallel.progress import Watch
+from tbmslam.sensing.segmentation import (
     Itinerary,
     Segment,
     private_frame,
@@ -16,10 +17,9 @@ from tbmslam.segmentation import (
     split_by_distance,
     split_by_time,
 )
-from tbmslam.watch import Watch
-from tools.configuration import Configuration
+from tools.command_line.configuration import Configuration
+from tools.command_line.output_folder import OutputError
 from tools.mapping.task import MappingTask, Shelf, finished
-from tools.output_folder import OutputError
 
 
 def plan_mapping(args: argparse.Namespace, config: Configuration, shelf: Shelf, watch: Watch) -> list[MappingTask]:

@@ -6,25 +6,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.atomic_file import write_text
-from tbmslam.files.map_folder import load_map
-from tbmslam.files.tum import read_tum
+from tbmslam.io.atomic_file import write_text
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.tum import read_tum
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.progress import Watch
 from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
-from tbmslam.rerun_viewer import RerunViewer
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
-from tools.checksums import changed_files, write_checksums
-from tools.configuration import Configuration
-from tools.extra_files import check_extra_files, write_extra_files
+from tbmslam.report.rerun_viewer import RerunViewer
+from tools.command_line.checksums import changed_files, write_checksums
+from tools.command_line.configuration import Configuration
+from tools.command_line.extra_files import check_extra_files, write_extra_files
+from tools.command_line.output_folder import OutputError, output_folder
+from tools.command_line.progress import ProgressBars
+from tools.evaluation.truth_file import NAME, read_truth_file
 from tools.mapping.crew import map_all
 from tools.mapping.plan import plan_mapping
 from tools.mapping.task import Mapped, MappingTask, Shelf, finished
 from tools.mapping.truth import write_truth
 from tools.mapping.viewer_option import LIVE
-from tools.output_folder import OutputError, output_folder
-from tools.progress import ProgressBars
-from tools.truth_file import NAME, read_truth_file
 
 logger = logging.getLogger(__name__)
 

@@ -18,24 +18,24 @@ from datasets.cached import cached
 from datasets.counts import Span
 from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
-from tbmslam.code_digest import code_digest
-from tbmslam.corrections import Corrections
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.atomic_file import write_text
-from tbmslam.files.map_folder import save_map
-from tbmslam.files.special_file import why_unreadable
-from tbmslam.laser_scan import Reading
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import write_text
+from tbmslam.io.map_folder import save_map
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
+from tbmslam.parallel.code_digest import code_digest
+from tbmslam.parallel.progress import Watch
 from tbmslam.report.making import versions
-from tbmslam.se2 import SE2
-from tbmslam.segmentation import Segment, in_frame
+from tbmslam.sensing.corrections import Corrections
+from tbmslam.sensing.laser_scan import Reading
+from tbmslam.sensing.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
-from tbmslam.tbm_map import TbmMap
-from tbmslam.watch import Watch
-from tools.checksums import NAME as CHECKSUMS
-from tools.checksums import changed_files, write_checksums
-from tools.configuration import Configuration, mapping_text
-from tools.loading import loading
+from tools.command_line.checksums import NAME as CHECKSUMS
+from tools.command_line.checksums import changed_files, write_checksums
+from tools.command_line.configuration import Configuration, mapping_text
+from tools.command_line.loading import loading
 
 
 class EmptyMapError(TbmSlamError):

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from datasets.digest import file_digests
-from tbmslam.config import preset
+from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
-from tbmslam.files.atomic_file import write_text
-from tbmslam.files.special_file import why_unreadable
-from tbmslam.files.tum import read_tum
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.atomic_file import write_text
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.io.tum import read_tum
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.progress import Watch
 from tbmslam.slam import Slam
-from tbmslam.tbm_map import TbmMap
-from tbmslam.trajectory import Trajectory
-from tbmslam.watch import Watch
+from tools.evaluation.truth_file import GIVEN, OWN_MAP
 from tools.mapping.task import MappingTask, Shelf
-from tools.truth_file import GIVEN, OWN_MAP
 
 logger = logging.getLogger(__name__)
 

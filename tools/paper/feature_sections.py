@@ -8,7 +8,7 @@ from merging.experiments.detectors import DETECTORS
 from merging.experiments.modifications import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study, Variant
 from merging.experiments.published import TABLE_1, TABLE_2, table_2
 from merging.experiments.significance import LEVEL, TEST, indistinguishable_from_best, paired_p_value
-from tbmslam.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray
 from tools.paper.experiments import PaperResults, PaperSettings
 from tools.paper.figures import draw_curves
 from tools.paper.page import PaperPicture, PaperTable, Section

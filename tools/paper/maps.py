@@ -5,15 +5,15 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from datasets.synthetic.map_pairs import building_of_area, cut_pairs
+from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging.experiments.map_pair import MapPair
+from tbmslam.belief.grid import TbmGrid
 from tbmslam.errors import TbmSlamError
-from tbmslam.files.map_folder import load_map
-from tbmslam.grid import TbmGrid
+from tbmslam.io.map_folder import load_map
 from tools import build_maps, make_world
-from tools.pair_files import KnownPair
-from tools.truth_file import NAME as TRUTH_FILE
-from tools.truth_file import read_truth_file
+from tools.evaluation.truth_file import NAME as TRUTH_FILE
+from tools.evaluation.truth_file import read_truth_file
+from tools.map_pairs.files import KnownPair
 
 logger = logging.getLogger(__name__)
 

@@ -12,8 +12,8 @@ from datasets.synthetic.buildings.office import draw_office
 from datasets.synthetic.buildings.open_plan import draw_open_plan
 from datasets.synthetic.buildings.store import draw_store
 from datasets.synthetic.buildings.wings import draw_wings
-from datasets.synthetic.floor_plan import FloorPlan
-from datasets.synthetic.world import World
+from datasets.synthetic.world.floor_plan import FloorPlan
+from datasets.synthetic.world.world import World
 
 _DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
     "office": draw_office,

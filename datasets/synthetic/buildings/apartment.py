@@ -3,8 +3,8 @@
 import numpy as np
 
 from datasets.synthetic.buildings.subdivision import cut, join
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.furniture import furnish
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.furniture import furnish
 
 
 def draw_apartment(rng: np.random.Generator) -> FloorPlan:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
 
 PITCH = 4.0
 """Distance from one door to the next [m]."""

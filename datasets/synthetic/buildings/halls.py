@@ -3,8 +3,8 @@
 import numpy as np
 
 from datasets.synthetic.buildings.subdivision import cut, join
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.furniture import stand_box
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.furniture import stand_box
 
 
 def draw_halls(rng: np.random.Generator) -> FloorPlan:

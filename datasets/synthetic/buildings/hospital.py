@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.room_row import CorridorSide, add_rooms
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.room_row import CorridorSide, add_rooms
 
 _WALL = 0.2
 _VISITED = 0.12

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.furniture import furnish, stand_box
-from datasets.synthetic.room_row import CorridorSide, add_rooms
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.furniture import furnish, stand_box
+from datasets.synthetic.world.room_row import CorridorSide, add_rooms
 
 
 def draw_open_plan(rng: np.random.Generator) -> FloorPlan:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.furniture import furnish, stand_box
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.furniture import furnish, stand_box
 
 
 def draw_store(rng: np.random.Generator) -> FloorPlan:

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
 
 
 def cut(area: Rectangle, largest: float, wall: float, rng: np.random.Generator) -> list[Rectangle]:

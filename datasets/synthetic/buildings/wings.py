@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from datasets.synthetic.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.room_row import CorridorSide, add_rooms
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
+from datasets.synthetic.world.room_row import CorridorSide, add_rooms
 
 
 def draw_wings(rng: np.random.Generator) -> FloorPlan:

@@ -9,11 +9,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from datasets.synthetic.bag_writing import BagWritingError, write_mcap_bag, write_ros1_bag
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import simulate
-from tbmslam.se2 import SE2
+from datasets.synthetic.robot.drives import plan_drives
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import simulate
+from tbmslam.geometry.se2 import SE2
 
 WORLD = make_world("apartment", 1)
 DRIVES = plan_drives(WORLD, 1, duration=4.0)

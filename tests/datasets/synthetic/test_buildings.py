@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import WORLDS, make_world
-from datasets.synthetic.clearance import ClearanceMap
-from tbmslam.belief import FREE
+from datasets.synthetic.world.clearance import ClearanceMap
+from tbmslam.belief.masses import FREE
 
 
 @pytest.mark.parametrize("name", WORLDS)

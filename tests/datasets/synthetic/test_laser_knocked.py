@@ -3,11 +3,11 @@
 import numpy as np
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
-from datasets.synthetic.faults import Fault, inject
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import simulate
+from datasets.synthetic.robot.drives import plan_drives
+from datasets.synthetic.robot.faults import Fault, inject
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import simulate
 
 
 def test_a_knocked_laser_looks_ten_degrees_to_the_left():

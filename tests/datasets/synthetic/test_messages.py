@@ -3,7 +3,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from datasets.synthetic.messages import LASER_HEIGHT, Messages
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 @pytest.mark.parametrize("ros1", [True, False])

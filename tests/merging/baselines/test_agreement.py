@@ -4,8 +4,8 @@ import pytest
 from merging.baselines.agreement import Agreement
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates
 from merging.baselines.placing import Placing, climb
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 CELLS = {"#": (0.0, 0.0, 1.0, 0.0), ".": (0.0, 1.0, 0.0, 0.0), "?": (0.0, 0.0, 0.0, 1.0), "~": (0.0, 0.3, 0.3, 0.4)}
 

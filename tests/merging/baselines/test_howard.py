@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from merging.baselines.howard import Encounter, align, measured
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 TRUE = SE2(4.0, -2.0, 1.1)
 

@@ -10,9 +10,9 @@ from merging import MergeConfig, align, merge
 from merging.baselines.methods import BASELINES, align_baseline
 from merging.config.choices import Method
 from merging.fusion.warping import warp
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 T_SOURCE_TARGET = SE2(2.1, -1.3, 0.7)
 

@@ -3,7 +3,7 @@ import pytest
 
 from merging.baselines.cell_states import CellStates
 from merging.baselines.saeedi import VoronoiDiagram
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 
 def test_the_diagram_of_a_corridor_runs_in_its_middle_and_says_how_wide_and_how_sure():

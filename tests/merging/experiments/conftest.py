@@ -3,9 +3,9 @@ import pytest
 
 from merging.experiments.map_pair import MapPair
 from merging.fusion.warping import warp
-from tbmslam.belief import VACUOUS
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import VACUOUS
+from tbmslam.geometry.se2 import SE2
 
 
 @pytest.fixture(scope="session")

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from merging.experiments.map_pair import MapPair
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 
 def test_right_is_near_the_true_place(pair):

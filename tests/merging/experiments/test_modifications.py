@@ -11,8 +11,8 @@ from merging.experiments.modifications import (
     compare_modifications,
 )
 from merging.registration.features import describe, match
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 
 def test_every_setting_is_measured(pair):

@@ -5,8 +5,8 @@ from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
 from merging.experiments.transforms import geometric_mean, measure_transforms
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 
 def test_the_true_error_stands_beside_the_distances(pair):

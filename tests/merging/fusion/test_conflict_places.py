@@ -3,7 +3,7 @@ import pytest
 
 from merging.fusion.conflict_places import conflict_places
 from merging.fusion.fusion import Fusion
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 
 def fusion(conflict):

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from merging.fusion.fusion import fuse
 from merging.fusion.rules import RULES
 from merging.fusion.warping import place, warp
-from tbmslam.belief import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
+from tbmslam.geometry.se2 import SE2
 
 CERTAIN = {"free": (0, 1, 0, 0), "occupied": (0, 0, 1, 0), "unknown": (0, 0, 0, 1)}
 

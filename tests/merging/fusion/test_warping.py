@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from merging.fusion.warping import at_resolution, canvas_over, offset_in, warp, window_over
-from tbmslam.belief import UNKNOWN
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import UNKNOWN
+from tbmslam.geometry.se2 import SE2
 
 LATTICE = GridGeometry(0.1, -0.35, 0.2, 5, 5)
 

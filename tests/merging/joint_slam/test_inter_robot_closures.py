@@ -3,12 +3,12 @@ import pytest
 
 from merging.config.joint_slam import JointConfig
 from merging.joint_slam.inter_robot_closures import Track
-from tbmslam.drive_motions import DriveMotions
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive
+from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = JointConfig()
 MEASURED = np.array([0.5, 0.01, 0.02])

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.laser import SimulatedLaser
+from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config.joint_slam import JointConfig
 from merging.joint_slam.joint_optimisation import refine_jointly
-from tbmslam.adjustment.adjustment_config import AdjustmentConfig
-from tbmslam.drive_motions import DriveMotions
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.optimisation.config import AdjustmentConfig
 
 LENGTH, STEP = 14.0, 0.25
 T_WORLD_B = SE2(3.0, -2.0, 0.7)

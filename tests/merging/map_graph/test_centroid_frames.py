@@ -4,7 +4,7 @@ import pytest
 from merging.map_graph.centroid_frames import CentroidFrames
 from merging.map_graph.hypothesis import PoseHypothesis
 from merging.verification.covariance import seen_from
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 SPREAD = (np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist()
 ABOUT = SE2(200.0, -70.0, 0.0)

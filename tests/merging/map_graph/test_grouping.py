@@ -10,7 +10,7 @@ from merging.config.map_graph import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
 from merging.map_graph.hypothesis import hypotheses_of
 from merging.verification.covariance import seen_from
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 

@@ -3,7 +3,7 @@ import numpy as np
 from merging.config.map_graph import GraphConfig
 from merging.map_graph.hypothesis import is_same_place
 from merging.verification.covariance import seen_from
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 GRAPH = GraphConfig()
 FAR = SE2(400.0, 0.0, 0.0)

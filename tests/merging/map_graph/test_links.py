@@ -12,7 +12,7 @@ from merging.config.map_graph import GraphConfig
 from merging.map_graph.grouping import groups_of
 from merging.map_graph.hypothesis import hypotheses_of
 from merging.map_graph.links import links_of
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tests.merging.slow_links import slow_links_of
 
 CONFIG = GraphConfig()

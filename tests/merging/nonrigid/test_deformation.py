@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from merging.nonrigid.deformation import Deformation
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.se2 import SE2
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import SE2
 
 MOTION = SE2(3.0, -2.0, 0.7)
 MIDDLES = np.array([[4.0, 3.0], [12.0, 3.0], [4.0, 9.0], [12.0, 9.0]])

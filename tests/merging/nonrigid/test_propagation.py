@@ -9,12 +9,12 @@ from merging.map_graph.grouping import Group
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration
-from tbmslam.belief import FREE, OCCUPIED
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 
 GEOMETRY = GridGeometry(0.05, 0.0, 0.0, 240, 320)  # 16 x 12 m
 MIDDLES = np.array([[4.0, 3.0], [12.0, 3.0], [4.0, 9.0], [12.0, 9.0]])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
+from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.map_graph.grouping import Group
@@ -17,9 +17,9 @@ from merging.rigid_alignment import align_whole
 from merging.verification.covariance import deviations
 from merging.verification.evidence import examine
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair

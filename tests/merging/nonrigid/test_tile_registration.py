@@ -7,7 +7,7 @@ from merging.config import MergeConfig
 from merging.nonrigid.tile_registration import DeformableMap, deform
 from merging.verification.evidence import examine
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tests.merging.bent_floor import bent_maps
 
 CONFIG = MergeConfig.model_validate({"bent": {"side_m": 8.0}})

@@ -4,8 +4,8 @@ import pytest
 from merging.config.registration import StructureConfig
 from merging.nonrigid.tiles import middle_of, tiles_of
 from merging.walls.wall_map import WallMap
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
-from tbmslam.grid import TbmGrid
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 
 
 def cut(floor, side_m, most=100):

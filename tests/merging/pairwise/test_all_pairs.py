@@ -3,7 +3,7 @@ import pytest
 from merging import MergeConfig
 from merging.pairwise.all_pairs import align_all
 from merging.pairwise.executor import Executor
-from tbmslam.tbm_map import TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 
 @pytest.mark.slow

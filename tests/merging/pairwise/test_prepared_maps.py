@@ -1,7 +1,7 @@
 from merging import MergeConfig
 from merging.fusion.warping import at_resolution
 from merging.pairwise.prepared_maps import PreparedMaps
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 
 def test_a_coarse_map_leaves_the_other_pairs_their_fine_cells(rooms):

@@ -1,7 +1,7 @@
 import numpy as np
 
 from merging.registration.channels import Channels, flipped
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 GEOMETRY = GridGeometry(0.1, 2.0, -1.0, 2, 3)
 

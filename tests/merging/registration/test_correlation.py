@@ -8,9 +8,9 @@ from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion.warping import warp
 from merging.registration.correlation import propose
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 CONFIG = CorrelationConfig()
 

@@ -8,8 +8,8 @@ from merging.config.choices import Descriptor
 from merging.config.registration import FeatureConfig
 from merging.fusion.warping import warp
 from merging.registration.features import Features, describe, describe_all, match
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 CONFIG = FeatureConfig()
 

@@ -8,8 +8,8 @@ from merging.config.registration import StructureConfig
 from merging.fusion.warping import warp
 from merging.registration.hypotheses import best_of, find_candidates, refine_all
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 CONFIG = MergeConfig()
 

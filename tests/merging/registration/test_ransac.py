@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from merging.config.registration import ConsensusConfig
 from merging.registration.features import Matches
 from merging.registration.ransac import find_consensus
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 CONFIG = ConsensusConfig()
 motions = st.builds(SE2, st.floats(-50, 50), st.floats(-50, 50), st.floats(-math.pi, math.pi - 1e-9))

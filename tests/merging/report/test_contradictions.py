@@ -4,9 +4,9 @@ import pytest
 from merging.fusion.fusion import fuse
 from merging.merger import Merge
 from merging.report.contradictions import without_rounding
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 
 def walled(*cols, rows=10, shift=0, resolution=0.1):

@@ -9,11 +9,11 @@ import pytest
 from merging import MergeConfig, merge
 from merging.fusion.warping import warp
 from merging.report.json_report import as_json, draw_conflict, draw_overlay, write_report
-from tbmslam.files.atomic_file import FileNotWrittenError
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import FileNotWrittenError
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
 
 CONFIG = MergeConfig(method="features")
 DESCRIPTION = Path(__file__).resolve().parents[3] / "docs/report-json.md"

@@ -9,12 +9,12 @@ from merging.alignment import Alignment
 from merging.fusion.warping import warp
 from merging.merger import Merge
 from merging.report.page import confidences_of, merge_page
-from tbmslam.keyframes import Keyframes
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
 
 CONFIG = MergeConfig(method="features")
 PROVENANCE = {

@@ -5,9 +5,9 @@ from merging.alignment import Alignment, Alternative
 from merging.fusion.warping import warp
 from merging.merger import Merge
 from merging.report import pair_cards
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 
 CONFIG = MergeConfig(method="features")
 

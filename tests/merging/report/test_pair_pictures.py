@@ -10,8 +10,8 @@ from merging.config.verification import VerificationConfig
 from merging.report.pair_pictures import draw_alone, draw_pair
 from merging.verification.evidence import examine
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 GREY, BLUE, ORANGE, GREEN, RED = (232, 236, 241), (28, 94, 170), (222, 130, 20), (16, 138, 76), (206, 22, 28)
 

@@ -1,10 +1,10 @@
 import numpy as np
 
 from merging.report.provenance import incidents_of, warnings_of
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 
 JUMPED = [{"stamp": 1.0, "what": "the odometry jumps"}]
 LOST = [{"stamp": 2.0, "what": "lost"}]

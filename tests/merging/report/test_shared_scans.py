@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from merging.report.shared_scans import drives_given_twice
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.sensing.laser_scan import LaserScan
 
 
 def map_of(grid, stamps, ranges):

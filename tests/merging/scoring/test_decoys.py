@@ -6,7 +6,7 @@ from merging.config.registration import StructureConfig
 from merging.fusion.warping import warp
 from merging.scoring.decoys import find_decoys, mirror_image, mirrored
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 CONFIG = MergeConfig()
 

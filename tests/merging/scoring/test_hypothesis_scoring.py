@@ -9,7 +9,7 @@ from merging.scoring.confidence import confidences
 from merging.scoring.decoys import find_decoys
 from merging.scoring.hypothesis_scoring import score_hypotheses
 from merging.walls.wall_map import WallMap
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 CONFIG = MergeConfig()
 

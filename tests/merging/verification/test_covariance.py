@@ -10,8 +10,8 @@ from merging.config.registration import StructureConfig
 from merging.config.verification import ExactnessConfig, VerificationConfig
 from merging.verification.covariance import bent_by, covariance_of, deviations, known_best_at, seen_from
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 LIMITS, CONFIG = VerificationConfig().limits(), ExactnessConfig()
 POSES = st.builds(SE2, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-math.pi, math.pi))

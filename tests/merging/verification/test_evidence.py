@@ -8,10 +8,10 @@ from merging.config.verification import VerificationConfig
 from merging.fusion.warping import warp
 from merging.verification.evidence import examine, support_m
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.walls import compare
 from tbmslam.wall_limits import FACING
-from tbmslam.walls import compare
 
 CONFIG = VerificationConfig()
 

@@ -9,8 +9,8 @@ from merging.config.verification import VerificationConfig
 from merging.verification.see_through import seen_through_m, stretches_m
 from merging.walls.components import Components
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
 
 REACH_M = VerificationConfig().see_through_m
 

@@ -8,9 +8,9 @@ from merging.config.verification import VerificationConfig
 from merging.fusion.warping import warp
 from merging.verification.wall_segments import Pieces, count_pieces
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.walls import AGREED, AGREES, COMPARED, CONFLICTING, CONFLICTS, NOT_SEEN, OUTSIDE, UNSEEN, compare, hold
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.walls import AGREED, AGREES, COMPARED, CONFLICTING, CONFLICTS, NOT_SEEN, OUTSIDE, UNSEEN, compare, hold
 
 LIMITS = VerificationConfig().limits()
 

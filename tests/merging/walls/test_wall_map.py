@@ -2,7 +2,7 @@ import numpy as np
 
 from merging.config.registration import StructureConfig
 from merging.walls.wall_map import WallMap
-from tbmslam.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 
 def room(free_mass=1.0, wall_mass=1.0, thickness=3):

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tbmslam.belief import FREE, OCCUPIED, UNKNOWN
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
-from tbmslam.grid import GridGeometry, TbmGrid
 
 LABELS = hnp.arrays(np.uint8, (6, 5), elements=st.sampled_from([FREE, OCCUPIED, UNKNOWN]))
 

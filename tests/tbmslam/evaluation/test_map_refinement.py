@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from tbmslam.belief import UNKNOWN
+from tbmslam.belief.grid import GridGeometry
+from tbmslam.belief.masses import UNKNOWN
 from tbmslam.evaluation.map_refinement import MapRefinementError, refine_map_transform
-from tbmslam.grid import GridGeometry
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 
 @pytest.mark.parametrize("guess_error", [SE2(0.0, 0.0, 0.0), SE2(0.5, -0.4, 0.03), SE2(-0.3, 0.6, -0.05)])

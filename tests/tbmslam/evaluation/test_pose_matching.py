@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tbmslam.evaluation.pose_matching import matching_poses, matching_stamps
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.trajectory import Trajectory
 
 
 def stepping_back(count=400, seconds=(0.2, 3.0, 30.0), period=0.1):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tbmslam.evaluation.relations import RelationsError, read_relations, relation_errors
-from tbmslam.se2 import SE2
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
 
 
 def write(path, rows):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tbmslam.evaluation.rigid_fit import fit_rigid
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 
 motions = st.builds(SE2, st.floats(-50, 50), st.floats(-50, 50), st.floats(-math.pi, math.pi - 1e-9))
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
-from tbmslam.se2 import SE2
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
 
 
 def drive(seed, count=50):

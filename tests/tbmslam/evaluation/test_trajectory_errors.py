@@ -4,9 +4,9 @@ import pytest
 from tbmslam.evaluation.error_statistics import ErrorStatistics
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
 from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
-from tbmslam.files.tum import write_tum
-from tbmslam.se2 import SE2
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.tum import write_tum
 
 
 def winding(count=300, rate=10.0):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 rng = np.random.default_rng(0)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
 from tbmslam.monitoring.blocked_spans import BlockedSpans, directions
+from tbmslam.sensing.laser_scan import LaserScan
 
 
 def scan(stamp, ranges):

@@ -2,10 +2,10 @@
 
 import pytest
 
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.contradictions import DISAGREE, ELSEWHERE, Contradictions
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
 from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
 
 DEVIATIONS = (0.01, 0.01, 0.01)
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datasets.synthetic.simulation import poses_at
-from tbmslam.corrections import Corrections
+from datasets.synthetic.robot.simulation import poses_at
 from tbmslam.evaluation.trajectory_errors import absolute_errors
-from tbmslam.laser_scan import Reading
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.drive_monitor import LOST
-from tbmslam.se2 import SE2
+from tbmslam.sensing.corrections import Corrections
+from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tests.tbmslam.monitoring.monitored import carried, mapped, said
 

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
+from tbmslam.calibration.mount_check import MountCheckConfig
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.drive_review import DriveReview
-from tbmslam.monitoring.mount_check import MountCheckConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
-from tbmslam.trajectory import Trajectory
 
 MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 ROOM = np.diag([4e4, 4e4, 1e5])

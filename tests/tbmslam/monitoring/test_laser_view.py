@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.incidents import Incidents
 from tbmslam.monitoring.laser_view import LaserView
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 ANGLES = -1.0 + 0.02 * np.arange(100)
 COVERED = slice(0, 20)

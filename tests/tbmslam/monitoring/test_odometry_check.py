@@ -1,7 +1,7 @@
 import math
 
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
-from tbmslam.se2 import SE2
 
 
 def at(k, speed=0.3):

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.odometry_scale import odometry_scale
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
 
 ROOM = np.diag([4e4, 4e4, 1e5])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.undetermined_motion import undetermined_motion
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 WALL = np.diag([0.0, 4e4, 1e5])

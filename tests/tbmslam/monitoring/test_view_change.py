@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
+from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.view_change import agreeing_share
-from tbmslam.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 
 ANGLES = np.linspace(-1.5, 1.5, 151)
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
 
 BEAMS, FIRST = 361, -0.5 * math.pi

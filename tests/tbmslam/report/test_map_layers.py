@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from tbmslam.belief import OCCUPIED
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import OCCUPIED
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive
 from tbmslam.report import map_layers
 from tbmslam.report.map_layers import drive_layers, for_display, trouble_layer
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive
-from tbmslam.trajectory import Trajectory
+from tbmslam.sensing.laser_scan import LaserScan
 
 
 def test_every_mass_is_a_picture_and_one_is_shown_at_a_time():

@@ -1,11 +1,11 @@
 import numpy as np
 
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
 
 
 def robot(run=None):

@@ -4,7 +4,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from tbmslam.grid import GridGeometry
+from tbmslam.belief.grid import GridGeometry
 from tbmslam.report.page import Card, Page, Picture, Table
 from tbmslam.report.palette import Palette
 from tbmslam.report.sheet import Raster, Sheet, Switch

@@ -4,7 +4,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from tbmslam.grid import GridGeometry
+from tbmslam.belief.grid import GridGeometry
 from tbmslam.report.palette import Palette
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
 

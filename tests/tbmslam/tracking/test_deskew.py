@@ -7,19 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.drives import plan_drives
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from datasets.synthetic.simulation import simulate
-from tbmslam.config import config_from_dict
+from datasets.synthetic.robot.drives import plan_drives
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import simulate
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.configuration.slam_config import config_from_dict
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.evidence_grid import EvidenceGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.laser_scan import LaserScan
-from tbmslam.mapping import InsertionConfig, ScanInserter
-from tbmslam.rendering import render
-from tbmslam.se2 import SE2
-from tbmslam.sensor_model import SensorModelConfig
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.rendering import render
+from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.sensing.sensor_model import SensorModelConfig
 from tbmslam.slam import Slam
 from tbmslam.tracking.deskew import DeskewConfig, deskewed
 

@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.endless_drive import EndlessDrive
-from datasets.synthetic.laser import SimulatedLaser
-from datasets.synthetic.odometry_noise import OdometryNoise
-from tbmslam.config import preset
-from tbmslam.laser_scan import LaserScan
-from tbmslam.pose_graph import MotionEdge, relative_pose
-from tbmslam.scan_matching.scan_match import ScanMatch
-from tbmslam.se2 import SE2, compose
+from datasets.synthetic.robot.endless_drive import EndlessDrive
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from tbmslam.configuration.slam_config import preset
+from tbmslam.geometry.se2 import SE2, compose
+from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.forgetting import ForgettingConfig
+from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))

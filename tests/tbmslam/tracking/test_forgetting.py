@@ -1,7 +1,7 @@
 import numpy as np
 
-from tbmslam.pose_graph import MotionEdge
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
 
 CONFIG = ForgettingConfig(enough=9)

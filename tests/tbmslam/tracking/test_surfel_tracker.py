@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 

@@ -4,15 +4,15 @@ import os
 import numpy as np
 import pytest
 
-from datasets.synthetic.map_pairs import building_of_world, cut_pairs, disjoint_pair, room_of
+from datasets.synthetic.map_pairs.pairs import building_of_world, cut_pairs, disjoint_pair, room_of
 from merging.scoring.confidence import FEATURES
 from merging.scoring.logit_features import MEASURES
 from tbmslam.errors import TbmSlamError
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.benchmarks.align import PairResult, comparison, details, summary
-from tools.calibration_table import BINS, calibration_table
-from tools.pair_files import PairFileError, load_pair
+from tools.calibration.calibration_table import BINS, calibration_table
+from tools.map_pairs.files import PairFileError, load_pair
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from tbmslam.se2 import SE2
-from tbmslam.trajectory import Trajectory
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
 from tools.benchmarks.drive_errors import NoTruthError, drive_errors, truth_beside
 
 FRAME = SE2(4.0, -7.0, 2.0)

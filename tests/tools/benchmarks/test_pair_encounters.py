@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from merging.baselines import howard
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.pair_encounters import encounters_of
-from tools.pair_files import KnownPair
+from tools.map_pairs.files import KnownPair
 
 TRUE = SE2(1.0, 0.5, 0.4)
 

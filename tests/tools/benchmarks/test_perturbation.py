@@ -4,8 +4,8 @@ import pickle
 import numpy as np
 import pytest
 
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmarks.perturbation import (
     UNPERTURBED,
     begun_later,

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from datasets import RecordingOptions
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tools.benchmarks.recording_spec import beside, parse_recording_spec
 
 

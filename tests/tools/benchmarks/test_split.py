@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.grid import GridGeometry, TbmGrid
-from tbmslam.keyframes import Keyframes
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import Drive, TbmMap
-from tbmslam.trajectory import Trajectory
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.tbm_map import Drive, TbmMap
 from tools import benchmark, make_world
 from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.split import laid_by_drives, overlap_share

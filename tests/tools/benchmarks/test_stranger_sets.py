@@ -5,7 +5,7 @@ import pytest
 
 from merging.alignment import Alignment
 from merging.merger import Merge
-from tbmslam.se2 import SE2
+from tbmslam.geometry.se2 import SE2
 from tools.benchmark import main
 from tools.benchmarks import stranger_sets
 from tools.benchmarks.stranger_sets import KINDS, MAPS, StrangerSet, make_set, meet_set, summary

@@ -2,9 +2,9 @@ import gc
 
 import numpy as np
 
-from tbmslam.config import preset
-from tbmslam.laser_scan import LaserScan, Reading
-from tbmslam.se2 import SE2
+from tbmslam.configuration.slam_config import preset
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmarks import warm_up as module
 
 

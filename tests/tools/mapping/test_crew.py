@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tbmslam.config import SlamConfig
-from tbmslam.watch import Watch
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.parallel.progress import Watch
 from tools.mapping import crew
 from tools.mapping.crew import MappingError, map_all
 from tools.mapping.task import Mapped, MappingTask, Shelf

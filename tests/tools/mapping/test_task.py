@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets import Recording, RecordingOptions
-from tbmslam.laser_scan import LaserScan, Reading
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.mapping.task import Shelf
 
 PATHS, OPTIONS = (Path("run.bag"),), RecordingOptions()

@@ -2,11 +2,11 @@ import json
 
 import pytest
 
-from tbmslam.files.map_folder import save_map
-from tbmslam.se2 import SE2
-from tbmslam.tbm_map import TbmMap
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.map_folder import save_map
+from tbmslam.map.tbm_map import TbmMap
+from tools.evaluation.truth_file import OWN_MAP
 from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area
-from tools.truth_file import OWN_MAP
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):

@@ -1,0 +1,244 @@
+"""CARMEN logs, and those of CMU's robotics course, as recordings."""
+
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from datasets.blocks import in_blocks
+from datasets.carmen.lines import POSE_KINDS, SCAN_KINDS, LoggedScan, LogSettings, pose_from, scan_from
+from datasets.counts import ReadingCounts
+from datasets.errors import DatasetError
+from datasets.odometry.se3 import SE3
+from datasets.odometry.source import Mounting, TopicMotion
+from datasets.odometry.synchronisation import Pairing, scaled, turned_over
+from datasets.options import RecordingOptions
+from datasets.recording import Recording
+from datasets.scans.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
+from datasets.scans.intake import ScanIntake
+from datasets.text_files import lines_of
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.sensing.laser_scan import LaserScan, Reading
+
+logger = logging.getLogger(__name__)
+
+_SAMPLE_EVERY = 10
+_MOST_SAMPLES = 2000
+_LARGEST_PARAMETER = 1000.0  # of places on a robot and limits of a laser [m]
+_OFFSET_PARAM = "robot_frontlaser_offset"
+_RANGE_PARAMS = ("robot_front_laser_max", "laser_front_laser_max")
+
+
+@dataclass
+class _LogSurvey:
+    """What one look through the lines tells."""
+
+    numbers: dict[str, int] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
+    samples: dict[str, list[str]] = field(default_factory=dict)
+
+
+def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
+    """Open logs as one recording, one after the other.
+
+    Parameters
+    ----------
+    paths
+        Logs, plain or compressed by gzip, bzip2 or xz.
+    options
+        Choices that are not to be made automatically; `scan_topic` names the kind of line. Frames, tf and clocks do not
+        apply.
+
+    Raises
+    ------
+    DatasetError
+        There is no scan in the files, or not of the kind asked for.
+    """
+    survey = _surveyed(paths)
+    kind = _kind(paths, survey, options)
+    settings = _settings(survey, kind)
+    samples = _sampled(survey.samples[kind], settings)
+    rules = _range_rules(samples, options, settings)
+    recording = Recording(
+        paths[0].name.split(".")[0],
+        lambda counts: _readings(paths, kind, settings, rules, options, counts),
+        _description(paths, kind, settings, rules, options, samples),
+        survey.numbers[kind],
+    )
+    logger.info("%s: %s", recording.name, recording.description)
+    return recording
+
+
+def _surveyed(paths: list[Path]) -> _LogSurvey:
+    """Count the kinds of lines, keep some scans of all parts of the drive, and the parameters."""
+    survey = _LogSurvey()
+    for line in (line for path in paths for line in lines_of(path)):
+        kind = line.split(None, 1)[0] if line.strip() else ""
+        if kind in SCAN_KINDS or kind in POSE_KINDS:
+            number = survey.numbers.get(kind, 0)
+            survey.numbers[kind] = number + 1
+            kept = survey.samples.setdefault(kind, [])
+            if number % _SAMPLE_EVERY == 0 and len(kept) < _MOST_SAMPLES:
+                kept.append(line)
+        elif kind == "PARAM":
+            _note_parameter(survey, line)
+    return survey
+
+
+def _note_parameter(survey: _LogSurvey, line: str) -> None:
+    """Keep a parameter that is a number."""
+    words = line.split()
+    try:
+        value = float(words[2].replace(",", "."))
+    except (ValueError, IndexError):
+        return
+    if abs(value) <= _LARGEST_PARAMETER:
+        survey.parameters[words[1]] = value
+
+
+def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> str:
+    """Return the kind of line the scans are read from."""
+    there = [kind for kind in SCAN_KINDS if kind in survey.numbers]
+    names = ", ".join(str(path) for path in paths)
+    if not there:
+        raise DatasetError(f"{names}: no ROS bag, and no line of {', '.join(SCAN_KINDS)}: not a laser recording")
+    if options.scan_topic is None:
+        return there[0]
+    if options.scan_topic not in there:
+        raise DatasetError(f"{names} has no {options.scan_topic}; it has {', '.join(there)}: choose with --scan-topic")
+    return options.scan_topic
+
+
+def _settings(survey: _LogSurvey, kind: str) -> LogSettings:
+    """Return what holds for the whole log."""
+    range_max = next((survey.parameters[n] for n in _RANGE_PARAMS if n in survey.parameters), LogSettings().range_max)
+    settings = LogSettings(survey.parameters.get(_OFFSET_PARAM, 0.0), range_max)
+    stamps = [scan.raw.stamp for scan in _sampled(survey.samples[kind], settings)]
+    useless = len(stamps) > 1 and (len(set(stamps)) == 1 or max(stamps) <= 0.0)
+    return settings._replace(logger_time=useless)
+
+
+def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
+    """Read the sampled lines that can be read."""
+    scans = []
+    for line in lines:
+        scan = _read(line, settings)
+        if scan is not None:
+            scans.append(scan)
+    return scans
+
+
+def _read(line: str, settings: LogSettings) -> LoggedScan | None:
+    """Read a scan; None where its line is damaged."""
+    try:
+        return scan_from(_with_points(line), settings)
+    except (ValueError, IndexError, OverflowError):
+        return None
+
+
+def _with_points(line: str) -> str:
+    """Return a line with decimal points: some computers were set up to write commas."""
+    return line.replace(",", ".") if "," in line else line
+
+
+def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings: LogSettings) -> RangeRules:
+    """Return how ranges are to be read, with a no-return code found in the data."""
+    codes = (*KNOWN_CODES, *options.no_return_codes)
+    high = options.range_max or settings.range_max
+    ranges: list[FloatArray] = [np.asarray(s.raw.ranges, dtype=np.float64) for s in samples]
+    found = find_no_return_code([scan[scan < high] for scan in ranges], codes)
+    codes = codes if found is None else (*codes, found)
+    return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
+
+
+def _readings(
+    paths: list[Path],
+    kind: str,
+    settings: LogSettings,
+    rules: RangeRules,
+    options: RecordingOptions,
+    counts: ReadingCounts,
+) -> Iterator[Reading]:
+    """Yield the readings of one pass in the order of the lines."""
+    step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
+    intake = ScanIntake(rules, step, options.gap_s, counts)
+    mounting = Mounting([], options.sensor_pose or SE2(settings.laser_offset, 0.0, 0.0), options.upside_down)
+    motion = TopicMotion(mounting)
+    pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
+    for block in in_blocks(line for path in paths for line in lines_of(path)):
+        logs = [_read(line, settings) if line.startswith(kind + " ") else None for line in block]
+        cleaned = iter(intake.cleaned([logged.raw for logged in logs if logged is not None]))
+        for line, logged in zip(block, logs, strict=True):
+            if line.startswith(kind + " "):
+                if logged is None:
+                    counts.scans_read += 1
+                    counts.drop("unreadable")
+                    continue
+                scan = intake.take(logged.raw, next(cleaned))
+                if scan is None:
+                    continue
+                if options.odometry == "none" or logged.T_odom_robot is not None:
+                    counts.scans_used += 1
+                    yield _reading(scan, logged, options)
+                else:
+                    pairing.add(scan, scan.stamp)
+                    yield from pairing.ready(scan.stamp)
+            elif kind == "RAWLASER1" and line.startswith("ODOM "):
+                _add_pose(motion, line, settings)
+                yield from pairing.ready(float("-inf"))
+    yield from pairing.rest()
+
+
+def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:
+    """Put together what one line holds."""
+    scan = turned_over(scan) if options.upside_down else scan
+    odometry = None
+    if options.odometry != "none" and logged.T_odom_robot is not None:
+        odometry = scaled(logged.T_odom_robot, options.odometry_scale)
+    return Reading(scan, odometry, options.sensor_pose or logged.T_robot_sensor)
+
+
+def _add_pose(motion: TopicMotion, line: str, settings: LogSettings) -> None:
+    """Take in a line of odometry, unless it is damaged."""
+    try:
+        pose = pose_from(_with_points(line), settings)
+    except (ValueError, IndexError):
+        return
+    motion.add(pose.stamp, SE3.from_planar(pose.T_odom_robot))
+
+
+def _description(
+    paths: list[Path],
+    kind: str,
+    settings: LogSettings,
+    rules: RangeRules,
+    options: RecordingOptions,
+    samples: list[LoggedScan],
+) -> dict[str, object]:
+    """Return what was chosen and found, ready for JSON."""
+    first = samples[0] if samples else None
+    step = options.angle_step_deg
+    if step is None and first is not None:
+        step = math.degrees(first.raw.angle_increment)
+    source = "none" if options.odometry == "none" else "ODOM" if kind == "RAWLASER1" else kind
+    sensor_pose = options.sensor_pose or (first.T_robot_sensor if first is not None else SE2.identity())
+    return {
+        "kind": "carmen",
+        "paths": [str(path) for path in paths],
+        "scan_topic": kind,
+        "odometry": source,
+        "odometry_scale": options.odometry_scale,
+        "beams": len(first.raw.ranges) if first is not None else None,
+        "angle_step_deg": step,
+        "T_robot_sensor": list(sensor_pose),
+        "upside_down": bool(options.upside_down),
+        "times": "logger" if settings.logger_time else "ipc",
+        "range_min_m": rules.range_min,
+        "range_offset_m": rules.offset,
+        "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),
+        "no_return": rules.no_return,
+        "no_return_codes_m": list(rules.no_return_codes),
+    }

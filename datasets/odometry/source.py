@@ -1,0 +1,168 @@
+"""Where odometry comes from within one pass: tf, a topic, or nowhere."""
+
+import math
+from functools import reduce
+from operator import matmul
+
+from datasets.errors import DatasetError
+from datasets.odometry.frames import Frames, Step, plain
+from datasets.odometry.pose_buffer import PoseHistory
+from datasets.odometry.se3 import SE3
+from tbmslam.geometry.se2 import SE2
+
+_STEEPEST = math.cos(math.radians(60.0))
+
+
+class Mounting:
+    """Where the laser sits on the robot.
+
+    Parameters
+    ----------
+    steps
+        Way from the robot's frame to the laser's; None where it is not recorded: then the laser sits at the centre.
+    sensor_pose, upside_down
+        What is to be used instead.
+    """
+
+    def __init__(self, steps: list[Step] | None, sensor_pose: SE2 | None, upside_down: bool | None) -> None:
+        self._steps = steps or []
+        self._sensor_pose = sensor_pose
+        self._upside_down = upside_down
+        self._histories = {step.edge.key: PoseHistory(100) for step in self._steps if not step.edge.is_fixed}
+        self._constant = None if self._histories and sensor_pose is None else self._at(0.0)
+
+    def add(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
+        """Take in a transform, if it belongs to the way to the laser."""
+        history = self._histories.get((plain(parent), plain(child)))
+        if history is not None:
+            history.add(stamp, pose)
+
+    def at(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor in the plane, and whether the laser hangs upside down."""
+        return self._constant if self._constant is not None else self._at(stamp)
+
+    def _at(self, stamp: float) -> tuple[SE2, bool]:
+        """Multiply the steps out at a stamp."""
+        pose = SE3.identity()
+        for step in self._steps:
+            history = self._histories.get(step.edge.key)
+            known = history.nearest(stamp) if history is not None else None
+            pose = pose @ _along(step, known if known is not None else step.edge.first)
+        up = pose.up()
+        if self._sensor_pose is not None:
+            return self._sensor_pose, self._upside_down if self._upside_down is not None else up < 0.0
+        if abs(up) < _STEEPEST:
+            raise DatasetError(
+                f"the laser in frame {self._steps[-1].edge.child} scans {math.degrees(math.acos(abs(up))):.0f} degrees "
+                "off the horizontal: choose another with --scan-topic, or state its place with --sensor-pose"
+            )
+        return pose.planar(), self._upside_down if self._upside_down is not None else up < 0.0
+
+
+class TfMotion:
+    """Odometry as the way from the odometry frame to the robot in tf.
+
+    Parameters
+    ----------
+    frames
+        The chosen frames.
+    mounting
+        Where the laser sits.
+    """
+
+    def __init__(self, frames: Frames, mounting: Mounting) -> None:
+        self._steps = frames.to_robot
+        self._mounting = mounting
+        self._histories = {step.edge.key: PoseHistory() for step in self._steps if not step.edge.is_fixed}
+        self._is_one_step = len(self._steps) == 1 and self._steps[0].down
+
+    def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
+        """Take in a transform."""
+        history = self._histories.get((plain(parent), plain(child)))
+        if history is not None:
+            history.add(stamp, pose)
+        else:
+            self._mounting.add(parent, child, stamp, pose)
+
+    def histories(self) -> list[PoseHistory]:
+        """Return the poses of the moving edges."""
+        return list(self._histories.values())
+
+    def odometry(self, poses: list[SE3]) -> SE2:
+        """Return T_odom_robot from one pose of each moving edge."""
+        if self._is_one_step:  # as of most robots
+            return poses[0].planar()
+        moving = iter(poses)
+        steps = [_along(step, step.edge.first if step.edge.is_fixed else next(moving)) for step in self._steps]
+        return reduce(matmul, steps).planar()
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser hangs upside down."""
+        return self._mounting.at(stamp)
+
+
+class TopicMotion:
+    """Odometry as the poses of a topic or of a log.
+
+    Parameters
+    ----------
+    mounting
+        Where the laser sits.
+    """
+
+    def __init__(self, mounting: Mounting) -> None:
+        self._mounting = mounting
+        self._history = PoseHistory()
+
+    def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
+        """Take in a transform: the laser may be mounted on something that moves."""
+        self._mounting.add(parent, child, stamp, pose)
+
+    def add(self, stamp: float, pose: SE3) -> None:
+        """Take in a pose."""
+        self._history.add(stamp, pose)
+
+    def histories(self) -> list[PoseHistory]:
+        """Return the poses of the topic."""
+        return [self._history]
+
+    def odometry(self, poses: list[SE3]) -> SE2:
+        """Return T_odom_robot."""
+        return poses[0].planar()
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser hangs upside down."""
+        return self._mounting.at(stamp)
+
+
+class NoMotion:
+    """No odometry at all.
+
+    Parameters
+    ----------
+    mounting
+        Where the laser sits.
+    """
+
+    def __init__(self, mounting: Mounting) -> None:
+        self._mounting = mounting
+
+    def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
+        """Take in a transform: the laser may be mounted on something that moves."""
+        self._mounting.add(parent, child, stamp, pose)
+
+    def histories(self) -> list[PoseHistory]:
+        """Return nothing to wait for."""
+        return []
+
+    def odometry(self, poses: list[SE3]) -> None:
+        """Return that there is none."""
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser hangs upside down."""
+        return self._mounting.at(stamp)
+
+
+def _along(step: Step, pose: SE3) -> SE3:
+    """Return the motion of a step in its direction."""
+    return pose if step.down else pose.inverse()

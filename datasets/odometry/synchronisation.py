@@ -1,0 +1,178 @@
+"""Each scan meets the odometry of its moment, in one pass and with bounded memory."""
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple, Protocol
+
+from datasets.counts import ReadingCounts
+from datasets.odometry.pose_buffer import PoseHistory
+from datasets.odometry.se3 import SE3
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
+
+EXTRAPOLATION_LIMIT_S = 0.2
+_MOST_WAITING = 5000
+
+
+class Motion(Protocol):
+    """Where the robot was, and where the laser sits on it."""
+
+    def histories(self) -> list[PoseHistory]:
+        """Return the recorded poses that must reach a stamp before it can be answered."""
+
+    def odometry(self, poses: list[SE3]) -> SE2 | None:
+        """Return T_odom_robot from one pose of each history; None where the recording has no odometry."""
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser hangs upside down."""
+
+
+class _Waiting(NamedTuple):
+    """A scan that waits for odometry, its first and its last beam by the clock of the odometry [s]."""
+
+    scan: LaserScan
+    stamp: float
+    end: float
+    since: float
+    poses_then: int
+
+
+class Pairing:
+    """Holds scans back until the odometry around their stamps has arrived; keeps the order of the recording.
+
+    Parameters
+    ----------
+    motion
+        The odometry of this pass.
+    counts
+        Filled as scans are used or dropped.
+    clock_offset
+        Added to a scan's stamp to get the time of the odometry [s]; the scan itself keeps its stamp.
+    odometry_scale
+        What the odometry's lengths are multiplied by.
+    patience_s
+        A scan for which no odometry arrived for this long (by bag time) is given up [s]; also the longest time between
+        two poses that is interpolated.
+    """
+
+    def __init__(
+        self, motion: Motion, counts: ReadingCounts, clock_offset: float, odometry_scale: float, patience_s: float
+    ) -> None:
+        self._motion = motion
+        self._histories = motion.histories()
+        self._counts = counts
+        self._clock_offset = clock_offset
+        self._odometry_scale = odometry_scale
+        self._patience_s = patience_s
+        self._waiting: deque[_Waiting] = deque()
+        self._last_stamp = float("-inf")
+        self._missing: int | None = None
+
+    def add(self, scan: LaserScan, now: float) -> None:
+        """Append the scan recorded at bag time `now` [s]."""
+        stamp = scan.stamp + self._clock_offset
+        end = stamp + scan.sweep() if scan.time_increment else stamp
+        # A stamp that steps back may belong to odometry that is about to step back, too: wait for the next pose.
+        poses_then = self._received() if stamp < self._last_stamp else -1
+        self._last_stamp = stamp
+        self._waiting.append(_Waiting(scan, stamp, end, now, poses_then))
+
+    def ready(self, now: float) -> Iterable[Reading]:
+        """Return the readings that can be answered at bag time `now` [s]."""
+        return self._due(now) if self._waiting else ()
+
+    def _due(self, now: float) -> Iterator[Reading]:
+        """Yield the waiting scans' readings that can be answered."""
+        while self._waiting:
+            front = self._waiting[0]
+            waited = now - front.since
+            given_up = waited > self._patience_s or len(self._waiting) > _MOST_WAITING
+            if not given_up and not self._has_arrived(front):
+                return
+            self._waiting.popleft()
+            reading = self._answer(front)
+            if reading is not None:
+                yield reading
+
+    def rest(self) -> Iterator[Reading]:
+        """Yield what can be said about the waiting scans when no more odometry will come."""
+        while self._waiting:
+            reading = self._answer(self._waiting.popleft())
+            if reading is not None:
+                yield reading
+
+    def _received(self) -> int:
+        """Return the number of poses that have arrived."""
+        return sum(history.received for history in self._histories)
+
+    def _has_arrived(self, waiting: _Waiting) -> bool:
+        """Return whether the odometry has come past a scan."""
+        for history in self._histories:
+            if not history.reaches(waiting.end):
+                return False
+        return waiting.poses_then < 0 or not self._histories or self._received() > waiting.poses_then
+
+    def _answer(self, waiting: _Waiting) -> Reading | None:
+        """Return the reading of a scan, without odometry where that is missing for long, or count why there is none."""
+        poses = []
+        carried_on = False
+        for history in self._histories:
+            if history.first_stamp is None or waiting.stamp < history.first_stamp:
+                self._counts.drop("before_odometry")
+                return None
+            found = history.at(waiting.stamp, self._patience_s, EXTRAPOLATION_LIMIT_S)
+            if found is not None:
+                poses.append(found.pose)
+                carried_on = carried_on or found.carried_on
+        self._counts.extrapolated += carried_on
+        self._counts.scans_used += 1
+        is_known = len(poses) == len(self._histories)
+        if is_known:
+            self._missing = None
+        else:
+            self._note_missing(waiting.scan.stamp)
+        mounting, upside_down = self._motion.mounting(waiting.stamp)
+        scan = turned_over(waiting.scan) if upside_down else waiting.scan
+        T_odom_robot = self._odometry(poses) if is_known else None
+        T_odom_swept = self._swept(waiting) if is_known and waiting.end > waiting.stamp else None
+        return Reading(scan, T_odom_robot, mounting, T_odom_swept)
+
+    def _swept(self, waiting: _Waiting) -> SE2 | None:
+        """Return T_odom_robot at a scan's last beam, where the odometry tells."""
+        if not self._histories:
+            return None
+        found = [history.at(waiting.end, self._patience_s, 0.0) for history in self._histories]
+        return self._odometry([each.pose for each in found if each is not None]) if all(found) else None
+
+    def _odometry(self, poses: list[SE3]) -> SE2 | None:
+        """Return T_odom_robot with lengths in metres."""
+        told = self._motion.odometry(poses)
+        return None if told is None else scaled(told, self._odometry_scale)
+
+    def _note_missing(self, stamp: float) -> None:
+        """Note when odometry ends and how long it is missing."""
+        incidents = self._counts.incidents
+        self._counts.without_odometry += 1
+        if self._missing is None:
+            self._missing = incidents.add(stamp, "no odometry, scans alone tell the motion")
+        incidents.lengthen(self._missing, stamp)
+
+
+def scaled(T_odom_robot: SE2, scale: float) -> SE2:
+    """Return a pose with its lengths multiplied."""
+    if scale == 1.0:
+        return T_odom_robot
+    return SE2(scale * T_odom_robot.x, scale * T_odom_robot.y, T_odom_robot.theta)
+
+
+def turned_over(scan: LaserScan) -> LaserScan:
+    """Return the scan of an upside-down laser as seen from above: its beams run the other way."""
+    return LaserScan(
+        scan.stamp,
+        -scan.angle_min,
+        -scan.angle_increment,
+        scan.range_min,
+        scan.range_max,
+        scan.ranges,
+        scan.time_increment,
+    )

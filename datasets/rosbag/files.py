@@ -1,0 +1,132 @@
+"""Bag files as one stream of decoded messages."""
+
+from collections.abc import Collection, Iterator
+from heapq import merge
+from pathlib import Path
+from typing import NamedTuple
+
+from datasets.errors import DatasetError
+from datasets.rosbag.message_bytes import Content
+from datasets.rosbag.message_decoder import MessageDecoder
+from datasets.rosbag.message_types import standard_md5_sum
+from datasets.rosbag.same_time import check_for_robots
+from datasets.rosbag.source import BagSource
+from datasets.salvage.salvaged_bag import BagConnection, Loss
+
+
+class Topic(NamedTuple):
+    """One topic of a recording."""
+
+    name: str
+    msgtype: str
+    messages: int
+
+
+class Message(NamedTuple):
+    """One decoded message; None where its bytes cannot be decoded."""
+
+    topic: str
+    msgtype: str
+    bag_time: float
+    content: Content | None
+
+
+class BagFiles:
+    """One or several bag files, ROS 1 or ROS 2, read as one recording.
+
+    Messages are decoded by the standard definitions of their types, not by those the bag carries, so that a definition
+    that cannot be parsed, in whichever topic, does no harm, and bags without definitions (ROS 2 Humble) need none.
+    Damaged files are salvaged.
+
+    Parameters
+    ----------
+    paths
+        ROS 1 bag files; ROS 2 bag directories or storage files.
+
+    Raises
+    ------
+    DatasetError
+        A file is of a version that cannot be read, or nothing in it can.
+    """
+
+    def __init__(self, paths: list[Path]) -> None:
+        self.paths = paths
+        self.topics: dict[str, Topic] = {}
+        self._sources = [BagSource(path) for path in paths]
+        for source in self._sources:
+            for connection in source.connections:
+                self._add(connection)
+
+    def of_type(self, *msgtypes: str) -> list[Topic]:
+        """Return the topics of some message types, sorted by name."""
+        return sorted(topic for topic in self.topics.values() if topic.msgtype in msgtypes)
+
+    def check_for_robots(self, scan_topic: str) -> None:
+        """Refuse files that hold different scans from the same time.
+
+        Raises
+        ------
+        DatasetError
+            They are of several robots.
+        """
+        if len(self._sources) > 1:
+            check_for_robots(self._sources, scan_topic)
+
+    def messages(self, topics: Collection[str], steered_by: str) -> Iterator[Message]:
+        """Yield the messages of some topics in the order of the recording.
+
+        Parameters
+        ----------
+        topics
+            Names of the topics.
+        steered_by
+            Where the times of this topic step back within a ROS 1 bag, that bag is read in the order of its writing
+            rather than by time, which would weave different parts of the drive into each other.
+
+        Raises
+        ------
+        DatasetError
+            A topic's type only bears the name of the standard one.
+        """
+        streams = [_stream(source, topics, steered_by) for source in self._sources]
+        yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]
+
+    def close(self) -> None:
+        """Close the files, which stay open from one pass to the next; another pass opens them again."""
+        for source in self._sources:
+            source.close()
+
+    def damages(self) -> list[str]:
+        """Return one line for each file found damaged so far."""
+        return [line for source in self._sources for line in source.damages()]
+
+    def losses(self, topic: str) -> list[Loss]:
+        """Return what damage has cost of a topic, as far as is known so far."""
+        return [loss for source in self._sources for loss in source.losses(topic)]
+
+    def _add(self, connection: BagConnection) -> None:
+        """Add a connection's messages to its topic."""
+        known = self.topics.get(connection.topic)
+        count = connection.msgcount + (known.messages if known else 0)
+        self.topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
+
+
+def _stream(source: BagSource, topics: Collection[str], steered_by: str) -> Iterator[Message]:
+    """Yield the decoded messages of one file."""
+    if source.is_ros1:
+        _check_definitions(source.path, [each for each in source.connections if each.topic in topics])
+    decoded = MessageDecoder(source.is_ros1).decoded
+    for connection, time, data in source.messages(topics, steered_by):
+        yield Message(connection.topic, connection.msgtype, 1e-9 * time, decoded(connection.msgtype, data))
+
+
+def _check_definitions(path: Path, connections: list[BagConnection]) -> None:
+    """Refuse a message type that only bears the name of a standard one."""
+    for connection in connections:
+        standard = standard_md5_sum(connection.msgtype)
+        # A name may be damaged, too: nothing of it will be decoded.
+        if standard is not None and connection.digest not in (standard, "*", ""):
+            raise DatasetError(
+                f"{path}: {connection.topic} is no standard {connection.msgtype} (checksum {connection.digest}, "
+                f"not {standard}): migrate the bag with `rosbag fix`, or choose another topic"
+            )

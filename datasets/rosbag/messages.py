@@ -1,0 +1,74 @@
+"""Decoded ROS messages as this project's types."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from datasets.odometry.se3 import SE3
+from datasets.scans.intake import RawScan
+
+
+class StampedTransform(NamedTuple):
+    """One edge of tf at a time; `pose` carries coordinates from child to parent; a stamp of 0 or less is unset."""
+
+    parent: str
+    child: str
+    stamp: float
+    pose: SE3
+
+    def stamp_or(self, unset: float) -> float:
+        """Return the stamp [s], or what counts for it where it was left at zero."""
+        return self.stamp if self.stamp > 0.0 else unset
+
+
+class FramedScan(NamedTuple):
+    """A scan and the frame of the laser that made it; a stamp of 0 or less is unset."""
+
+    frame: str
+    scan: RawScan
+
+    def stamped(self, unset: float) -> RawScan:
+        """Return the scan, its stamp [s] replaced by what counts for it where it was left at zero."""
+        return self.scan if self.scan.stamp > 0.0 else self.scan._replace(stamp=unset)
+
+
+def scan_of(message: Any) -> FramedScan:
+    """Read a LaserScan, or of a MultiEchoLaserScan the first echoes, nan where a beam has none."""
+    ranges = message.ranges
+    if not isinstance(ranges, np.ndarray):
+        first = [beam.echoes[0] if len(beam.echoes) else np.nan for beam in ranges]
+        ranges = np.array(first, dtype=np.float32)
+    scan = RawScan(
+        stamp_of(message.header),
+        float(message.angle_min),
+        float(message.angle_increment),
+        float(message.range_min),
+        float(message.range_max),
+        ranges,
+        float(message.time_increment),
+    )
+    return FramedScan(message.header.frame_id, scan)
+
+
+def transforms_of(message: Any) -> Iterator[StampedTransform]:
+    """Read a TFMessage, leaving out what is no motion."""
+    for item in message.transforms:
+        t, q = item.transform.translation, item.transform.rotation
+        pose = SE3.from_values(t.x, t.y, t.z, q.x, q.y, q.z, q.w)
+        if pose is not None:
+            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header), pose)
+
+
+def poses_of(message: Any) -> Iterator[StampedTransform]:
+    """Read an Odometry or PoseWithCovarianceStamped, which holds one pose; none where it is no motion."""
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    pose = SE3.from_values(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+    if pose is not None:
+        child = getattr(message, "child_frame_id", "")
+        yield StampedTransform(message.header.frame_id, child, stamp_of(message.header), pose)
+
+
+def stamp_of(header: Any) -> float:
+    """Return a header's stamp [s]."""
+    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)

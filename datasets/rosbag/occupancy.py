@@ -1,0 +1,96 @@
+"""A map as a message in a bag, as a robot's map server would have published it."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+from rosbags.typesys import Stores, get_typestore
+
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.io.atomic_file import replacing
+from tbmslam.io.ros_map import FREE_PIXEL, OCCUPIED_PIXEL, ros_pixels
+
+Format = Literal["ros1", "mcap"]
+
+TOPIC, FRAME = "/map", "map"
+_TYPE = "nav_msgs/msg/OccupancyGrid"
+
+
+def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: float, kind: Format = "ros1") -> None:
+    """Write one nav_msgs/OccupancyGrid on /map in frame map, whole or not at all.
+
+    Its values are those that map_server publishes for the map.yaml of the same grid: 0 free, 100 occupied, -1 unknown.
+
+    Parameters
+    ----------
+    path
+        The bag: a file, also in ROS 2, where it is the mcap file without a folder around it.
+    grid
+        The map.
+    stamp
+        Time of the message [s].
+    kind
+        `ros1`, or `mcap` for ROS 2.
+
+    Raises
+    ------
+    FileNotWrittenError
+        If the file cannot be written.
+    """
+    if kind not in {"ros1", "mcap"}:
+        raise ValueError(f"kind must be ros1 or mcap, got {kind!r}")
+    nanoseconds = max(round(stamp * 1e6) * 1000, 1)  # a bag's times are positive
+    with replacing(path) as temporary, tempfile.TemporaryDirectory(dir=temporary.parent, prefix=".") as folder:
+        _write(Path(folder) / "map", grid, nanoseconds, kind).replace(temporary)
+
+
+def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
+    """Write the bag and return the file."""
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    message = _message(store, grid, nanoseconds, {"seq": 0} if kind == "ros1" else {})
+    if kind == "ros1":
+        with Rosbag1Writer(place) as writer:
+            connection = writer.add_connection(TOPIC, _TYPE, typestore=store, latching=1)
+            writer.write(connection, nanoseconds, bytes(store.serialize_ros1(message, _TYPE)))
+        return place
+    with Rosbag2Writer(place, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
+        bag.write(bag.add_connection(TOPIC, _TYPE, typestore=store), nanoseconds, store.serialize_cdr(message, _TYPE))
+    return next(place.glob("*.mcap"))
+
+
+def occupancy(grid: TbmGrid) -> npt.NDArray[np.int8]:
+    """Return what map_server publishes (rows, cols): 0 free, 100 occupied, -1 unknown; row grows with y."""
+    pixels = ros_pixels(grid)[::-1]
+    return np.where(pixels == OCCUPIED_PIXEL, 100, np.where(pixels == FREE_PIXEL, 0, -1)).astype(np.int8)
+
+
+def _message(store: Any, grid: TbmGrid, nanoseconds: int, sequence: dict[str, int]) -> object:
+    def make(name: str, **fields: object) -> Any:
+        return store.types[name](**fields)
+
+    stamp = make("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    geometry = grid.geometry
+    origin = make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=geometry.origin_x, y=geometry.origin_y, z=0.0),
+        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    return make(
+        _TYPE,
+        header=make("std_msgs/msg/Header", stamp=stamp, frame_id=FRAME, **sequence),
+        info=make(
+            "nav_msgs/msg/MapMetaData",
+            map_load_time=stamp,
+            resolution=geometry.resolution,
+            width=geometry.cols,
+            height=geometry.rows,
+            origin=origin,
+        ),
+        data=occupancy(grid).ravel(),
+    )

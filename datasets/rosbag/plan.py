@@ -1,0 +1,238 @@
+"""What is decided about a bag before its first pass: topics, odometry, frames, clocks."""
+
+import logging
+import math
+from dataclasses import dataclass, replace
+
+from datasets.errors import DatasetError
+from datasets.odometry.frames import Frames, Step, find_robot_frame
+from datasets.odometry.source import Mounting
+from datasets.options import RecordingOptions
+from datasets.profiles import STATA_SENSOR_POSE, with_profile
+from datasets.rosbag.files import BagFiles, Message
+from datasets.rosbag.message_types import TF_TYPES
+from datasets.rosbag.messages import FramedScan
+from datasets.rosbag.survey import Survey
+from datasets.rosbag.surveyed_laser import SurveyedLaser
+from datasets.rosbag.topics import ChosenTopics, choose_topics, is_static
+from datasets.scans.beam_angles import angle_warning
+from datasets.scans.clocks import ClockFinding, compare_clocks, lags_of_unset
+from tbmslam.geometry.se2 import SE2
+
+logger = logging.getLogger(__name__)
+
+_MOST_STATIC = 2000
+_NEVER_ALL_BEYOND = 100.0  # where a robot drives on the floor, something is nearer [m]
+_FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The choices for one bag.
+
+    Parameters
+    ----------
+    files, options, topics, laser
+        What they were made from.
+    source
+        "tf", "topic" or "none".
+    frames
+        Odometry in tf, where that is the source.
+    robot_frame
+        The robot's frame, where known.
+    to_sensor
+        Way from the robot's frame to the laser; None where tf does not know it.
+    sensor_pose
+        T_robot_sensor to be used instead of it.
+    clock
+        How the clocks of scans and odometry compare.
+    unset_lags
+        Bag time minus what counts for the stamps of scans and of odometry where they are unset [s].
+    doubts
+        What had to be chosen although tf says two things, in sentences.
+    """
+
+    files: BagFiles
+    options: RecordingOptions
+    topics: ChosenTopics
+    laser: SurveyedLaser
+    source: str
+    frames: Frames | None
+    robot_frame: str | None
+    to_sensor: list[Step] | None
+    sensor_pose: SE2 | None
+    clock: ClockFinding
+    unset_lags: tuple[float, float] = (0.0, 0.0)
+    doubts: tuple[str, ...] = ()
+
+    def topics_to_read(self) -> tuple[str, ...]:
+        """Return the topics a pass needs."""
+        moving_laser = any(not step.edge.is_fixed for step in self.to_sensor or []) and self.sensor_pose is None
+        transforms = self.topics.transforms if self.source == "tf" or moving_laser else ()
+        odometry = self.topics.odometry if self.source == "topic" else ()
+        return (self.topics.scan, *(name for name in transforms if not is_static(name)), *odometry)
+
+
+def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
+    """Look at the beginning of a bag and decide how to read it.
+
+    Raises
+    ------
+    DatasetError
+        What was asked for is not in the bag.
+    """
+    if asked.odometry == "auto" and asked.odometry_topic is not None:
+        asked = replace(asked, odometry="topic")
+    options = with_profile(asked, files.topics)
+    topics = choose_topics(files, options)
+    files.check_for_robots(topics.scan)
+    survey = _surveyed(files, topics, options)
+    laser = _laser(files, options, topics, survey)
+    if (near := laser.nearest_usual()) > _NEVER_ALL_BEYOND:
+        raise DatasetError(
+            f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, as if in millimetres: "
+            "record them in metres, or choose another --scan-topic"
+        )
+    frames = survey.frames() if options.odometry in ("auto", "tf") else None
+    source = _source(files, options, topics, frames, survey)
+    robot_frame, to_sensor = _robot(survey, laser, options, frames, topics)
+    sensor_pose = options.sensor_pose
+    if to_sensor is None and sensor_pose is None:
+        sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
+        logger.warning(
+            "%s: tf does not tell where the laser (frame %r) sits; taken %s: pass --sensor-pose",
+            files.paths[0],
+            laser.frame,
+            "where the PR2 carries it" if sensor_pose else "at the robot's centre",
+        )
+    odometry_lags = _odometry_lags(survey, frames, topics, source)
+    clock = compare_clocks(laser.lags, odometry_lags)
+    if options.clock_offset is not None:
+        clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
+    if clock.warning:
+        logger.warning("%s: %s", files.paths[0], clock.warning)
+    doubts = _doubts(survey, frames, to_sensor if sensor_pose is None else None)
+    for doubt in doubts:
+        logger.warning("%s: %s", files.paths[0], doubt)
+    stretched = angle_warning(len(laser.first_scan.ranges), laser.first_scan.angle_increment)
+    if stretched and options.angle_step_deg is None:
+        logger.warning("%s: %s", files.paths[0], stretched)
+    unset = lags_of_unset(laser.lags, odometry_lags)
+    return Plan(
+        files, options, topics, laser, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts
+    )
+
+
+def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:
+    """Read all static transforms, wherever they lie, and as much of the beginning as is needed."""
+    survey = Survey(options)
+    static = [name for name in topics.transforms if is_static(name) and files.topics[name].messages <= _MOST_STATIC]
+    for message in files.messages(static, topics.scan) if static else ():
+        _take(survey, message)
+    for message in files.messages([name for name in topics.all() if name not in static], topics.scan):
+        _take(survey, message)
+        if message.topic == topics.scan and survey.is_enough(message.bag_time):
+            break
+    return survey
+
+
+def _take(survey: Survey, message: Message) -> None:
+    """Hand one message to the survey."""
+    if message.content is None:
+        return
+    if isinstance(message.content, FramedScan):
+        survey.add_scan(message.content.frame, message.content.stamped(math.nan), message.bag_time)
+    elif message.msgtype in TF_TYPES:
+        for item in message.content:
+            lag = message.bag_time - item.stamp_or(math.nan)
+            survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
+    else:
+        for pose in message.content:
+            survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp_or(math.nan))
+        survey.no_motions[message.topic] += not message.content
+
+
+def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
+    """Return the laser whose scans are read, and say so where the topic holds those of others, too."""
+    lasers = list(survey.lasers.values())
+    if not lasers:
+        raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
+    if survey.laser is None:
+        listed = ", ".join(f"{laser.frame} ({laser.scans} scans)" for laser in lasers)
+        raise DatasetError(
+            f"{files.paths[0]}: no scan of {topics.scan} is of a laser in frame {options.laser_frame}; "
+            f"there are {listed}: choose one with --laser-frame"
+        )
+    if len(lasers) > 1 and options.laser_frame is None:
+        at_first = " at the beginning"
+        listed = ", ".join(
+            f"{laser.frame} ({laser.usable} of {laser.scans}{'' if number else at_first} hold hits)"
+            for number, laser in enumerate(lasers)
+        )
+        logger.warning(
+            "%s: %s holds scans of several lasers: %s; taken %s: pass --laser-frame for another",
+            files.paths[0],
+            topics.scan,
+            listed,
+            survey.laser.frame,
+        )
+    return survey.laser
+
+
+def _source(
+    files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
+) -> str:
+    """Return where odometry is read from."""
+    if frames is not None:
+        return "tf"
+    if options.odometry == "tf":
+        known = ", ".join(survey.graph.frames()) or "no frames"
+        raise DatasetError(
+            f"{files.paths[0]}: tf connects no odometry frame with the robot; it has {known}: "
+            "pass --odom-frame and --robot-frame, or --odometry topic"
+        )
+    if options.odometry != "none" and topics.odometry:
+        topic = topics.odometry[0]
+        if topic in survey.pose_topics or not survey.no_motions[topic]:  # it may begin late
+            return "topic"
+        fact = f"{files.paths[0]}: poses of {topic} are no motions (quaternions of zeros, or no numbers)"
+        if options.odometry == "topic":
+            raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
+        logger.warning("%s; going on without odometry", fact)
+        return "none"
+    if options.odometry == "auto":
+        logger.warning("%s: neither tf nor a topic holds odometry; going on without it", files.paths[0])
+    return "none"
+
+
+def _robot(
+    survey: Survey, laser: SurveyedLaser, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
+) -> tuple[str | None, list[Step] | None]:
+    """Return the robot's frame and the way from there to the laser."""
+    if frames is not None:
+        return frames.robot, frames.to_sensor
+    facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
+    robot = find_robot_frame(survey.graph, laser.frame, options, facts.robot if facts else None)
+    return robot, survey.graph.path(robot, laser.frame) if robot is not None else None
+
+
+def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
+    """Return what is doubtful about the ways that are read from tf."""
+    said = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
+    far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
+    if far > _TOO_FAR:
+        raise DatasetError(f"tf says that the laser sits {far:.3g} m from the robot's centre: pass --sensor-pose")
+    if far > _FAR_LASER:
+        said.append(
+            f"tf says that the laser sits {far:.0f} m from the robot's centre: pass --sensor-pose if it does not"
+        )
+    return tuple(said)
+
+
+def _odometry_lags(survey: Survey, frames: Frames | None, topics: ChosenTopics, source: str) -> list[float]:
+    """Return bag time minus stamp of the first messages of odometry [s]."""
+    if source == "tf" and frames is not None:
+        return next((step.edge.lags for step in frames.to_robot if not step.edge.is_fixed), [])
+    if source == "topic" and topics.odometry[0] in survey.pose_topics:
+        return survey.pose_topics[topics.odometry[0]].lags
+    return []

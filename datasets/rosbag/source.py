@@ -1,0 +1,210 @@
+"""One bag as raw messages: through rosbags where it is sound, salvaged where it is not."""
+
+import logging
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from datasets.errors import DatasetError
+from datasets.rosbag.file_names import CutFileError, check_files, is_ros1, storage_files
+from datasets.rosbag.indexed_messages import RawMessage
+from datasets.rosbag.open_bag import OpenBag
+from datasets.salvage.bag_announcement import BagAnnouncement, announced_by
+from datasets.salvage.salvaged_bag import Loss, SalvagedBag
+from tbmslam.io.special_file import why_unreadable
+
+logger = logging.getLogger(__name__)
+
+
+class BagSource:
+    """A bag file or ROS 2 directory, which stays open from one pass to the next until it is closed.
+
+    Parameters
+    ----------
+    path
+        ROS 1 bag file; ROS 2 bag directory or storage file.
+
+    Raises
+    ------
+    DatasetError
+        It is of a version that cannot be read, or nothing of it can.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.damage: str | None = None
+        self.span: tuple[int, int] | None = None
+        """Times of the first and the last message [ns]; None where damage leaves them unknown."""
+        self._salvaged: SalvagedBag | None = None
+        self._parts: list[BagSource] = []
+        self._idle: OpenBag | None = None
+        self._announced = BagAnnouncement()
+        if why := why_unreadable(path):
+            raise DatasetError(f"{path}: {why}")
+        try:
+            self.is_ros1 = is_ros1(path)
+        except OSError as error:
+            raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
+        try:
+            check_files(path)  # sqlite reads zeros where a file is cut off
+            self._idle = OpenBag(path, self.is_ros1)
+            self.connections, self.span = self._idle.connections, self._idle.span
+        except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
+            self._salvage(error)
+
+    def messages(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
+        """Yield messages of some topics by time.
+
+        Where the times of `steered_by` step back within a ROS 1 bag, that bag is read in the order of its writing,
+        since times would weave different parts of the drive into each other. Damage that shows only now is salvaged,
+        too, and reading goes on behind what was yielded already.
+        """
+        given: Counter[str] = Counter()
+        if self.damage is None:
+            try:
+                for message in self._sound(topics, steered_by):
+                    yield message
+                    given[message.connection.topic] += 1
+            except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged bytes
+                self._salvage(error)
+            else:
+                return
+        for message in self._rescued(topics, steered_by):
+            if given[message.connection.topic]:
+                given[message.connection.topic] -= 1
+            else:
+                yield message
+
+    def losses(self, topic: str) -> list[Loss]:
+        """Return what is known to be missing of a topic."""
+        if self._salvaged is not None:
+            return self._salvaged.losses(topic)
+        losses = [loss for part in self._parts for loss in part.losses(topic)]
+        found = sum(connection.msgcount for connection in self.connections if connection.topic == topic)
+        more = self._announced.loss(topic, found + sum(loss.messages for loss in losses))
+        return losses if more is None else [*losses, more]
+
+    def damages(self) -> list[str]:
+        """Return one line for each damaged file."""
+        of_parts = [line for part in self._parts for line in part.damages()]
+        told = self.damage is None or any(line.endswith(f": {self.damage}") for line in of_parts)
+        return of_parts if told else [f"{self.path}: {self.damage}", *of_parts]
+
+    def close(self) -> None:
+        """Close the files; another pass opens them again."""
+        bag, self._idle = self._idle, None
+        if bag is not None:
+            bag.close()
+        for part in self._parts:
+            part.close()
+
+    def _sound(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
+        """Yield messages through rosbags."""
+        bag, self._idle = self._idle or OpenBag(self.path, self.is_ros1), None
+        try:
+            yield from bag.messages(topics, steered_by)
+        finally:
+            if self._idle is None:
+                self._idle = bag
+            else:  # there were two passes at a time
+                bag.close()
+
+    def _rescued(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
+        """Yield what was salvaged."""
+        for part in self._parts:
+            yield from part.messages(topics, steered_by)
+        if self._salvaged is not None:
+            connections = [connection for connection in self._salvaged.connections if connection.topic in topics]
+            written = self._salvaged.times(steered_by)
+            by_time = not self.is_ros1 or bool((written[1:] >= written[:-1]).all())
+            for connection, time, data in self._salvaged.messages(connections, by_time=by_time):
+                yield RawMessage(connection, time, data)
+
+    def _salvage(self, error: Exception) -> None:
+        """Find what can be read without the index."""
+        self.close()
+        self.damage = _explained(self.path, error)
+        if not _may_be_salvaged(self.path, error):
+            raise DatasetError(f"{self.path}: {self.damage}") from error
+        if self.path.is_dir():
+            self._parts = _salvaged_parts(self.path, self.damage)
+            self._announced = announced_by(self.path)
+            self.connections = [connection for part in self._parts for connection in part.connections]
+        else:
+            self._salvaged = _salvaged_file(self.path, self.damage)
+            self.damage = self._salvaged.reason
+            self.connections = self._salvaged.connections
+        if not any(connection.msgcount for connection in self.connections):
+            raise DatasetError(f"{self.path}: {self.damage}; no message in it can be read: fetch it again") from error
+        logger.debug("%s: salvaged after %r", self.path, error)
+
+
+def _salvaged_file(path: Path, damage: str) -> SalvagedBag:
+    """Salvage a file of whichever format."""
+    # A salvager is needed rarely.
+    from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415
+    from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415
+    from datasets.salvage.sqlite import salvage_sqlite  # noqa: PLC0415
+
+    try:
+        if is_ros1(path):
+            return salvage_ros1(path, damage)
+        return salvage_mcap(path, damage) if path.suffix == ".mcap" else salvage_sqlite(path, damage)
+    except (OSError, ValueError, ArithmeticError, LookupError, struct.error) as error:  # an empty file cannot be mapped
+        raise DatasetError(f"{path}: {damage}; and nothing of it can be read ({error}): fetch it again") from error
+
+
+def _salvaged_parts(folder: Path, damage: str) -> list[BagSource]:
+    """Return the readable storage files of a directory."""
+    files = storage_files(folder)
+    if not files:
+        raise DatasetError(f"{folder}: {damage}, and no storage file (.db3, .mcap); decompress what is compressed")
+    parts = []
+    for path in files:
+        try:
+            parts.append(BagSource(path))
+        except DatasetError as error:
+            logger.warning("%s", error)
+    return parts
+
+
+def _may_be_salvaged(path: Path, error: Exception) -> bool:
+    """Return whether the content is to blame, and of a format that is known."""
+    if isinstance(error, DatasetError | FileNotFoundError | PermissionError):
+        return path.is_dir() and isinstance(error, FileNotFoundError)
+    return not path.is_file() or not is_ros1(path) or _version(path).startswith("#ROSBAG V2.0")
+
+
+def _version(path: Path) -> str:
+    """Return the first line of a ROS 1 bag."""
+    with path.open("rb") as stream:
+        return stream.readline(40).decode("ascii", "replace").strip()
+
+
+def _explained(path: Path, error: Exception) -> str:
+    """Say in one line what is wrong."""
+    text = " ".join(str(error).split())
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        return "no metadata.yaml in this directory"
+    if path.is_dir() and (missing := announced_by(path).missing_files(path)):
+        return f"its storage {', '.join(missing[:5])} is missing"
+    if isinstance(error, FileNotFoundError | PermissionError):
+        return f"cannot be read: {error.strerror or 'No such file or directory'}"
+    if is_ros1(path):
+        return _explained_ros1(path, error, text)
+    return text if isinstance(error, CutFileError) else f"the bag is damaged ({type(error).__name__}: {text[:200]})"
+
+
+def _explained_ros1(path: Path, error: Exception, text: str) -> str:
+    """Say in one line what is wrong with a ROS 1 bag."""
+    version = _version(path)
+    if not version.startswith("#ROSBAG V2.0"):
+        return f"a bag of version {version.lstrip('#')!r}, only V2.0 can be read: convert it with `rosbag fix`"
+    if "not indexed" in text:
+        return "the bag has no index, its recorder was interrupted"
+    if "index looks damaged" in text:
+        return "the bag is cut off or its index is damaged"
+    if isinstance(error, AssertionError):
+        return "the index of the bag contradicts itself"
+    return f"the bag is damaged ({type(error).__name__}: {text[:200]})"

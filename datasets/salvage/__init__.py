@@ -1,0 +1,1 @@
+"""Broken bags, read without their index."""

@@ -1,0 +1,131 @@
+"""MCAP files that are cut off or damaged: the data section read from beginning to end, without the index at its end."""
+
+import mmap
+import re
+import struct
+from array import array
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from datasets.salvage.salvaged_bag import UNTOLD, BagConnection, Hole, SalvagedBag
+
+_MAGIC = 8  # bytes
+_HEAD = struct.Struct("<BQ")  # kind and length of a record
+_WANTED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
+# A chunk: kind, length, three numbers, checksum, name of the compression, length of the records.
+_CHUNK = re.compile(rb"\x06(.{8}).{24}.{4}(\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
+_NOT_COMPRESSED = b"\0\0\0\0"
+_LARGEST_CHUNK = 1 << 30
+_LATEST = (1 << 63) - 1  # [ns]
+
+
+def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
+    """Read the records of an MCAP file one after the other, whatever its index says; of damaged chunks what can be."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
+        scan = _Scan(buffer)
+        scan.read()
+    if not scan.is_whole:
+        reason += f", {UNTOLD}"
+    entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
+    known = entries[np.isin(entries[:, 1], list(scan.channels))]
+    connections = []
+    for number, channel in scan.channels.items():
+        msgtype = scan.schemas.get(channel.schema_id, "")
+        count = int((known[:, 1] == number).sum())
+        connections.append(BagConnection(number, channel.topic, msgtype, "", count))
+    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path))
+
+
+class _Scan:
+    """Messages, channels and holes found so far."""
+
+    def __init__(self, buffer: mmap.mmap) -> None:
+        self.entries = array("q")
+        self.schemas: dict[int, str] = {}
+        self.channels: dict[int, Channel] = {}
+        self.holes: list[Hole] = []
+        self.is_whole = False
+        self._buffer = buffer
+
+    def read(self) -> None:
+        """Read all records."""
+        position, end = _MAGIC, len(self._buffer)
+        while position + _HEAD.size <= end:
+            opcode, length = _HEAD.unpack_from(self._buffer, position)
+            if opcode == Opcode.DATA_END:
+                self.is_whole = True
+                return
+            following = position + _HEAD.size + length
+            inside = _CHUNK.match(self._buffer, position)
+            if 0 < opcode < Opcode.DATA_END and following <= end and self._take(opcode, position):
+                position = following
+            elif inside is not None and inside[2] == _NOT_COMPRESSED:
+                position = inside.end()  # its records can be read one by one, up to the damage
+            else:
+                following = self._next_chunk(position + 1)
+                self.holes.append(Hole(len(self.entries) // 5, following - position))
+                position = following
+
+    def _take(self, opcode: int, position: int) -> bool:
+        """Take a record in; return whether it is what it says."""
+        if opcode not in _WANTED:
+            return True
+        records = _records_at(self._buffer, position)
+        if records is None:
+            return False
+        place = 0
+        for record in records:
+            if isinstance(record, Schema):
+                self.schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                self.channels[record.id] = record
+            elif isinstance(record, Message):
+                size = len(record.data)
+                if record.log_time > _LATEST:  # a number of 64 bits may be twice as large as any that is kept
+                    self.holes.append(Hole(len(self.entries) // 5, size))
+                    place += size
+                    continue
+                self.entries.extend((record.log_time, record.channel_id, position, place, size))
+                place += size
+        return True
+
+    def _next_chunk(self, position: int) -> int:
+        """Return where the next chunk begins; the end of the file without any."""
+        for found in _CHUNK.finditer(self._buffer, position):
+            length, records = (int.from_bytes(found[group], "little") for group in (1, 3))
+            if found.start() + _HEAD.size + length == found.end() + records <= len(self._buffer):
+                return found.start()
+        return len(self._buffer)
+
+
+class _Blocks:
+    """Blocks of an MCAP file: the messages of the chunk at a place, one after the other."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __call__(self, number: int) -> bytes:
+        """Return a block's bytes."""
+        with self._path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
+            records = _records_at(buffer, number) or []
+        return b"".join(record.data for record in records if isinstance(record, Message))
+
+
+def _records_at(buffer: mmap.mmap, position: int) -> list[McapRecord] | None:
+    """Return the record at a place, or those in the chunk there; None where it is damaged."""
+    _, length = _HEAD.unpack_from(buffer, position)
+    stream = BytesIO(buffer[position : min(position + _HEAD.size + length, len(buffer))])
+    try:
+        record = next(iter(StreamReader(stream, skip_magic=True, emit_chunks=True).records))
+        if not isinstance(record, Chunk):
+            return [record]
+        if record.uncompressed_size > _LARGEST_CHUNK:
+            return None
+        return breakup_chunk(record, validate_crc=True)
+    except Exception:  # noqa: BLE001 - mcap and the decompressors raise anything on damaged bytes
+        return None

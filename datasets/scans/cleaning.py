@@ -1,0 +1,147 @@
+"""From the codes of a sensor to what a scan says: hit, nothing in range, or nothing at all."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.counts import is_like_a_code
+from tbmslam.geometry.se2 import FloatArray
+
+# Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
+KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
+CODE_TOLERANCE = 5e-4
+FATES = ("nan", "no_return", "zero", "too_close", "hit")
+"""What can become of a beam."""
+FARTHEST = 1000.0
+"""No laser of a robot sees as far [m]: one that states more states no limit, and what it gives beyond is a code."""
+
+
+@dataclass(frozen=True)
+class RangeRules:
+    """How the ranges of one laser are read.
+
+    Parameters
+    ----------
+    range_min, range_max
+        Limits [m] instead of those the scan states; None: the scan's own.
+    no_return_codes
+        Values [m] that stand for "nothing came back", whatever the limits say.
+    no_return
+        "free" turns such a beam into +inf, "drop" into nan.
+    offset
+        Added to every range that was measured, and so to the limits, too [m].
+    """
+
+    range_min: float | None
+    range_max: float | None
+    no_return_codes: tuple[float, ...]
+    no_return: Literal["free", "drop"]
+    offset: float = 0.0
+
+    def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
+        """Return clean ranges (S, N) and their limits [m] with the offset; what would end behind it says nothing."""
+        if self.offset == 0.0:
+            return ranges, low, high
+        longer = ranges + self.offset
+        longer[longer <= 0.0] = np.nan
+        return longer, max(low + self.offset, 0.0), max(high + self.offset, 0.0)
+
+    def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
+        """Return the limits in force for a scan that states these; those at odds with each other do not count."""
+        contradictory = 0.0 < range_max <= range_min
+        low, high = self.range_min, self.range_max
+        if low is None:
+            low = range_min if 0.0 <= range_min < math.inf and not contradictory else 0.0
+        if high is None:
+            high = range_max if low < range_max < FARTHEST and not contradictory else FARTHEST
+        return float(low), float(high)
+
+
+class CleanRanges(NamedTuple):
+    """What scans say, and how many beams of each scan met which fate.
+
+    Parameters
+    ----------
+    ranges
+        As in `LaserScan` (REP 117), (S, N) [m]: finite hits, +inf for nothing in range, nan for no information.
+    beams
+        Numbers of beams (S, 5) that met each of the `FATES`.
+    """
+
+    ranges: FloatArray
+    beams: npt.NDArray[np.intp]
+
+
+def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:
+    """Translate raw ranges to those of `LaserScan` and count the beams by fate.
+
+    Many scans at once take hardly longer than one.
+
+    Parameters
+    ----------
+    ranges
+        Raw values of scans (S, N) [m]; not changed.
+    range_min, range_max
+        Limits in force [m], see `RangeRules.limits`.
+    rules
+        What the codes of this laser mean.
+    """
+    cleaned = np.array(ranges, dtype=np.float64)
+    no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)
+    beams = np.zeros((len(cleaned), len(FATES)), dtype=np.intp)
+    beams[:, 0] = np.count_nonzero(np.isnan(cleaned), axis=1)
+    beams[:, 1] = np.count_nonzero(no_return, axis=1)
+    if (cleaned <= max(range_min, 0.0)).any():  # mostly no beam is
+        is_zero = cleaned == 0.0
+        too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
+        too_close |= cleaned < 0.0
+        cleaned[is_zero | too_close] = np.nan
+        beams[:, 2] = np.count_nonzero(is_zero, axis=1)
+        beams[:, 3] = np.count_nonzero(too_close, axis=1)
+    cleaned[no_return] = np.inf if rules.no_return == "free" else np.nan
+    beams[:, 4] = np.count_nonzero(np.isfinite(cleaned), axis=1)
+    return CleanRanges(cleaned, beams)
+
+
+def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[float]) -> npt.NDArray[np.bool_]:
+    """Return which ranges (S, N) [m] say that nothing came back."""
+    no_return = np.asarray(ranges >= range_max)  # +inf, too
+    below = [code for code in codes if code - CODE_TOLERANCE < range_max]
+    if below:
+        # Hardly a beam is as long as a code, so only those that are get compared with each.
+        long = ranges > min(below) - 2.0 * CODE_TOLERANCE
+        if long.any():
+            no_return[long] |= (np.abs(ranges[long][:, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
+    return no_return
+
+
+def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:
+    """Find the value by which a laser says that nothing came back, where it is neither known nor above the limit.
+
+    Such a code is the largest value of all, exact, held by several beams of a scan, and far more frequent than the
+    measured values next to it.
+
+    Parameters
+    ----------
+    scans
+        Raw ranges below the limit, of some scans [m].
+    known
+        Codes that need not be found [m].
+    """
+    arrays = [np.asarray(scan, dtype=np.float64) for scan in scans]
+    values = [scan[np.isfinite(scan) & (scan > 0.0)] for scan in arrays]
+    for code in known:
+        values = [scan[np.abs(scan - code) >= CODE_TOLERANCE] for scan in values]
+    if not sum(map(len, values)):
+        return None
+    distinct, numbers = np.unique(np.concatenate(values), return_counts=True)
+    top, number = distinct[-1], int(numbers[-1])
+    holding = sum(bool((scan == top).any()) for scan in values)
+    beside = numbers[:-1][distinct[:-1] > 0.9 * top]
+    usual = float(beside.mean()) if len(beside) else 1.0
+    is_code = is_like_a_code(float(top), int(number), holding, int(numbers.sum()))
+    return float(top) if is_code and number >= 10.0 * usual else None

@@ -1,0 +1,1 @@
+"""Pairs and sets of maps whose relative poses are known."""

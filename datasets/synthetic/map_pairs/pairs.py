@@ -1,0 +1,290 @@
+"""Pairs of partial maps whose relative pose is known: two robots in one building, or in two.
+
+Real robots need hours to visit so many buildings, and maps cut from one drive share its errors. Here each map is cut
+out of a building by itself and spoilt by itself, as mapping spoils maps; see `datasets.synthetic.map_pairs.distortion`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from datasets.synthetic.buildings import make_world
+from datasets.synthetic.map_pairs.distortion import Distortion, Draw, Spoilt
+from datasets.synthetic.world.corridor_lattice import CorridorLattice
+from datasets.synthetic.world.world import World
+from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import replacing
+
+Occupancy = npt.NDArray[np.int8]
+
+OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
+"""Shares of the smaller map's free cells that both maps know."""
+
+_STRAIGHT_M = 0.1
+"""Of maps that bend more it matters where a rigid motion is to fit: where both saw the building [m]."""
+_COARSE = 4
+"""Ways through a building are measured in blocks of so many cells."""
+
+
+@dataclass(frozen=True)
+class Building:
+    """A floor to cut maps from.
+
+    Parameters
+    ----------
+    name
+        What it is called; pairs of one building share it, so that a building can be held out.
+    occupancy
+        Occupancy (rows, cols) in percent, -1 unknown; row grows with y, column with x.
+    resolution
+        Side of a cell [m].
+    """
+
+    name: str
+    occupancy: Occupancy
+    resolution: float
+
+
+@dataclass(frozen=True)
+class MapPair:
+    """Two maps, and how one lies in the other's frame.
+
+    Parameters
+    ----------
+    name
+        Unique; begins with `crop` for one place, `neg` for two.
+    occ_a, occ_b
+        Occupancies (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
+    resolution
+        Side of a cell [m].
+    T_a_b
+        Pose of b's frame in a's; None where the maps show different places.
+    overlap
+        Share of the smaller map's free cells that both know.
+    """
+
+    name: str
+    occ_a: Occupancy
+    occ_b: Occupancy
+    resolution: float
+    T_a_b: SE2 | None
+    overlap: float
+
+    @property
+    def known_m2(self) -> float:
+        """What both maps know, together [m^2]."""
+        return float(sum(np.count_nonzero(one >= 0) for one in (self.occ_a, self.occ_b)) * self.resolution**2)
+
+    def save(self, folder: Path) -> Path:
+        """Write `<name>.npz`, whole or not at all, and return its path.
+
+        Raises
+        ------
+        FileNotWrittenError
+            If the folder cannot be written.
+        """
+        motion = np.full((3, 3), np.nan) if self.T_a_b is None else self.T_a_b.matrix()
+        path = folder / f"{self.name}.npz"
+        with replacing(path) as temporary:
+            np.savez_compressed(
+                temporary,
+                occ_a=self.occ_a,
+                occ_b=self.occ_b,
+                resolution=np.array(self.resolution),
+                T_ab=motion,
+                label=np.array(int(self.T_a_b is not None)),
+                overlap=np.array(self.overlap),
+            )
+        return path
+
+
+def building_of_world(kind: str, seed: int, resolution: float = 0.05) -> Building:
+    """Return the floor of a made-up building; see `datasets.synthetic.buildings.make_world`."""
+    return _building(f"{kind}{seed}", make_world(kind, seed), resolution)
+
+
+def building_of_area(area_m2: float, seed: int, resolution: float = 0.05) -> Building:
+    """Return a square floor of any size: corridors between blocks with niches; see `CorridorLattice`."""
+    side = area_m2**0.5
+    walls = CorridorLattice(seed).walls_near((0.0, 0.0), (side, side))
+    world = World("corridor lattice", seed, walls, np.array([[side / 2.0, 20.0 * (side // 40.0)]]))
+    whole = _building(f"lattice{seed}", world, resolution)
+    count = round(side / resolution)
+    return Building(whole.name, whole.occupancy[:count, :count], resolution)
+
+
+def _building(name: str, world: World, resolution: float) -> Building:
+    labels = world.occupancy(world.grid(resolution))
+    occupancy = np.full(labels.shape, -1, dtype=np.int8)
+    occupancy[labels == FREE] = 0
+    occupancy[(labels == OCCUPIED) & (ndimage.maximum_filter(labels == FREE, 3))] = 100
+    return Building(name, occupancy, resolution)
+
+
+def mirrored(building: Building) -> Building:
+    """Return the building as a mirror shows it: alike in style and size, and another."""
+    return Building(f"{building.name}mir", building.occupancy[:, ::-1].copy(), building.resolution)
+
+
+def cut_pairs(
+    building: Building, seed: int, overlaps: Sequence[float] = OVERLAPS, draw: Draw = Distortion.draw
+) -> Iterator[MapPair]:
+    """Cut pairs of maps of one building: two robots exploring it from far ends until they share so much."""
+    for overlap in overlaps:
+        rng = np.random.default_rng([seed, round(1000 * overlap)])
+        part_a, part_b = explored_parts(building, overlap, rng)
+        name = f"crop_{building.name}_{seed}_{round(100 * overlap):03d}"
+        yield _spoilt_pair(name, building, (part_a, part_b), overlap, rng, draw)
+
+
+def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
+    """Return maps of two ends of a building that share nothing: alike in style, and not the same place."""
+    rng = np.random.default_rng([seed, 1])
+    part_a, part_b = explored_parts(building, 0.0, rng)
+    name = f"negs_{building.name}_{seed}"
+    pair = _spoilt_pair(name, building, (part_a, part_b), 0.0, rng, draw)
+    return MapPair(name, pair.occ_a, pair.occ_b, pair.resolution, None, 0.0)
+
+
+def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
+    """Return maps of two buildings.
+
+    Raises
+    ------
+    ValueError
+        If their cells differ in size.
+    """
+    if first.resolution != second.resolution:
+        raise ValueError(f"buildings must have one resolution, got {first.resolution} and {second.resolution}")
+    rng = np.random.default_rng([seed, 2])
+    part_a, _ = explored_parts(first, float(rng.choice(OVERLAPS)), rng)
+    part_b, _ = explored_parts(second, float(rng.choice(OVERLAPS)), rng)
+    a, b = (draw(rng).spoil(part, first.resolution, rng) for part in (part_a, part_b))
+    return MapPair(f"negd_{first.name}_{second.name}_{seed}", a.occupancy, b.occupancy, first.resolution, None, 0.0)
+
+
+def _spoilt_pair(
+    name: str,
+    building: Building,
+    parts: tuple[Occupancy, Occupancy],
+    overlap: float,
+    rng: np.random.Generator,
+    draw: Draw,
+) -> MapPair:
+    """Turn and spoil two parts given in the building's frame."""
+    distortions = list[Distortion]()
+    spoilt = list[Spoilt]()
+    for part in parts:
+        distortions.append(draw(rng))
+        spoilt.append(distortions[-1].spoil(part, building.resolution, rng))
+    a, b = spoilt
+    T_a_b = a.T_map_building @ b.T_map_building.inverse()
+    common = np.argwhere((parts[0] >= 0) & (parts[1] >= 0))
+    if max(one.bend_m for one in distortions) > _STRAIGHT_M and len(common):
+        points = (common[:, ::-1].astype(np.float64) + 0.5) * building.resolution
+        T_a_b = fit_rigid(a.laid(points), b.laid(points))[0]
+    return MapPair(name, a.occupancy, b.occupancy, building.resolution, T_a_b, overlap)
+
+
+def explored_parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
+    """Return what each of two robots saw when both drove equally far and share a part of their free cells."""
+    ways_a, ways_b = _ways_from_far_ends(building.occupancy == 0, rng)
+    free = np.isfinite(ways_a)  # where a robot can get to
+    lengths = [ways[free] for ways in (ways_a, ways_b)]
+    ranked = [np.sort(one) for one in lengths]
+    low, high = 0.0, 1.0
+    for _ in range(25):
+        share = (low + high) / 2.0
+        a, b = (one <= _quantile(order, share) for one, order in zip(lengths, ranked, strict=True))
+        common = np.count_nonzero(a & b) / max(min(int(np.count_nonzero(a)), int(np.count_nonzero(b))), 1)
+        low, high = (low, share) if common > overlap else (share, high)
+    share = low if overlap < 1.0 else 1.0
+    a, b = (ways <= _quantile(order, share) for ways, order in zip((ways_a, ways_b), ranked, strict=True))
+    return _seen(building.occupancy, a & free), _seen(building.occupancy, b & free)
+
+
+def _quantile(ranked: npt.NDArray[np.float64], share: float) -> float:
+    """Return what such a share of sorted numbers lies below; numpy would look for the order again."""
+    whole, part = divmod(share * (len(ranked) - 1), 1.0)
+    low = int(whole)
+    return float(ranked[low] + (ranked[min(low + 1, len(ranked) - 1)] - ranked[low]) * part)
+
+
+def _seen(occupancy: Occupancy, free: npt.NDArray[np.bool_]) -> Occupancy:
+    """Return the part of a floor that has some free cells and the walls around them."""
+    near = ndimage.binary_dilation(free, np.ones((3, 3), np.bool_), iterations=3)
+    return np.where(free | (near & (occupancy > 50)), occupancy, np.int8(-1)).astype(np.int8)
+
+
+def _ways_from_far_ends(
+    free: npt.NDArray[np.bool_], rng: np.random.Generator, *, from_anywhere: bool = False
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return from each of two far ends the length of the way to every cell (rows, cols), in blocks; walls are inf.
+
+    With `from_anywhere` the first end is any place instead.
+    """
+    rows, cols = (-(-size // _COARSE) * _COARSE for size in free.shape)
+    padded = np.zeros((rows, cols), dtype=np.bool_)
+    padded[: free.shape[0], : free.shape[1]] = free
+    blocks = padded.reshape(rows // _COARSE, _COARSE, cols // _COARSE, _COARSE).any(axis=(1, 3))
+    index = np.full(blocks.shape, -1)
+    index[blocks] = np.arange(np.count_nonzero(blocks))
+    graph = _neighbours(index)
+    _, regions = connected_components(graph, directed=False)
+    largest = np.flatnonzero(regions == np.bincount(regions).argmax())
+    somewhere = int(rng.choice(largest))
+    first = somewhere if from_anywhere else _farthest(_lengths_from(graph, somewhere))
+    from_first = _lengths_from(graph, first)
+    from_second = _lengths_from(graph, _farthest(from_first))
+    ways = []
+    for lengths in (from_first, from_second):
+        image = np.full(blocks.shape, np.inf)
+        image[blocks] = lengths + rng.uniform(0.0, 0.5, len(lengths))
+        fine = np.repeat(np.repeat(image, _COARSE, axis=0), _COARSE, axis=1)[: free.shape[0], : free.shape[1]]
+        ways.append(np.where(free, fine, np.inf))
+    return ways[0], ways[1]
+
+
+def _neighbours(index: npt.NDArray[np.int64]) -> sparse.csr_array:
+    """Return the graph of the blocks (rows, cols) that touch, along edges and corners."""
+    pairs, lengths = [], []
+    for (first, second), length in (
+        ((np.s_[:, :-1], np.s_[:, 1:]), 1.0),
+        ((np.s_[:-1], np.s_[1:]), 1.0),
+        ((np.s_[:-1, :-1], np.s_[1:, 1:]), 2.0**0.5),
+        ((np.s_[1:, :-1], np.s_[:-1, 1:]), 2.0**0.5),
+    ):
+        both = np.column_stack((index[first].ravel(), index[second].ravel()))
+        both = both[(both >= 0).all(axis=1)]
+        pairs.append(both)
+        lengths.append(np.full(len(both), length))
+    edges, count = np.concatenate(pairs), int(index.max()) + 1
+    return sparse.csr_array((np.concatenate(lengths), (edges[:, 0], edges[:, 1])), shape=(count, count))
+
+
+def _lengths_from(graph: sparse.csr_array, block: int) -> npt.NDArray[np.float64]:
+    lengths: npt.NDArray[np.float64] = dijkstra(graph, directed=False, indices=[block])[0]
+    return lengths
+
+
+def _farthest(lengths: npt.NDArray[np.float64]) -> int:
+    return int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))
+
+
+def room_of(building: Building, area_m2: float, seed: int) -> Building:
+    """Return what lies around one place of a building, so many square metres of free space: a small building."""
+    rng = np.random.default_rng([seed, 3])
+    ways, _ = _ways_from_far_ends(building.occupancy == 0, rng, from_anywhere=True)
+    cells = np.sort(ways[np.isfinite(ways)])
+    reach = cells[min(int(area_m2 / building.resolution**2), len(cells) - 1)]
+    part = _seen(building.occupancy, ways <= reach)
+    rows, cols = np.nonzero(part >= 0)
+    cut = part[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
+    return Building(f"{building.name}part{seed}", cut, building.resolution)

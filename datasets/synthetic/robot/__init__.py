@@ -1,0 +1,1 @@
+"""Simulated robots: their laser, wheels, drives and faults."""

@@ -1,0 +1,365 @@
+"""What goes wrong on real robots, done to a simulated one at a time of choice."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.synthetic.robot.simulation import SimulatedRobot, poses_at
+from datasets.synthetic.robot.surroundings import (
+    behind_glass,
+    behind_posts,
+    in_a_cabin,
+    ranges_of,
+    with_moved_boxes,
+    with_people,
+    within_a_crowd,
+)
+from datasets.synthetic.world.world import World
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+
+_JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, as the robot sees it
+_CLOCK_FAULT = 82.2  # as in some recordings of the MIT Stata Center [s]
+_CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
+_CARRIED_FOR = 2.0  # [s]
+_TOO_LONG = 1.1  # factor
+_TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of angles between beams, and what ranges are too long by [m]
+_ELSEWHERE = SE2(0.0, 0.3, math.radians(10.0))  # of the laser, as seen from where it is
+_KNOCKED = math.radians(10.0)  # to the left
+_COVER = 0.25  # where blocked beams end [m]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that goes wrong.
+
+    Parameters
+    ----------
+    name
+        Which, one of `FAULTS`.
+    at
+        When it begins, since the start of the drive [s].
+    seconds
+        How long it lasts, where it ends at all [s].
+    scale
+        What reversed odometry multiplies lengths by.
+    """
+
+    name: str
+    at: float
+    seconds: float = 10.0
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check name, times and scale."""
+        if self.name not in FAULTS:
+            raise ValueError(f"a fault must be one of {', '.join(FAULTS)}, got {self.name!r}")
+        if not (0.0 <= self.at < math.inf and 0.0 < self.seconds <= math.inf):
+            raise ValueError(f"at must not be negative and seconds be positive, got {self.at}, {self.seconds}")
+        if not 0.0 < self.scale < math.inf:
+            raise ValueError(f"scale must be positive, got {self.scale}")
+        if self.scale != 1.0 and self.name != "odometry_reversed":
+            raise ValueError(f"only odometry_reversed has a scale, got {self.scale} for {self.name}")
+
+    @classmethod
+    def parse(cls, text: str) -> "Fault":
+        """Read NAME@TIME, NAME@TIME+SECONDS or NAME@TIME+SECONDSxSCALE."""
+        found = re.fullmatch(r"([a-z_]+)@([0-9.]+)(?:\+([0-9.]+)(?:x([0-9.]+))?)?", text)
+        if found is None:
+            raise ValueError(
+                f"a fault must look like laser_gap@30, laser_gap@30+60 or odometry_reversed@30+6x2.7, got {text!r}"
+            )
+        return cls(found[1], float(found[2]), float(found[3] or 10.0), float(found[4] or 1.0))
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A robot, and the stamps [s] between which something goes wrong."""
+
+    robot: SimulatedRobot
+    begin: float
+    end: float
+    world: World
+    rng: np.random.Generator
+    scale: float = 1.0
+
+    def scans(self) -> npt.NDArray[np.bool_]:
+        """Return which scans (S,) fall into the time."""
+        return np.asarray((self.robot.truth.stamps >= self.begin) & (self.robot.truth.stamps < self.end))
+
+    def odometry(self) -> npt.NDArray[np.bool_]:
+        """Return which samples of the odometry (N,) fall into the time."""
+        return np.asarray((self.robot.odometry.stamps >= self.begin) & (self.robot.odometry.stamps < self.end))
+
+
+def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> SimulatedRobot:
+    """Return the robot's recording as it is with a fault; its truth stays true, under the stamps of the scans.
+
+    Parameters
+    ----------
+    world
+        Where it drove.
+    seed
+        Draws what the fault leaves to chance.
+    """
+    begin = float(robot.truth.stamps[0]) + fault.at
+    scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]), fault.scale)
+    return FAULTS[fault.name](scene)
+
+
+def _odometry_gap(scene: _Scene) -> SimulatedRobot:
+    """Leave odometry out."""
+    odometry, kept = scene.robot.odometry, ~scene.odometry()
+    return replace(scene.robot, odometry=Trajectory(odometry.stamps[kept], odometry.poses[kept]))
+
+
+def _odometry_jump(scene: _Scene) -> SimulatedRobot:
+    """Let odometry jump once, and go on from there."""
+    before = _odometry_at(scene.robot, scene.begin)
+    return _odometry_moved(scene.robot, scene.begin, before @ _JUMP @ before.inverse())
+
+
+def _odometry_reset(scene: _Scene) -> SimulatedRobot:
+    """Let odometry begin anew at zero."""
+    return _odometry_moved(scene.robot, scene.begin, _odometry_at(scene.robot, scene.begin).inverse())
+
+
+def _odometry_freeze(scene: _Scene) -> SimulatedRobot:
+    """Let odometry stand still while the robot drives, and then catch up at once."""
+    poses = scene.robot.odometry.poses.copy()
+    poses[scene.odometry()] = _odometry_at(scene.robot, scene.begin)
+    return replace(scene.robot, odometry=Trajectory(scene.robot.odometry.stamps, poses))
+
+
+def _odometry_stuck(scene: _Scene) -> SimulatedRobot:
+    """Let odometry stand still while the robot is pushed, and go on from there."""
+    before, after = (_odometry_at(scene.robot, stamp) for stamp in (scene.begin, scene.end))
+    return _odometry_moved(_odometry_freeze(scene), scene.end, before @ after.inverse())
+
+
+def _odometry_reversed(scene: _Scene) -> SimulatedRobot:
+    """Let odometry report backward motion while the robot drives forward, and forward while it reverses; turns stay."""
+    odometry, wrong = scene.robot.odometry, np.flatnonzero(scene.odometry())
+    poses = odometry.poses.copy()
+    for index in wrong[wrong > 0].tolist():
+        motion = odometry.pose(index - 1).to(odometry.pose(index))
+        reported = SE2(-scene.scale * motion.x, -scene.scale * motion.y, motion.theta)
+        poses[index] = SE2.from_array(poses[index - 1]) @ reported
+    robot = replace(scene.robot, odometry=Trajectory(odometry.stamps, poses))
+    if not len(wrong) or wrong[-1] + 1 == len(poses):
+        return robot
+    T_reported_true = SE2.from_array(poses[wrong[-1]]) @ odometry.pose(wrong[-1]).inverse()
+    return _odometry_moved(robot, float(odometry.stamps[wrong[-1] + 1]), T_reported_true)
+
+
+def _odometry_unit(scene: _Scene) -> SimulatedRobot:
+    """Let lengths of the odometry be in centimetres, all the time."""
+    odometry = scene.robot.odometry
+    return replace(scene.robot, odometry=Trajectory(odometry.stamps, odometry.poses * (100.0, 100.0, 1.0)))
+
+
+def _clock_offset(scene: _Scene) -> SimulatedRobot:
+    """Let the stamps of all scans lag behind the clock of the odometry."""
+    return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_FAULT)
+
+
+def _clock_step(scene: _Scene) -> SimulatedRobot:
+    """Let the clock of the scans be wrong for a while."""
+    robot = _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_STEP * scene.scans())
+    return replace(robot, truth=scene.robot.truth)  # the reader sets the clock right
+
+
+def _stamps_back(scene: _Scene) -> SimulatedRobot:
+    """Let every tenth stamp of the scans be a little too early."""
+    early = scene.scans() & (np.arange(len(scene.robot.truth)) % 10 == 0)
+    return _restamped(scene.robot, scene.robot.truth.stamps - _STEP_BACK * early)
+
+
+def _stamps_twice(scene: _Scene) -> SimulatedRobot:
+    """Let every other scan bear the stamp of the scan before."""
+    stamps = scene.robot.truth.stamps.copy()
+    twice = np.flatnonzero(scene.scans() & (np.arange(len(stamps)) % 2 == 1))
+    stamps[twice] = stamps[np.maximum(twice - 1, 0)]
+    return _restamped(scene.robot, stamps)
+
+
+def _laser_gap(scene: _Scene) -> SimulatedRobot:
+    """Unplug the laser while the robot drives on."""
+    kept, truth = ~scene.scans(), scene.robot.truth
+    readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
+    recorded = None if scene.robot.recorded is None else scene.robot.recorded[kept]
+    truth = Trajectory(truth.stamps[kept], truth.poses[kept])
+    return replace(scene.robot, readings=readings, truth=truth, recorded=recorded)
+
+
+def _beams_blocked(scene: _Scene) -> SimulatedRobot:
+    """Cover half of the beams by something on the robot."""
+    ranges = ranges_of(scene.robot)
+    half = ranges[:, : ranges.shape[1] // 2]
+    half[:] = (_COVER + scene.rng.normal(0.0, 0.003, half.shape)).astype(np.float32)
+    return _rescanned(scene.robot, scene.scans(), ranges)
+
+
+def _parts_in_view(scene: _Scene) -> SimulatedRobot:
+    """Stand two posts on the robot before its laser."""
+    return _rescanned(scene.robot, scene.scans(), behind_posts(scene.robot, scene.rng))
+
+
+def _range_scale(scene: _Scene) -> SimulatedRobot:
+    """Let all ranges be too long."""
+    return _rescanned(scene.robot, scene.scans(), (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32))
+
+
+def _range_offset(scene: _Scene) -> SimulatedRobot:
+    """Let all ranges be too long by as much."""
+    return _rescanned(scene.robot, scene.scans(), (ranges_of(scene.robot) + _TOO_FAR).astype(np.float32))
+
+
+def _angle_step(scene: _Scene) -> SimulatedRobot:
+    """State too large an angle between beams."""
+    readings = [
+        replace(reading, scan=replace(reading.scan, angle_increment=_TOO_WIDE * reading.scan.angle_increment))
+        if is_wrong
+        else reading
+        for reading, is_wrong in zip(scene.robot.readings, scene.scans(), strict=True)
+    ]
+    return replace(scene.robot, readings=tuple(readings))
+
+
+def _mount(scene: _Scene) -> SimulatedRobot:
+    """State that the laser sits elsewhere on the robot, all the time."""
+    stated = scene.robot.laser.T_robot_sensor @ _ELSEWHERE
+    readings = tuple(replace(reading, T_robot_sensor=stated) for reading in scene.robot.readings)
+    return replace(scene.robot, laser=replace(scene.robot.laser, T_robot_sensor=stated), readings=readings)
+
+
+def _laser_knocked(scene: _Scene) -> SimulatedRobot:
+    """Turn the laser on its robot to the left, so that its last beams, which would now look elsewhere, say nothing."""
+    ranges, step = ranges_of(scene.robot), scene.robot.readings[0].scan.angle_increment
+    beams = min(round(_KNOCKED / abs(step)), ranges.shape[1])
+    turned = np.full_like(ranges, np.nan)
+    if step > 0.0:
+        turned[:, : ranges.shape[1] - beams] = ranges[:, beams:]
+    else:
+        turned[:, beams:] = ranges[:, : ranges.shape[1] - beams]
+    return _rescanned(scene.robot, scene.scans(), turned)
+
+
+def _scans_repeated(scene: _Scene) -> SimulatedRobot:
+    """Let the laser send one scan again and again."""
+    ranges, those = ranges_of(scene.robot), scene.scans()
+    return _rescanned(scene.robot, those, np.repeat(ranges[those.argmax()][None], len(ranges), axis=0))
+
+
+def _glass(scene: _Scene) -> SimulatedRobot:
+    """Make some walls of glass, which most beams pass."""
+    return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
+
+
+def _people(scene: _Scene) -> SimulatedRobot:
+    """Let people walk around the robot."""
+    return _rescanned(scene.robot, scene.scans(), with_people(scene.robot, scene.begin, scene.rng))
+
+
+def _crowd(scene: _Scene) -> SimulatedRobot:
+    """Let people go along with the robot, close to it."""
+    return _rescanned(scene.robot, scene.scans(), within_a_crowd(scene.robot, scene.rng))
+
+
+def _furniture(scene: _Scene) -> SimulatedRobot:
+    """Stand boxes around, and move all of them at once."""
+    ranges = with_moved_boxes(scene.robot, scene.begin, scene.rng)
+    return _rescanned(scene.robot, np.ones(len(ranges), dtype=np.bool_), ranges)
+
+
+def _carried(scene: _Scene) -> SimulatedRobot:
+    """Carry the robot to where it would have been later, while its wheels stand still."""
+    begin, end = scene.begin, scene.end
+    T_before_after = _odometry_at(scene.robot, begin) @ _odometry_at(scene.robot, end).inverse()
+    robot = _laser_gap(replace(scene, robot=_odometry_gap(scene)))
+    robot = _odometry_moved(robot, end, T_before_after)
+    later = _CARRIED_FOR - (end - begin)
+    stamps = robot.truth.stamps + later * (robot.truth.stamps >= end)
+    wheels = robot.odometry.stamps + later * (robot.odometry.stamps >= end)
+    robot = replace(robot, odometry=Trajectory(wheels, robot.odometry.poses))
+    recorded = None if robot.recorded is None else robot.recorded + (stamps - robot.truth.stamps)
+    return replace(_restamped(robot, stamps), recorded=recorded)
+
+
+def _lift(scene: _Scene) -> SimulatedRobot:
+    """Shut the robot up in a cabin, and let it come out, wheels still, where it would have been later."""
+    robot = scene.robot
+    shut, middle = scene.scans(), 0.5 * (scene.begin + scene.end)
+    poses = robot.truth.poses.copy()
+    if shut.any():
+        first, last = np.flatnonzero(shut)[[0, -1]]
+        poses[shut] = np.where((robot.truth.stamps[shut] < middle)[:, None], poses[first], poses[last])
+    lifted = _rescanned(_odometry_stuck(scene), shut, in_a_cabin(robot, scene.rng))
+    return replace(lifted, truth=Trajectory(robot.truth.stamps, poses))
+
+
+FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
+    "odometry_gap": _odometry_gap,
+    "odometry_jump": _odometry_jump,
+    "odometry_reset": _odometry_reset,
+    "odometry_freeze": _odometry_freeze,
+    "odometry_stuck": _odometry_stuck,
+    "odometry_reversed": _odometry_reversed,
+    "odometry_unit": _odometry_unit,
+    "clock_offset": _clock_offset,
+    "clock_step": _clock_step,
+    "stamps_back": _stamps_back,
+    "stamps_twice": _stamps_twice,
+    "laser_gap": _laser_gap,
+    "beams_blocked": _beams_blocked,
+    "parts_in_view": _parts_in_view,
+    "range_scale": _range_scale,
+    "range_offset": _range_offset,
+    "angle_step": _angle_step,
+    "mount": _mount,
+    "laser_knocked": _laser_knocked,
+    "scans_repeated": _scans_repeated,
+    "glass": _glass,
+    "people": _people,
+    "crowd": _crowd,
+    "furniture": _furniture,
+    "carried": _carried,
+    "lift": _lift,
+}
+"""Everything that can go wrong, by name."""
+
+
+def _odometry_at(robot: SimulatedRobot, stamp: float) -> SE2:
+    clipped = np.clip([stamp], robot.odometry.stamps[0], robot.odometry.stamps[-1])
+    return SE2.from_array(poses_at(robot.odometry, clipped)[0])
+
+
+def _odometry_moved(robot: SimulatedRobot, since: float, T_new_old: SE2) -> SimulatedRobot:
+    """Return the robot with its odometry in another frame from some moment on."""
+    poses = robot.odometry.poses.copy()
+    late = robot.odometry.stamps >= since
+    poses[late] = Trajectory(robot.odometry.stamps[late], poses[late]).transformed(T_new_old).poses
+    return replace(robot, odometry=Trajectory(robot.odometry.stamps, poses))
+
+
+def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
+    """Return the robot with other stamps in its scans, which are still recorded when they were."""
+    stamps = np.round(stamps * 1e6) / 1e6
+    readings = tuple(
+        replace(reading, scan=replace(reading.scan, stamp=float(stamp)))
+        for reading, stamp in zip(robot.readings, stamps, strict=True)
+    )
+    recorded = robot.truth.stamps if robot.recorded is None else robot.recorded
+    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=recorded)
+
+
+def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: FloatArray) -> SimulatedRobot:
+    """Return the robot with other ranges (S, B) in those scans (S,) that change."""
+    readings = list(robot.readings)
+    for index in np.flatnonzero(changed).tolist():
+        readings[index] = replace(readings[index], scan=replace(readings[index].scan, ranges=ranges[index]))
+    return replace(robot, readings=tuple(readings))

@@ -1,0 +1,158 @@
+"""A simulated laser range finder: exact geometry, then what real ones add."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.synthetic.world.world import World
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.rays.ray_casting import cast_rays
+from tbmslam.sensing.laser_scan import LaserScan
+
+_BEAMS_OVER_180_DEG = {180: 1.0, 181: 1.0, 361: 0.5}
+"""Usual SICK scanners: beams and their step [deg]."""
+
+
+_MOMENT = 5e-4  # in this time [s] a robot hardly moves
+
+_MOST_RATE, _FARTHEST_MOUNT = 10_000.0, 100.0
+
+STATA_MOUNT = SE2(0.275, 0.0, 0.0)
+"""Where a PR2 carries its base laser."""
+
+
+@dataclass(frozen=True)
+class SimulatedLaser:
+    """What a laser is like; the default is the base laser of MIT's PR2 at the Stata Center.
+
+    Parameters
+    ----------
+    beams, angle_min, angle_increment
+        Directions of the beams in the sensor's own frame [rad].
+    rate
+        Scans a second [Hz].
+    range_min, range_max
+        Limits of what it can measure [m].
+    noise
+        Standard deviation of a range [m].
+    dropouts
+        Fraction of beams that return nothing although there is something.
+    wrong_returns
+        Fraction of beams that return too early, anywhere before the wall.
+    T_robot_sensor
+        Where it is mounted.
+    upside_down
+        Whether it hangs from its mount, so that its beams turn clockwise seen from above.
+    sweep
+        Time from the first beam to the last [s]; 0: all are sent at one moment.
+    """
+
+    beams: int = 1040
+    angle_min: float = -2.26892805
+    angle_increment: float = 0.00436332
+    rate: float = 20.0
+    range_min: float = 0.023
+    range_max: float = 30.0
+    noise: float = 0.01
+    dropouts: float = 0.003
+    wrong_returns: float = 0.001
+    T_robot_sensor: SE2 = STATA_MOUNT
+    upside_down: bool = False
+    sweep: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value against what a laser can be."""
+        for name in ("beams", "rate"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not 0.0 <= self.range_min < self.range_max < math.inf:
+            raise ValueError(f"range_max must be finite and above range_min, got {self.range_min}, {self.range_max}")
+        if not 0.0 < abs(self.angle_increment) * (self.beams - 1) < 2.0 * math.pi and self.beams > 1:
+            raise ValueError(f"beams must lie within one turn, got {self.beams} steps of {self.angle_increment} rad")
+        for name in ("noise", "dropouts", "wrong_returns", "sweep"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if max(self.dropouts, self.wrong_returns) > 1.0:
+            raise ValueError(f"dropouts and wrong_returns must be at most 1, got {self.dropouts}, {self.wrong_returns}")
+        if self.sweep > 1.0 / self.rate:
+            raise ValueError(f"sweep must not be longer than the {1.0 / self.rate} s between scans, got {self.sweep}")
+        if not self.rate <= _MOST_RATE or not self.noise <= self.range_max:
+            raise ValueError(
+                f"rate must be at most {_MOST_RATE:.0f} Hz and noise at most range_max, got {self.rate}, {self.noise}"
+            )
+        if not max(map(abs, self.T_robot_sensor)) <= _FARTHEST_MOUNT:
+            raise ValueError(
+                f"T_robot_sensor must be finite and within {_FARTHEST_MOUNT:.0f} m, got {tuple(self.T_robot_sensor)}"
+            )
+
+    @staticmethod
+    def field_of(beams: int) -> tuple[float, float]:
+        """Return angle_min and angle_increment [rad] that a laser with so many beams usually has.
+
+        180, 181 and 361 beams are a SICK's half turn to the right of straight left, others spread over the default's
+        260 degrees.
+        """
+        if beams in _BEAMS_OVER_180_DEG:
+            return -math.pi / 2.0, math.radians(_BEAMS_OVER_180_DEG[beams])
+        usual = SimulatedLaser()
+        return usual.angle_min, usual.angle_increment * usual.beams / max(beams, 1)
+
+    def time_increment(self) -> float:
+        """Return the time between two beams [s] as a message holds it."""
+        return float(np.float32(self.sweep / max(self.beams - 1, 1)))
+
+    def moments(self, stamps: FloatArray) -> FloatArray:
+        """Return the times (S, M) [s] for which scans at stamps (S,) need the robot's pose: one for each few beams."""
+        beams = self._beams_of_a_moment()
+        first = np.arange(0, self.beams, beams) if self.sweep > 0.0 else np.zeros(1)
+        return np.asarray(stamps[:, None] + (first + (beams - 1) / 2.0) * self.time_increment())
+
+    def _beams_of_a_moment(self) -> int:
+        """Return how many neighbouring beams share a pose: those within half a millisecond."""
+        if self.sweep == 0.0:
+            return self.beams
+        return max(int(_MOMENT / self.time_increment()), 1)
+
+    def scans(
+        self, world: World, stamps: FloatArray, robot_poses: FloatArray, rng: np.random.Generator
+    ) -> list[LaserScan]:
+        """Return what the laser measures at stamps (S,) [s].
+
+        Values are rounded to float32 as a LaserScan message holds them; no return is `inf` (REP 117). An upside-down
+        laser's scans have a negative increment, as `LaserScan` demands.
+
+        Parameters
+        ----------
+        robot_poses
+            Poses (S, 3) of the robot in the world at the stamps, or (S, M, 3) at all `moments`.
+        """
+        turn = -1.0 if self.upside_down else 1.0
+        angle_min, increment = (turn * float(np.float32(angle)) for angle in (self.angle_min, self.angle_increment))
+        robots = robot_poses.reshape(len(stamps), -1, 3)
+        beams = self._beams_of_a_moment() if robots.shape[1] > 1 else self.beams
+        # The beams of each moment begin where those of the one before ended: the laser is turned on by so much.
+        mounts = [self.T_robot_sensor @ SE2(0.0, 0.0, moment * beams * increment) for moment in range(robots.shape[1])]
+        sensors = [SE2.from_array(pose) @ mount for each in robots for pose, mount in zip(each, mounts, strict=True)]
+        ranges = np.empty((len(sensors), beams))
+        # A wall just beyond reach may be measured within it.
+        reach = self.range_max + 5.0 * self.noise
+        cast_rays(world.walls, np.array(sensors).reshape(-1, 3), angle_min, increment, reach, ranges)
+        ranges = ranges.reshape(len(stamps), robots.shape[1] * beams)[:, : self.beams]
+        ranges = self._corrupted(ranges, rng).astype(np.float64)
+        limits = float(np.float32(self.range_min)), float(np.float32(self.range_max))
+        return [
+            LaserScan(float(stamp), angle_min, increment, *limits, row, self.time_increment())
+            for stamp, row in zip(stamps, ranges, strict=True)
+        ]
+
+    def _corrupted(self, exact: FloatArray, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+        ranges = exact + rng.normal(0.0, self.noise, exact.shape)
+        chance = rng.random(exact.shape)
+        early = chance < self.wrong_returns
+        ranges[early] = rng.uniform(self.range_min, np.minimum(exact[early], self.range_max))
+        ranges[chance > 1.0 - self.dropouts] = np.inf
+        rounded = ranges.astype(np.float32)
+        rounded[(rounded < self.range_min) | (rounded > self.range_max)] = np.inf
+        return rounded

@@ -1,0 +1,116 @@
+"""Robots in a world: what their lasers and wheels say, and where they truly were."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.world.world import World
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.parallel.progress import Watch
+from tbmslam.sensing.laser_scan import Reading
+
+FIRST_SCAN_AFTER = 0.007
+"""Time from a drive's first pose to the first scan [s]: scans fall between odometry samples, as in reality."""
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """One robot's recording and its truth.
+
+    Parameters
+    ----------
+    name
+        `robot_K`.
+    laser
+        What it measured with.
+    readings
+        Scans with odometry at their stamps, as a reader of its bag finds them.
+    odometry
+        All odometry (50 Hz), in an odometry frame that begins at the robot's first pose.
+    truth
+        The robot's true pose in the world's frame at the time of every scan, which is its stamp unless that is wrong.
+    recorded
+        When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong.
+    """
+
+    name: str
+    laser: SimulatedLaser
+    readings: tuple[Reading, ...] = field(repr=False)
+    odometry: Trajectory
+    truth: Trajectory
+    recorded: FloatArray | None = field(default=None, repr=False)
+
+
+def simulate(
+    world: World,
+    drives: Sequence[Trajectory],
+    laser: SimulatedLaser,
+    odometry: OdometryNoise,
+    seed: int = 0,
+    watch: Watch | None = None,
+) -> list[SimulatedRobot]:
+    """Let robots measure while they drive.
+
+    Parameters
+    ----------
+    drives
+        One true drive a robot in the world's frame, as `plan_drives` returns them.
+    seed
+        Draws every error of lasers and wheels.
+    watch
+        Who is told how far it is.
+    """
+    watch = watch or Watch()
+    rngs = np.random.default_rng([seed, 23]).spawn(len(drives))
+    return [
+        _simulate_robot(world, index, *each, laser, odometry)
+        for index, each in enumerate(watch.each(zip(drives, rngs, strict=True), "simulating", len(drives), "robots"))
+    ]
+
+
+def _simulate_robot(
+    world: World,
+    index: int,
+    drive: Trajectory,
+    rng: np.random.Generator,
+    laser: SimulatedLaser,
+    noise: OdometryNoise,
+) -> SimulatedRobot:
+    wheel_rng, laser_rng = rng.spawn(2)
+    odometry = noise.odometry(drive, wheel_rng)
+    first = drive.stamps[0] + FIRST_SCAN_AFTER
+    stamps = first + np.arange(int((drive.stamps[-1] - laser.sweep - first) * laser.rate) + 1) / laser.rate
+    # A stamp is a whole number of microseconds, so that a bag's nanoseconds hold it.
+    stamps = np.round(stamps * 1e6) / 1e6
+    poses = poses_at(drive, stamps)
+    scans = laser.scans(world, stamps, _between(drive, laser.moments(stamps)), laser_rng)
+    swept = poses_at(odometry, stamps + laser.sweep) if laser.sweep > 0.0 else [None] * len(scans)
+    readings = tuple(
+        Reading(scan, SE2.from_array(pose), laser.T_robot_sensor, None if end is None else SE2.from_array(end))
+        for scan, pose, end in zip(scans, poses_at(odometry, stamps), swept, strict=True)
+    )
+    return SimulatedRobot(f"robot_{index}", laser, readings, odometry, Trajectory(stamps, poses))
+
+
+def _between(drive: Trajectory, moments: FloatArray) -> FloatArray:
+    """Return the poses (S, M, 3) of a drive at many moments (S, M), quickly."""
+    if moments.shape[1] == 1:
+        return poses_at(drive, moments[:, 0])[:, None]
+    x, y, theta = drive.poses[:, 0], drive.poses[:, 1], np.unwrap(drive.poses[:, 2])
+    return np.stack([np.interp(moments, drive.stamps, values) for values in (x, y, theta)], axis=-1)
+
+
+def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
+    """Return the poses (S, 3) at stamps (S,) within a trajectory, at constant twist between its poses."""
+    after = np.searchsorted(trajectory.stamps, stamps, side="right").clip(1, len(trajectory) - 1)
+    before = trajectory.stamps[after - 1]
+    fractions = (stamps - before) / (trajectory.stamps[after] - before)
+    poses = [
+        trajectory.pose(index - 1).interpolate(trajectory.pose(index), float(fraction))
+        for index, fraction in zip(after.tolist(), fractions, strict=True)
+    ]
+    return np.array(poses).reshape(-1, 3)

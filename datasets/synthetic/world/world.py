@@ -1,0 +1,181 @@
+"""A building known exactly: walls as segments, and which cells of a map they make free or occupied."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from tbmslam.belief.grid import GridGeometry
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
+from tbmslam.errors import TbmSlamError
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.io.atomic_file import replacing
+from tbmslam.io.map_check import MAX_CELLS
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+
+Labels = npt.NDArray[np.uint8]
+
+
+class WorldError(TbmSlamError):
+    """A file does not hold a world."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything a simulated laser can meet.
+
+    Parameters
+    ----------
+    name, seed
+        What made it.
+    walls
+        Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture.
+    places
+        Points (M, 2) [m] worth a visit: rooms, stretches of corridor. A few may be under furniture; what connects most
+        of them is the inside.
+    """
+
+    name: str
+    seed: int
+    walls: FloatArray
+    places: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays' shapes, and that places are some."""
+        if self.walls.ndim != 2 or self.walls.shape[1] != 4 or not len(self.walls):
+            raise ValueError(f"walls must be segments (N, 4), N > 0, got shape {self.walls.shape}")
+        if self.places.ndim != 2 or self.places.shape[1] != 2 or not len(self.places):
+            raise ValueError(f"places must be points (M, 2), M > 0, got shape {self.places.shape}")
+        if not all((np.abs(points) <= FARTHEST_PLACE).all() for points in (self.walls, self.places)):
+            raise ValueError(f"walls and places must lie within {FARTHEST_PLACE:.0e} m")
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return (min_x, min_y, max_x, max_y) of the walls [m]."""
+        points = self.walls.reshape(-1, 2)
+        (min_x, min_y), (max_x, max_y) = points.min(axis=0), points.max(axis=0)
+        return float(min_x), float(min_y), float(max_x), float(max_y)
+
+    def grid(self, resolution: float = 0.05, margin: float = 0.5) -> GridGeometry:
+        """Return a grid that holds the whole world, `margin` metres wider on each side."""
+        return _covering(self.bounds(), GridGeometry(resolution, 0.0, 0.0, 0, 0), margin)
+
+    def occupancy(self, geometry: GridGeometry, T_world_grid: SE2 | None = None) -> Labels:
+        """Say what each cell of a map is in truth.
+
+        Parameters
+        ----------
+        geometry
+            The cells.
+        T_world_grid
+            Pose of the grid's frame in the world; the world's own frame when None.
+
+        Returns
+        -------
+        labels
+            (rows, cols), the constants of `tbmslam.belief.masses`: OCCUPIED where a surface passes through the cell, FREE
+            in the rest of the inside, UNKNOWN elsewhere.
+
+        Raises
+        ------
+        WorldError
+            The world and the cells together are too large, as they are far from each other.
+        """
+        T_grid_world = SE2.identity() if T_world_grid is None else T_world_grid.inverse()
+        walls = T_grid_world.apply(self.walls.reshape(-1, 2, 2)).reshape(-1, 4)
+        places = T_grid_world.apply(self.places)
+        ends = walls.reshape(-1, 2)
+        (min_x, min_y), (max_x, max_y) = ends.min(axis=0), ends.max(axis=0)
+        # Free space may be connected through parts that the asked cells do not show.
+        whole = _covering((float(min_x), float(min_y), float(max_x), float(max_y)), geometry, geometry.resolution)
+        if whole.rows * whole.cols > MAX_CELLS:
+            raise WorldError(
+                f"the world {self.name} and the map reach together over {whole.rows} x {whole.cols} cells: say where "
+                "the map lies in it, or use coarser cells"
+            )
+        labels = np.full((whole.rows, whole.cols), UNKNOWN, dtype=np.uint8)
+        occupied = _cells_with_walls(walls, whole)
+        regions, _ = ndimage.label(~occupied)
+        cells = [whole.cell_at(float(x), float(y)) for x, y in places]
+        at_places = [regions[row, col] for row, col in cells if 0 <= row < whole.rows and 0 <= col < whole.cols]
+        inside = np.bincount(at_places, minlength=2)[1:].argmax() + 1  # region 0 is the walls
+        labels[regions == inside] = FREE
+        labels[occupied] = OCCUPIED
+        return _window(labels, whole, geometry)
+
+    def save(self, path: Path) -> None:
+        """Write the world as .npz, whole or not at all; the same world gives the same bytes."""
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, name=np.array(self.name), seed=np.array(self.seed), walls=self.walls, places=self.places)
+
+
+def load_world(path: Path) -> World:
+    """Read a world that `World.save` wrote.
+
+    Parameters
+    ----------
+    path
+        The .npz file, or the folder that holds it as `world.npz`.
+
+    Raises
+    ------
+    WorldError
+        When there is no such file or it holds something else.
+    """
+    file = path / "world.npz" if path.is_dir() else path
+    try:
+        if why := why_unreadable(file):
+            raise WorldError(f"{file} {why}; make a world with tools/make_world.py")
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+            walls = np.asarray(arrays["walls"], dtype=np.float64)
+            places = np.asarray(arrays["places"], dtype=np.float64)
+            return World(str(arrays["name"]), int(arrays["seed"]), walls, places)
+    except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+        raise WorldError(f"{file} is not a world: {error}; make one with tools/make_world.py") from error
+
+
+def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:
+    """Return a grid on the same lattice as `cells` that holds both it and `bounds`."""
+    min_x, min_y, max_x, max_y = bounds
+    bottom, left = cells.cell_at(min_x - margin, min_y - margin)
+    top, right = cells.cell_at(max_x + margin, max_y + margin)
+    bottom, left = min(bottom, 0), min(left, 0)
+    if not cells.rows:  # an empty lattice: only the bounds count
+        bottom, left = cells.cell_at(min_x - margin, min_y - margin)
+    return GridGeometry(
+        cells.resolution,
+        cells.origin_x + left * cells.resolution,
+        cells.origin_y + bottom * cells.resolution,
+        max(top + 1, cells.rows) - bottom,
+        max(right + 1, cells.cols) - left,
+    )
+
+
+def _window(labels: Labels, whole: GridGeometry, part: GridGeometry) -> Labels:
+    row = round((part.origin_y - whole.origin_y) / whole.resolution)
+    col = round((part.origin_x - whole.origin_x) / whole.resolution)
+    return labels[row : row + part.rows, col : col + part.cols].copy()
+
+
+def _cells_with_walls(walls: FloatArray, geometry: GridGeometry) -> npt.NDArray[np.bool_]:
+    """Return which cells any segment touches: between two crossings of grid lines a segment stays in one cell."""
+    occupied = np.zeros((geometry.rows, geometry.cols), dtype=np.bool_)
+    scaled = (walls - [geometry.origin_x, geometry.origin_y] * 2) / geometry.resolution
+    for x0, y0, x1, y1 in scaled:
+        crossings = np.concatenate(([0.0, 1.0], _crossings(x0, x1), _crossings(y0, y1)))
+        crossings.sort()
+        middle = (crossings[:-1] + crossings[1:]) / 2.0
+        rows = np.floor(y0 + middle * (y1 - y0)).astype(np.int64)
+        cols = np.floor(x0 + middle * (x1 - x0)).astype(np.int64)
+        occupied[rows, cols] = True
+    return occupied
+
+
+def _crossings(start: float, end: float) -> FloatArray:
+    """Return where, as fractions of the way from start to end, whole numbers are crossed."""
+    low, high = min(start, end), max(start, end)
+    lines = np.arange(np.floor(low) + 1.0, np.ceil(high))
+    return (lines - start) / (end - start) if len(lines) else np.zeros(0)

@@ -1,0 +1,1 @@
+"""Masses of the Transferable Belief Model, and grids of them."""

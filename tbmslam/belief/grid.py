@@ -1,0 +1,159 @@
+"""A grid of beliefs and where its cells lie."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief.masses import UNKNOWN, VACUOUS, pignistic
+from tbmslam.geometry.se2 import FloatArray
+
+Masses = npt.NDArray[np.float32]
+SUM_TOLERANCE = 1e-3
+"""How far the masses of a cell may miss the sum of one: many updates in float32 round."""
+_CELLS_AT_ONCE = 1 << 20
+
+
+class GridGeometry(NamedTuple):
+    """Where the cells of a grid lie: row grows with y, column with x.
+
+    Parameters
+    ----------
+    resolution
+        Side of a cell [m].
+    origin_x, origin_y
+        Outer corner of cell (0, 0) in the grid's frame [m].
+    rows, cols
+        Number of cells along y and x.
+    """
+
+    resolution: float
+    origin_x: float
+    origin_y: float
+    rows: int
+    cols: int
+
+    def cell_at(self, x: float, y: float) -> tuple[int, int]:
+        """Return (row, col) of the cell that contains a point [m]; it may lie outside the grid."""
+        return (
+            math.floor((y - self.origin_y) / self.resolution),
+            math.floor((x - self.origin_x) / self.resolution),
+        )
+
+    def cells_at(
+        self, points: FloatArray
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+        """Return the rows and columns of points (N, 2) [m], clipped to the grid, and which points lie inside."""
+        cols = np.floor((points[:, 0] - self.origin_x) / self.resolution).astype(np.int64)
+        rows = np.floor((points[:, 1] - self.origin_y) / self.resolution).astype(np.int64)
+        inside = (rows >= 0) & (rows < self.rows) & (cols >= 0) & (cols < self.cols)
+        return np.clip(rows, 0, self.rows - 1), np.clip(cols, 0, self.cols - 1), inside
+
+    def centre_of(self, row: float, col: float) -> tuple[float, float]:
+        """Return the centre (x, y) of a cell [m]; between two cells that lies between theirs."""
+        return (
+            self.origin_x + (col + 0.5) * self.resolution,
+            self.origin_y + (row + 0.5) * self.resolution,
+        )
+
+    def centres_of(self, rows: npt.NDArray[np.integer], cols: npt.NDArray[np.integer]) -> FloatArray:
+        """Return the centres (N, 2) of cells (N,) [m]."""
+        x = self.origin_x + (cols + 0.5) * self.resolution
+        y = self.origin_y + (rows + 0.5) * self.resolution
+        return np.column_stack((x, y))
+
+    def contains(self, row: int, col: int) -> bool:
+        """Tell whether a cell lies inside."""
+        return 0 <= row < self.rows and 0 <= col < self.cols
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return the outer edges (min_x, min_y, max_x, max_y) [m]."""
+        return (
+            self.origin_x,
+            self.origin_y,
+            self.origin_x + self.cols * self.resolution,
+            self.origin_y + self.rows * self.resolution,
+        )
+
+
+@dataclass(frozen=True)
+class TbmGrid:
+    """Cells that hold the masses of the Transferable Belief Model.
+
+    Parameters
+    ----------
+    geometry
+        Where the cells lie.
+    masses
+        Masses (rows, cols, 4), float32, ordered CONFLICT, FREE, OCCUPIED, UNKNOWN as in `tbmslam.belief.masses`.
+    """
+
+    geometry: GridGeometry
+    masses: Masses
+
+    def __post_init__(self) -> None:
+        """Check that geometry and masses belong together."""
+        expected = (self.geometry.rows, self.geometry.cols, 4)
+        if self.masses.shape != expected:
+            raise ValueError(f"masses must have shape {expected} as the geometry says, got {self.masses.shape}")
+        if not (self.geometry.resolution > 0.0 and math.isfinite(self.geometry.resolution)):
+            raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
+        if not (math.isfinite(self.geometry.origin_x) and math.isfinite(self.geometry.origin_y)):
+            raise ValueError(f"origin must be finite, got {self.geometry.origin_x}, {self.geometry.origin_y}")
+
+    @classmethod
+    def unknown(cls, geometry: GridGeometry) -> "TbmGrid":
+        """Return a grid about which nothing is known."""
+        return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
+
+    def fault(self) -> str | None:
+        """Return what keeps the masses from being beliefs, such as one below zero; None where nothing does."""
+        cells = self.masses.reshape(-1, 4)
+        for start in range(0, len(cells), _CELLS_AT_ONCE):
+            block = cells[start : start + _CELLS_AT_ONCE]
+            if not block.min() >= 0.0:  # also where it is nan
+                return f"a mass is {block.min()}, not zero or more"
+            error = float(np.abs(block @ np.ones(4, dtype=block.dtype) - 1.0).max())
+            if not error <= SUM_TOLERANCE:
+                return f"the masses of a cell miss the sum of 1 by {error:.3g}"
+        return None
+
+    def is_known(self) -> npt.NDArray[np.bool_]:
+        """Return which cells (rows, cols) hold any evidence at all."""
+        return np.asarray(self.masses[..., UNKNOWN] < 1.0)
+
+    def pignistic(self) -> FloatArray:
+        """Return the probability (rows, cols) of being occupied."""
+        return pignistic(self.masses)
+
+    def masses_of_rows(self, first: int, last: int) -> Masses:
+        """Return the masses of the rows from `first` up to, and without, `last`."""
+        return self.masses[first:last]
+
+    def known_part(self, margin: int = 0) -> "TbmGrid":
+        """Return a view of the smallest part that holds every known cell; see `cropped_to_known`."""
+        known = self.is_known()
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if rows.size == 0:
+            return self
+        top, bottom = max(rows[0] - margin, 0), min(rows[-1] + 1 + margin, self.geometry.rows)
+        left, right = max(cols[0] - margin, 0), min(cols[-1] + 1 + margin, self.geometry.cols)
+        g = self.geometry
+        geometry = GridGeometry(
+            g.resolution,
+            g.origin_x + float(left) * g.resolution,
+            g.origin_y + float(top) * g.resolution,
+            int(bottom - top),
+            int(right - left),
+        )
+        return TbmGrid(geometry, self.masses[top:bottom, left:right])
+
+    def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
+        """Return the smallest part that holds every known cell, with a margin of `margin` cells where there is room.
+
+        A grid without any evidence comes back as it is.
+        """
+        part = self.known_part(margin)
+        return self if part is self else TbmGrid(part.geometry, np.ascontiguousarray(part.masses))

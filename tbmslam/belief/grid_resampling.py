@@ -1,0 +1,75 @@
+"""A grid read anew on the cells of another grid, in another frame.
+
+Where the new cells are as fine as the old ones or finer, each takes the belief of the old cell its centre lies in:
+exact to half a cell, and a wall stays as sharp and as certain as it was, where interpolation would smear it into the
+free space beside it. Where the new cells are coarser, each takes the mean over the area it covers, or else thin walls
+would fall between the centres. Both are convex combinations of beliefs, hence beliefs.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.grids import resampling as kernels
+
+
+@dataclass(frozen=True)
+class PlacedGrid:
+    """A grid that will be read on the cells of another frame, some rows at a time.
+
+    Parameters
+    ----------
+    grid
+        The source.
+    T_target_source
+        Pose of the source's frame in the target's frame.
+    geometry
+        The cells wanted, in the target's frame; resolution, size and origin are free.
+    """
+
+    grid: TbmGrid
+    T_target_source: SE2
+    geometry: GridGeometry
+
+    def __post_init__(self) -> None:
+        """Check that there are such cells."""
+        if not np.isfinite([*self.T_target_source, *self.geometry]).all():
+            raise ValueError(f"transform and geometry must be finite, got {self.T_target_source} and {self.geometry}")
+
+    def masses_of_rows(self, first: int, last: int) -> Masses:
+        """Return the masses of the target's rows from `first` up to, and without, `last`."""
+        row_of, col_of = _cells_in_source(self.grid.geometry, self.T_target_source, self.geometry)
+        # A sliver over 1 is rounding in the resolution, not a coarser grid.
+        samples = max(1, math.ceil(self.geometry.resolution / self.grid.geometry.resolution - 1e-6))
+        resampled = np.empty((last - first, self.geometry.cols, 4), dtype=np.float32)
+        kernels.resample(np.asarray(self.grid.masses, dtype=np.float32), row_of, col_of, samples, first, resampled)
+        return resampled
+
+    def drawn(self) -> TbmGrid:
+        """Return the same beliefs on the target's cells; what the source does not cover is unknown."""
+        return TbmGrid(self.geometry, self.masses_of_rows(0, self.geometry.rows))
+
+
+def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:
+    """Read a grid on the cells of another frame; see `PlacedGrid`.
+
+    Raises
+    ------
+    ValueError
+        If the transform or the geometry is not finite.
+    """
+    return PlacedGrid(grid, T_target_source, geometry).drawn()
+
+
+def _cells_in_source(source: GridGeometry, T_target_source: SE2, target: GridGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Return the affine maps from target (row, col, 1) to the source's row and column, in cells from the corner."""
+    T_source_target = T_target_source.inverse()
+    corner_x, corner_y = T_source_target.apply([target.origin_x, target.origin_y])
+    ratio = target.resolution / source.resolution
+    cosine, sine = math.cos(T_source_target.theta) * ratio, math.sin(T_source_target.theta) * ratio
+    row_of = np.array([cosine, sine, (corner_y - source.origin_y) / source.resolution])
+    col_of = np.array([-sine, cosine, (corner_x - source.origin_x) / source.resolution])
+    return row_of, col_of

@@ -1,0 +1,1 @@
+"""How the laser is mounted, and what its ranges and angles are off by."""

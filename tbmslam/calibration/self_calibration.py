@@ -1,0 +1,117 @@
+"""The laser's numbers as one part of a drive tells them, poses and walls being free."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.calibration.laser_fit_config import LaserFitConfig
+from tbmslam.geometry.se2 import FloatArray, wrap_angles
+from tbmslam.kernels.adjustment.laser_slopes import (
+    NUMBERS,
+    OFFSET,
+    SCALE,
+    SWEEP,
+    bent_hits,
+    laser_equations,
+    single_scan_hits,
+)
+from tbmslam.kernels.adjustment.motion_systems import motion_equations
+from tbmslam.kernels.adjustment.pose_systems import PoseSystem
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.drive_bends import bends_of
+from tbmslam.optimisation.motion_equations import motions_of
+from tbmslam.optimisation.pose_chain import MotionChain
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_solver import PoseSolver
+from tbmslam.optimisation.wall_lines import WallLines
+
+_GAUGE = 1e8
+"""Information that holds the first pose where it is [1/m^2]."""
+_DAMPING = 0.01
+"""Of every pose [1/m^2]: what no wall tells, as the way along a bare corridor, stays."""
+_PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
+"""Information of the numbers without any wall: no laser is wrong by more."""
+_SHIFT = 0.382
+"""Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
+
+
+class SelfCalibration:
+    """One part of a drive, whose poses and laser are improved round by round.
+
+    Parameters
+    ----------
+    keyframes, poses, steps
+        The whole drive, as of `tbmslam.calibration.laser_fit.fit_laser`.
+    rates
+        How fast the laser turned at each keyframe of it (K,), positive the way its beams turn [rad/s].
+    scans
+        The keyframes (N,), two at least, that are looked at.
+    config, pieces
+        How it is sought, and what a piece of wall is.
+    """
+
+    def __init__(
+        self,
+        keyframes: Keyframes,
+        poses: FloatArray,
+        steps: Sequence[MotionEdge],
+        rates: FloatArray,
+        scans: npt.NDArray[np.int64],
+        config: LaserFitConfig,
+        pieces: AdjustmentConfig,
+    ) -> None:
+        self._pieces = pieces.model_copy(update={"deviation": config.deviation})
+        self._hits, self._begins = single_scan_hits(
+            *(keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps),
+            *(scans, config.hits, (config.max_range, pieces.gap, pieces.bulge)),
+        )
+        first, last = int(scans[0]), int(scans[-1])
+        between = MotionChain(steps[first:last]).between(scans - first)
+        self._motions = motions_of(
+            [
+                MotionEdge(k, k + 1, edge.T_source_target, config.trust * edge.information)
+                for k, edge in enumerate(between)
+            ],
+            [],
+            1.0,
+            np.arange(len(scans)),
+            np.zeros((len(scans), 3)),
+        )
+        self._poses = poses[scans]
+        self._rates = rates[scans]
+        self._bends = bends_of([0, len(scans)])
+        self._held = np.tile(_DAMPING * np.eye(3), (len(scans), 1, 1))
+        self._held[0] += _GAUGE * np.eye(3)
+        self._numbers = np.zeros(NUMBERS)
+        self._round = 0
+
+    def improved(self) -> tuple[FloatArray, FloatArray]:
+        """Do a round; return the numbers (M,) and their information (M, M)."""
+        pieces, numbers, at = self._pieces, self._numbers, self._poses
+        scales = numbers[SCALE] + numbers[SWEEP] * self._rates
+        hits = bent_hits(self._hits, self._begins, scales, float(numbers[OFFSET]))
+        walls = WallLines(hits, 1, at, self._round * _SHIFT % 1.0 * pieces.cell, pieces)
+        own, motions, pull = motion_equations(self._motions, at)
+        solver = PoseSolver(
+            PoseSystem(walls.own + own + self._held, walls.system, motions), at, self._bends, pieces.precision
+        )
+        limits = pieces.enough, pieces.deviation, pieces.robust_width
+        laser = laser_equations(hits, self._hits[:, 2], self._rates, at, walls.seen, walls.system, limits)
+        gradient = walls.gradient + pull
+        # How poses follow each number; what is left of the equations once they do (Schur complement), in a form whose
+        # error is the square of the solver's.
+        following = [solver.solved(laser.across[:, :, j]) for j in range(NUMBERS)]
+        follow = np.array(following).reshape(NUMBERS, -1)
+        curved = np.array([solver.curved(changes) for changes in following]).reshape(NUMBERS, -1)
+        across = laser.across.reshape(-1, NUMBERS)
+        information = laser.own - follow @ across - (follow @ across).T + follow @ curved.T
+        slope = laser.gradient - follow @ gradient.ravel()
+        change = -np.linalg.solve(information + np.diag(_PRIOR), slope + _PRIOR * numbers)
+        moved = solver.solved(gradient) + (follow.T @ change).reshape(-1, 3)
+        self._poses = at - moved
+        self._poses[:, 2] = wrap_angles(self._poses[:, 2])
+        self._numbers = numbers + change
+        self._round += 1
+        return self._numbers, information + np.diag(_PRIOR)

@@ -1,0 +1,1 @@
+"""The parameters: presets, overrides and their TOML."""

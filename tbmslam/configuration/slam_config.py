@@ -1,0 +1,146 @@
+"""Every parameter of the SLAM, and the presets that people choose by name."""
+
+import difflib
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import Field
+
+from tbmslam.calibration.laser_check import LaserCheckConfig
+from tbmslam.calibration.laser_fit_config import LaserFitConfig
+from tbmslam.calibration.mount_check import MountCheckConfig
+from tbmslam.configuration.parameters import ConfigError, changed
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.loop_closure.loop_closer import LoopClosingConfig
+from tbmslam.map.config import MapConfig
+from tbmslam.map.scan_inserter import InsertionConfig
+from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
+from tbmslam.monitoring.odometry_check import OdometryCheckConfig
+from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.related.particle_tracker import ParticleTrackerConfig
+from tbmslam.sensing.sensor_model import SensorModelConfig
+from tbmslam.tracking.deskew import DeskewConfig
+from tbmslam.tracking.forgetting import ForgettingConfig
+from tbmslam.tracking.motion_model import MotionConfig
+from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
+from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
+from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
+from tbmslam.vinyslam.hill_climbing import HillClimbingConfig
+from tbmslam.vinyslam.monte_carlo import MonteCarloConfig
+
+__all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "config_from_dict", "preset"]
+
+
+class KeyframeConfig(FrozenConfig):
+    """When a scan is worth keeping."""
+
+    distance: float = Field(0.25, ge=0, description="travelled since the last one [m]")
+    angle: float = Field(0.25, ge=0, description="turned since the last one [rad]")
+
+
+class SlamConfig(FrozenConfig):
+    """The whole configuration of one SLAM run."""
+
+    preset: str = Field("default", description="what the values below began as; --preset chooses another")
+    seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")
+    motion: MotionConfig = MotionConfig()
+    deskew: DeskewConfig = DeskewConfig()
+    tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (
+        SurfelTrackerConfig()
+    )
+    keyframes: KeyframeConfig = KeyframeConfig()
+    forgetting: ForgettingConfig = ForgettingConfig()
+    loop_closing: LoopClosingConfig = LoopClosingConfig()
+    adjustment: AdjustmentConfig = AdjustmentConfig()
+    laser_fit: LaserFitConfig = LaserFitConfig()
+    laser_check: LaserCheckConfig = LaserCheckConfig()
+    blocked_beams: BlockedBeamsConfig = BlockedBeamsConfig()
+    odometry_check: OdometryCheckConfig = OdometryCheckConfig()
+    mount_check: MountCheckConfig = MountCheckConfig()
+    map: MapConfig = MapConfig()
+
+
+_VINY_MAP = MapConfig(
+    resolution=0.1,
+    max_cells=200_000_000,
+    sensor_model=SensorModelConfig(),
+    insertion=InsertionConfig(no_return="free"),
+    keep_conflict=False,
+)
+
+
+_TINY_MAP = _VINY_MAP.model_copy(update={"sensor_model": SensorModelConfig(wall_blur=0.5, combination="mean")})
+_CREDIBILIST_MAP = _VINY_MAP.model_copy(update={"resolution": 0.05, "sensor_model": SensorModelConfig(wall_blur=0.1)})
+
+
+def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: MapConfig = _VINY_MAP) -> SlamConfig:
+    """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
+    return SlamConfig(
+        preset=name,
+        deskew=DeskewConfig(enabled=False),
+        tracker=GridTrackerConfig(matcher=matcher),
+        loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
+        blocked_beams=BlockedBeamsConfig(enabled=False),
+        map=cells,
+    )
+
+
+PRESETS: Mapping[str, SlamConfig] = {
+    "default": SlamConfig(),
+    "viny": _on_grid("viny", MonteCarloConfig()),
+    "viny-hc": _on_grid("viny-hc", HillClimbingConfig()),
+    "tiny": _on_grid("tiny", MonteCarloConfig(weighting="even"), _TINY_MAP),
+    "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
+    "particles": SlamConfig(
+        preset="particles",
+        tracker=ParticleTrackerConfig(),
+        keyframes=KeyframeConfig(distance=0.5, angle=0.35),
+        loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
+        # Particles are weighed by what cells say, and lean on what a beam says for both.
+        map=MapConfig(
+            max_cells=200_000_000,
+            sensor_model=SensorModelConfig(
+                hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
+            ),
+        ),
+        blocked_beams=BlockedBeamsConfig(enabled=False),
+    ),
+    "odometry": SlamConfig(
+        preset="odometry",
+        motion=MotionConfig(odometry=OdometryNoiseConfig(learning=False)),
+        tracker=SurfelTrackerConfig(min_matched=1.0),
+        loop_closing=LoopClosingConfig(enabled=False),
+        adjustment=AdjustmentConfig(enabled=False),
+        laser_fit=LaserFitConfig(enabled=False),
+    ),
+}
+
+
+def preset(name: str) -> SlamConfig:
+    """Return a preset by name.
+
+    Raises
+    ------
+    ConfigError
+        When there is none of that name.
+    """
+    if name not in PRESETS:
+        near = difflib.get_close_matches(name, PRESETS, n=1)
+        meant = f": did you mean {near[0]!r}?" if near else ""
+        raise ConfigError(f"there is no preset {name!r}; there are {', '.join(PRESETS)}{meant}")
+    return PRESETS[name]
+
+
+def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
+    """Read a configuration; what is not given keeps its default, or that of the preset it names.
+
+    Raises
+    ------
+    ConfigError
+        When a key is unknown, with the nearest one, or a value does not fit, in one line with the key's place.
+    """
+    return changed(preset(str(values.get("preset", "default"))), values)

@@ -1,0 +1,118 @@
+"""A configuration as TOML for people: each parameter with what it means, its unit and its limits."""
+
+import inspect
+import textwrap
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, Literal, get_args, get_origin
+
+import docstring_parser
+import tomlkit
+from annotated_types import Ge, Gt, Interval, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from tomlkit.items import Table
+
+from tbmslam.configuration.parameters import fields_of, is_table
+
+_WIDTH = 100
+
+
+def config_text(config: object, heading: str = "", leave_out: Collection[str] = ()) -> str:
+    """Return a configuration as TOML with a comment for each parameter.
+
+    What is not set, which TOML cannot say, stands there as a comment.
+
+    Parameters
+    ----------
+    config
+        A pydantic model or a dataclass; tables in it are such as well. A parameter is described by its field, or by
+        the section *Parameters* of the class's docstring.
+    heading
+        Comment at the top.
+    leave_out
+        Names at the top that are not wanted.
+    """
+    document = tomlkit.document()
+    for line in textwrap.wrap(heading, _WIDTH):
+        document.add(tomlkit.comment(line))
+    if heading:
+        document.add(tomlkit.nl())
+    _fill(document, config, leave_out)
+    return tomlkit.dumps(document)
+
+
+def descriptions_of(table: object) -> dict[str, str]:
+    """Return what each field of a table means, where its class says it."""
+    described: dict[str, str] = {}
+    for parameter in docstring_parser.parse(
+        inspect.getdoc(type(table)) or "", docstring_parser.DocstringStyle.NUMPYDOC
+    ).params:
+        for name in parameter.arg_name.split(", "):
+            described[name] = " ".join((parameter.description or "").split()).rstrip(".")
+    if isinstance(table, BaseModel):
+        described |= {name: field.description for name, field in type(table).model_fields.items() if field.description}
+    return described
+
+
+def _fill(container: tomlkit.TOMLDocument | Table, table: object, leave_out: Collection[str] = ()) -> None:
+    """Write a table's parameters, then the tables in it."""
+    described = descriptions_of(table)
+    values = {name: value for name, value in fields_of(table).items() if name not in leave_out}
+    limits = _limits(table)
+    before = ""
+    for name, value in values.items():
+        if is_table(value):
+            continue
+        if described.get(name, "") != before:  # one comment for neighbours that are described together
+            _comment(container, described.get(name, ""))
+        before = described.get(name, "")
+        if value is None:
+            container.add(tomlkit.comment(f"{name} is not set"))
+            continue
+        item = tomlkit.item(_plain(value))
+        if limits.get(name):
+            item.comment(limits[name])
+        container.add(name, item)
+    for name, value in values.items():
+        if is_table(value):
+            below = tomlkit.table()
+            summary = inspect.getdoc(type(value)) or ""
+            _comment(below, described.get(name) or summary.partition("\n")[0])
+            _fill(below, value)
+            container.add(tomlkit.nl())
+            container.add(name, below)
+
+
+def _comment(container: tomlkit.TOMLDocument | Table, text: str) -> None:
+    for line in textwrap.wrap(text, _WIDTH):
+        container.add(tomlkit.comment(line))
+
+
+def _plain(value: object) -> object:
+    """Return a value as TOML has them: tuples and poses are arrays."""
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update(value)
+        return table
+    return [_plain(one) for one in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+def _limits(table: object) -> dict[str, str]:
+    """Return what each field may hold, where that is more than a type."""
+    if isinstance(table, BaseModel):
+        return {name: ", ".join(_limits_of(field)) for name, field in type(table).model_fields.items()}
+    hints = inspect.get_annotations(type(table), eval_str=True)
+    return {name: ", ".join(_choices(hint)) for name, hint in hints.items()}
+
+
+def _limits_of(field: FieldInfo) -> Iterator[str]:
+    yield from _choices(field.annotation)
+    for limit in field.metadata:
+        for sign, kind, name in ((">", Gt, "gt"), (">=", Ge, "ge"), ("<", Lt, "lt"), ("<=", Le, "le")):
+            if isinstance(limit, kind | Interval) and (bound := getattr(limit, name)) is not None:
+                yield f"{sign} {bound:g}"
+
+
+def _choices(annotation: Any) -> Iterator[str]:
+    if get_origin(annotation) is Literal and len(get_args(annotation)) > 1:
+        yield "one of " + ", ".join(get_args(annotation))

@@ -1,0 +1,1 @@
+"""Poses and trajectories in the plane."""

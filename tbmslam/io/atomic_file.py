@@ -1,0 +1,107 @@
+"""Files that appear whole or not at all."""
+
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from glob import escape
+from pathlib import Path
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.io.special_file import is_device_or_pipe
+
+
+class FileNotWrittenError(TbmSlamError):
+    """A file could not be written; what stood at its place before still does."""
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | None = None) -> Iterator[Path]:
+    """Yield a temporary path beside `path` to write to, and put the new file in its place when the block ends well.
+
+    The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
+    cut leaves the old file or the new one. Missing parent folders are made. A file has one writer at a time.
+
+    Parameters
+    ----------
+    path
+        The place.
+    make_way
+        Called when the new file is on the disk, where nothing but an interruption can keep it from its name any more:
+        removes what would be wrong beside it.
+
+    Raises
+    ------
+    FileNotWrittenError
+        The folder or the file cannot be written; the temporary file is gone. Or at the place stands something else
+        than a file, such as a device, which would be gone.
+    """
+    target = Path(path)
+    if not target.name:
+        raise FileNotWrittenError(f"{str(path)!r} names no file: name one")
+    _check_place(target)
+    # The suffix stays last: some writers choose their format by it.
+    temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        _flush(temporary)
+        if make_way is not None:
+            make_way()
+        temporary.replace(target)
+        _flush_folder(target.parent)
+        _remove_leftovers(target)
+    except OSError as error:
+        raise FileNotWrittenError(
+            f"{target}: cannot be written ({error.strerror or error}): choose another place or make room"
+        ) from error
+    finally:
+        with suppress(OSError):  # there is none, or its folder is no folder
+            temporary.unlink()
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file, whole or not at all; see `replacing`."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`.
+
+    Names of files that are no text appear with their bytes written out.
+    """
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def _check_place(target: Path) -> None:
+    """Refuse to put a file in the place of a device, a pipe or a link to one; a folder cannot be replaced anyway."""
+    try:
+        is_taken = is_device_or_pipe(target)
+    except OSError:  # a folder on the way may not be entered; writing will say so
+        return
+    # /dev/stdout may be a link to a file, and be needed all the same.
+    if is_taken or target.absolute().parent == Path(os.devnull).parent:
+        raise FileNotWrittenError(f"{target}: is a device or a pipe and stays as it is: name a file")
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what writers of a file left that were killed before they could give it its name."""
+    for old in target.parent.glob(f".{'[0-9a-f]' * 8}.{escape(target.name)}"):
+        old.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    with path.open("r+b") as stream:
+        os.fsync(stream.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    """Bring a folder's names to the disk, where the system lets a folder be opened."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

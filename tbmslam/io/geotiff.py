@@ -1,0 +1,80 @@
+"""Maps as GeoTIFF, for geographic information systems."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
+from tbmslam.errors import TbmSlamError
+from tbmslam.io.atomic_file import replacing
+
+BANDS = ("pignistic", "free", "occupied", "unknown", "conflict")
+"""What the bands hold: the probability of being occupied, and the masses."""
+
+_LOCAL = 'LOCAL_CS["map frame",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+
+
+class GeoTiffError(TbmSlamError):
+    """A GeoTIFF cannot be written here."""
+
+
+def require_rasterio() -> None:
+    """Check that GeoTIFF can be written, before work is done for it.
+
+    Raises
+    ------
+    GeoTiffError
+        If rasterio is not installed.
+    """
+    try:
+        import rasterio  # noqa: F401, PLC0415  # large, and an extra
+    except ImportError:
+        raise GeoTiffError("a GeoTIFF needs rasterio, which is not installed: pip install 'tbmslam[geotiff]'") from None
+
+
+def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
+    """Write a grid, whole or not at all: five bands of float32, see `BANDS`; coordinates are metres in its frame.
+
+    The frame lies nowhere on Earth, so the coordinate system is a local one.
+
+    Raises
+    ------
+    GeoTiffError
+        If rasterio, which writes it, is not installed.
+    FileNotWrittenError
+        If the file cannot be written.
+    """
+    require_rasterio()
+    import rasterio  # noqa: PLC0415
+    from rasterio.crs import CRS  # noqa: PLC0415
+
+    left, _, _, top = grid.geometry.bounds()
+    step = grid.geometry.resolution
+    values: list[npt.NDArray[Any]] = [
+        grid.pignistic(),
+        *(grid.masses[..., subset] for subset in (FREE, OCCUPIED, UNKNOWN, CONFLICT)),
+    ]
+    with (
+        replacing(path) as temporary,
+        rasterio.Env(GDAL_PAM_ENABLED="NO"),
+        rasterio.open(
+            Path(temporary),
+            "w",
+            driver="GTiff",
+            width=grid.geometry.cols,
+            height=grid.geometry.rows,
+            count=len(BANDS),
+            dtype="float32",
+            crs=CRS.from_wkt(_LOCAL),
+            transform=rasterio.Affine(step, 0.0, left, 0.0, -step, top),
+            compress="deflate",
+            predictor=3,
+        ) as file,
+    ):
+        for number, (name, band) in enumerate(zip(BANDS, values, strict=True), 1):
+            file.write(np.ascontiguousarray(band[::-1], dtype=np.float32), number)
+            file.set_band_description(number, name)

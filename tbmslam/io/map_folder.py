@@ -1,0 +1,151 @@
+"""A map as a folder: everything in map.npz, and the same for people and other programs beside it."""
+
+import os
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.io.beesoft_map import read_beesoft_map
+from tbmslam.io.map_check import MapFileError
+from tbmslam.io.map_npz import drive_lengths, read_map_file, write_map_file
+from tbmslam.io.map_pictures import PICTURE_NAMES, write_pictures
+from tbmslam.io.ros_map import read_ros_map, write_ros_map
+from tbmslam.io.ros_map_header import read_ros_map_header
+from tbmslam.io.tbm_dump import read_tbm_dump
+from tbmslam.io.tum import write_tum
+from tbmslam.map.tbm_map import TbmMap
+
+_GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
+    (".yaml", ".yml"): read_ros_map,
+    (".tbm_map", ".tbm_map.xz"): read_tbm_dump,
+    (".dat", ".dat.gz"): read_beesoft_map,
+}
+_PICTURES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
+_LONGEST_NAME = 100
+FIXED_NAMES = ("map.npz", "map.yaml", "map.pgm", *(f"{name}.png" for name in PICTURE_NAMES), "pignistic.pgw")
+"""Files of every map's folder; there are trajectories, too."""
+
+
+def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
+    """Write a map's folder, made if need be: map.npz, map.yaml and map.pgm, trajectories, pictures.
+
+    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum; those
+    of an older map in the folder are removed before the new map takes its place, so that whenever writing ends, no
+    trajectory lies beside a map that it does not belong to.
+
+    Raises
+    ------
+    ValueError
+        If the map has no cells, or its provenance holds what JSON cannot.
+    FileNotWrittenError
+        If the folder or a file cannot be written.
+    """
+    if not tbm_map.grid.masses.size:
+        raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
+    folder = Path(folder)
+    older = _trajectories_in(folder)
+    write_map_file(folder / "map.npz", tbm_map, lambda: _remove(folder / name for name in older))
+    write_ros_map(folder / "map", tbm_map.grid)
+    lengths = [(drive.name, len(drive.trajectory)) for drive in tbm_map.drives]
+    for name, number in _trajectory_files(lengths).items():
+        write_tum(folder / name, tbm_map.drives[number].trajectory)
+    write_pictures(folder, tbm_map.grid)
+
+
+def map_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the files in a folder that are called as `save_map` calls those it wrote there, or would write."""
+    names = (*FIXED_NAMES, *sorted(_trajectories_in(Path(folder))))
+    return [Path(folder, name) for name in names if os.path.lexists(Path(folder, name))]
+
+
+def remove_map(folder: str | os.PathLike[str]) -> None:
+    """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
+    # Last of all the file that tells which trajectories are the map's.
+    _remove(reversed(map_files(folder)))
+
+
+def load_map(path: str | os.PathLike[str]) -> TbmMap:
+    """Read a map of any format known here.
+
+    Parameters
+    ----------
+    path
+        A folder that `save_map` wrote (or one with a map.yaml), a .npz of ours, the .yaml of a ROS map, a .tbm_map of
+        the original programs, or the .dat of a Beesoft map.
+
+    Raises
+    ------
+    MapFileError
+        If there is no map of a known format, or it is damaged.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = _map_in(path)
+    if not path.exists():
+        raise MapFileError(f"{path}: does not exist: give a map's folder or file")
+    name = path.name.lower()
+    if name.endswith(".npz"):
+        return read_map_file(path)
+    for endings, read_grid in _GRID_READERS.items():
+        if name.endswith(endings):
+            return TbmMap(read_grid(path), provenance={"read_from": path.name})
+    if name.endswith(_PICTURES):
+        raise MapFileError(
+            f"{path}: is a picture, which does not tell the size of a cell: give the yaml file beside it"
+        )
+    raise MapFileError(f"{path}: is no map this reads: give a folder, or a .npz, .yaml, .tbm_map or .dat file")
+
+
+def _map_in(folder: Path) -> Path:
+    for name in ("map.npz", "map.yaml"):
+        if (folder / name).is_file():
+            return folder / name
+    raise MapFileError(
+        f"{folder}: holds no map.npz or map.yaml: give a folder that build_maps or merge wrote, or a map's file"
+    )
+
+
+def files_of_map(path: str | os.PathLike[str]) -> list[Path]:
+    """Return the files that `load_map` reads.
+
+    Raises
+    ------
+    MapFileError
+        If there is no map.
+    """
+    path = _map_in(Path(path)) if Path(path).is_dir() else Path(path)
+    is_yaml = path.name.lower().endswith((".yaml", ".yml")) and path.is_file()
+    return [path, read_ros_map_header(path).image] if is_yaml else [path]
+
+
+def _remove(paths: Iterable[Path]) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
+
+
+def _trajectories_in(folder: Path) -> set[str]:
+    """Return the names of the trajectories that belong to the map in a folder; other people's may lie beside them."""
+    return set(_trajectory_files(drive_lengths(folder / "map.npz"))) if (folder / "map.npz").is_file() else set()
+
+
+def _trajectory_files(lengths: Sequence[tuple[str, int]]) -> dict[str, int]:
+    """Return a file name for each drive, given names and poses, and which drive it is for.
+
+    A drive without poses gets none, since evo reads no empty file.
+    """
+    files: dict[str, int] = {}
+    taken = set()
+    for number, (drive, length) in enumerate(lengths):
+        if not length:
+            continue
+        plain = re.sub(r"[^\w.-]+", "_", drive)[:_LONGEST_NAME]
+        stem = name = "trajectory" if len(lengths) == 1 else f"trajectory_{plain}"
+        repeated = 1
+        # Names may differ only in what a file name cannot hold, or in case, which some disks do not tell apart.
+        while name.lower() in taken:
+            repeated += 1
+            name = f"{stem}_{repeated}"
+        taken.add(name.lower())
+        files[f"{name}.tum"] = number
+    return files

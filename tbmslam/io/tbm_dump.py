@@ -1,0 +1,163 @@
+"""The original programs' map dumps, `.tbm_map`, both ways.
+
+vinySLAM writes them, TBMMapMerging reads and writes them. A packed little-endian header (int32 height, int32 width,
+float64 side of a cell [m], int32 origin x, y) is followed by the cells, row by row with y ascending; a cell's masses
+come in the order unknown, empty (that is free), occupied, conflict. The origin is the column and row of the cell whose
+lower left corner is (0, 0).
+
+======= ====================== ============================================================
+layout  cells                  probability and quality that stand before the masses
+======= ====================== ============================================================
+slam    49 bytes each, plain   o / (o + e) and o + e; 0.5 and 1 where nothing is known
+merging 48 bytes, an LZ4 frame o + u / 2 and 1
+======= ====================== ============================================================
+"""
+
+import lzma
+import os
+import struct
+from pathlib import Path
+from typing import Any, Literal
+
+import lz4.frame
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
+from tbmslam.io.atomic_file import write_bytes
+from tbmslam.io.map_check import MapFileError, check_file, check_geometry
+
+Layout = Literal["slam", "merging"]
+
+_HEADER = struct.Struct("<iidii")
+_FILE_ORDER = [UNKNOWN, FREE, OCCUPIED, CONFLICT]
+_MERGING_CELL = np.dtype([("probability", "<f8"), ("quality", "<f8"), ("masses", "<f8", 4)])
+_SLAM_CELL = np.dtype([("probability", "<f8"), ("quality", "<f8"), ("is_unknown", "u1"), ("masses", "<f8", 4)])
+_XZ_MAGIC = b"\xfd7zXZ\0"
+_LZ4_MAGIC = b"\x04\x22\x4d\x18"
+
+
+def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
+    """Read a dump of either layout, told apart by content; it may be packed by xz.
+
+    The probability and quality of a cell follow from its masses and are left out.
+
+    Raises
+    ------
+    MapFileError
+        If the file is missing, cut off, damaged, or holds numbers that make no map.
+    """
+    geometry, body = _unpacked(Path(path))
+    cell = _SLAM_CELL if len(body) == geometry.rows * geometry.cols * _SLAM_CELL.itemsize else _MERGING_CELL
+    if len(body) != geometry.rows * geometry.cols * cell.itemsize:
+        raise MapFileError(
+            f"{path}: has {len(body)} bytes for {geometry.rows} x {geometry.cols} cells of 48 or 49: it is cut off "
+            "or no .tbm_map"
+        )
+    cells = np.frombuffer(body, dtype=cell)
+    masses = np.empty((len(cells), 4), dtype=np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # too large for float32 is infinite and found out below
+        masses[:, _FILE_ORDER] = cells["masses"]
+    grid = TbmGrid(geometry, masses.reshape(geometry.rows, geometry.cols, 4))
+    if (fault := grid.fault()) is not None:
+        raise MapFileError(f"{path}: {fault}: it is damaged or no .tbm_map")
+    return grid
+
+
+def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout = "slam") -> None:
+    """Write a grid as the original programs do; whole or not at all.
+
+    The format knows origins in whole cells only. A grid whose origin lies between two goes to the nearer one, half a
+    cell away at most; the grids of `tbmslam.slam` lie on whole cells.
+
+    Raises
+    ------
+    ValueError
+        If the layout is unknown, or the origin is too far away for the format's 32 bits.
+    FileNotWrittenError
+        If the file cannot be written.
+    """
+    if layout not in ("slam", "merging"):
+        raise ValueError(f"layout must be 'slam' or 'merging', got {layout!r}")
+    geometry = grid.geometry
+    origin = [round(-corner / geometry.resolution) for corner in (geometry.origin_x, geometry.origin_y)]
+    if any(abs(value) >= 1 << 31 for value in origin):
+        raise ValueError(f"origin must lie within 2^31 cells of (0, 0), got {geometry.origin_x}, {geometry.origin_y}")
+    header = _HEADER.pack(geometry.rows, geometry.cols, geometry.resolution, *origin)
+    masses = grid.masses.reshape(-1, 4)
+    cells = _slam_cells(masses) if layout == "slam" else _merging_cells(masses)
+    write_bytes(path, header + (cells.tobytes() if layout == "slam" else _lz4_frame(cells)))
+
+
+def _slam_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+    cells = np.zeros(len(masses), dtype=_SLAM_CELL)
+    cells["masses"] = masses[:, _FILE_ORDER]
+    known = masses[:, UNKNOWN] < 1.0
+    decided = cells["masses"][:, 1] + cells["masses"][:, 2]
+    occupied = cells["masses"][:, 2]
+    cells["probability"] = np.divide(occupied, decided, out=np.full(len(cells), 0.5), where=decided > 0.0)
+    cells["quality"] = np.where(known, decided, 1.0)
+    cells["is_unknown"] = ~known
+    return cells
+
+
+def _merging_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+    cells = np.zeros(len(masses), dtype=_MERGING_CELL)
+    cells["masses"] = masses[:, _FILE_ORDER]
+    cells["probability"] = cells["masses"][:, 2] + 0.5 * cells["masses"][:, 0]
+    cells["quality"] = 1.0
+    return cells
+
+
+def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
+    """Compress as the original's roslz4 does, whose reader takes nothing else."""
+    frame = lz4.frame.compress(
+        cells.tobytes(),
+        block_size=lz4.frame.BLOCKSIZE_MAX4MB,
+        block_linked=False,
+        content_checksum=True,
+        store_size=False,
+    )
+    return bytes(frame)
+
+
+def _unpacked(path: Path) -> tuple[GridGeometry, bytes]:
+    """Return where the cells lie and their bytes, at most one more than they can be."""
+    try:
+        check_file(path)
+        with path.open("rb") as plain:
+            packed = plain.read(len(_XZ_MAGIC)) == _XZ_MAGIC
+        with lzma.open(path) if packed else path.open("rb") as file:
+            geometry = _geometry(path, file.read(_HEADER.size))
+            limit = geometry.rows * geometry.cols * _SLAM_CELL.itemsize + 1
+            magic = file.read(len(_LZ4_MAGIC))
+            # An LZ4 frame of what cannot be compressed is longer than that by little.
+            body = magic + file.read(limit + limit // 100 + 64)
+    except OSError as error:
+        raise MapFileError(f"{path}: cannot be read: {error.strerror}") from error
+    except (lzma.LZMAError, EOFError) as error:
+        raise MapFileError(f"{path}: is a damaged xz file ({error}): get it again") from error
+    return geometry, _lz4_body(path, body, limit) if magic == _LZ4_MAGIC else body
+
+
+def _geometry(path: Path, header: bytes) -> GridGeometry:
+    if len(header) < _HEADER.size:
+        raise MapFileError(f"{path}: is shorter than the header of a .tbm_map: it is cut off or something else")
+    rows, cols, resolution, origin_col, origin_row = _HEADER.unpack(header)
+    geometry = GridGeometry(resolution, -origin_col * resolution, -origin_row * resolution, rows, cols)
+    check_geometry(path, geometry)
+    return geometry
+
+
+def _lz4_body(path: Path, frame: bytes, limit: int) -> bytes:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        body = bytes(decompressor.decompress(frame, max_length=limit))
+        if not decompressor.eof:  # all that is left to read may be the end mark and the checksum
+            body += decompressor.decompress(b"", max_length=1)
+    except (RuntimeError, EOFError) as error:
+        raise MapFileError(f"{path}: its LZ4 frame is damaged ({error}): get the file again") from error
+    if not decompressor.eof:
+        raise MapFileError(f"{path}: its LZ4 frame does not end where its cells do: it is cut off or no .tbm_map")
+    return body

@@ -1,0 +1,82 @@
+"""Trajectories as text, one pose a line: ``t x y z qx qy qz qw`` (the TUM RGB-D benchmark's format; evo reads it)."""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.geometry.se2 import FloatArray, wrap_angles
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.atomic_file import write_text
+from tbmslam.io.special_file import why_unreadable
+from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+
+
+class TumError(TbmSlamError):
+    """A trajectory file cannot be read."""
+
+
+def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
+    """Write a trajectory, whole or not at all; stamps keep nanoseconds."""
+    lines = [
+        # No space may follow the last number: evo refuses the line.
+        f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n"
+        for stamp, (x, y, theta) in zip(trajectory.stamps.tolist(), trajectory.poses.tolist(), strict=True)
+    ]
+    write_text(path, "".join(lines))
+
+
+def read_tum(path: str | os.PathLike[str]) -> Trajectory:
+    """Read a trajectory; height, roll and pitch are left out. Empty lines and lines that begin with ``#`` are skipped.
+
+    Raises
+    ------
+    TumError
+        The file cannot be read or a line is not a pose.
+    """
+    numbered = _pose_lines(Path(path))
+    if not numbered:
+        raise TumError(f"{path}: holds no poses: give a file of lines 't x y z qx qy qz qw'")
+    values = np.array([_numbers(f"{path}:{number}", line) for number, line in numbered])
+    qx, qy, qz, qw = values[:, 4:].T
+    norms = np.linalg.norm(values[:, 4:], axis=1)
+    if (np.abs(norms - 1.0) > 0.01).any():
+        worst = int(np.argmax(np.abs(norms - 1.0)))
+        raise TumError(
+            f"{path}:{numbered[worst][0]}: the quaternion has length {norms[worst]:.3g}, not 1: "
+            "the columns must be t x y z qx qy qz qw"
+        )
+    theta = np.arctan2(2.0 * (qw * qz + qx * qy), qw**2 + qx**2 - qy**2 - qz**2)
+    poses: FloatArray = np.column_stack((values[:, 1], values[:, 2], wrap_angles(theta)))
+    return Trajectory(values[:, 0].copy(), poses)
+
+
+def _pose_lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines that should hold a pose, with their numbers from 1."""
+    if why := why_unreadable(path):
+        raise TumError(f"{path}: {why}: give a trajectory's file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise TumError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TumError(f"{path}: is not text: give a file of lines 't x y z qx qy qz qw'") from None
+    lines = enumerate((line.strip() for line in text.splitlines()), start=1)
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
+def _numbers(place: str, line: str) -> list[float]:
+    fields = line.split()
+    if len(fields) != 8:
+        raise TumError(f"{place}: has {len(fields)} fields, not the 8 of 't x y z qx qy qz qw'")
+    try:
+        numbers = [float(field) for field in fields]
+    except ValueError as error:
+        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
+    if not all(map(math.isfinite, numbers)):
+        raise TumError(f"{place}: has a number that is not finite: leave the line out")
+    if not max(map(abs, numbers[1:4])) <= FARTHEST_PLACE:
+        raise TumError(f"{place}: lies more than {FARTHEST_PLACE:.0e} m away: leave the line out")
+    return numbers

@@ -1,0 +1,1 @@
+"""The equations of the adjustment and their solver."""

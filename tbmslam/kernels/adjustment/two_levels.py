@@ -1,0 +1,215 @@
+"""What solves most of the equations of an adjustment at once, for conjugate gradients to do the rest.
+
+These find what concerns neighbouring poses in a few steps, and need very many for what bends a whole drive. So a step
+is made of two parts that are solved exactly each: the blocks of each pose and the next, and bends of the drives by few
+knots (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_between, eliminated
+from tbmslam.kernels.adjustment.triangular import factorise, solve
+
+
+class Bends(NamedTuple):
+    """Changes of poses that follow those of few knots along the drives."""
+
+    knots: IntArray
+    """The poses (K,) that are knots."""
+    sides: IntArray
+    """The knots (N, 2) before and after each pose."""
+    shares: FloatArray
+    """How far it follows each (N, 2)."""
+
+
+class Factors(NamedTuple):
+    """What solves the two parts of a step."""
+
+    inverses: FloatArray
+    """Of the blocks (N, 3, 3) of each pose once those before are eliminated."""
+    nexts: FloatArray
+    """Curvature (N, 3, 3) of each pose's by the next one's changes."""
+    levers: FloatArray
+    """How far each pose (N, 2, 2) is from the knots before and after it, x and y [m]."""
+    bent: FloatArray
+    """Upper triangular factor (3 K, 3 K) of the curvature of the knots, see `factorise`."""
+
+
+@kernel
+def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
+    """Return what solves the two parts of a step at poses (N, 3)."""
+    # Element by element, as whole rows take seconds to compile.
+    alone = eliminated(system.lines, len(poses))
+    nexts = np.zeros_like(alone)
+    for e in range(len(system.motions.ends)):
+        source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
+        for i in range(3):
+            for j in range(3):
+                if target == source + 1:
+                    nexts[source, i, j] += system.motions.across[e, i, j]
+                elif source == target + 1:
+                    nexts[target, j, i] += system.motions.across[e, i, j]
+    inverses, levers = np.empty_like(alone), np.empty((len(poses), 2, 2))
+    for k in range(len(poses)):
+        for i in range(3):
+            for j in range(3):
+                alone[k, i, j] = system.own[k, i, j] - alone[k, i, j]
+        if k > 0:
+            add_between(alone[k], nexts[k - 1], inverses[k - 1], nexts[k - 1], -1.0)
+        _invert(alone[k], inverses[k])
+        for side in range(2):
+            knot = bends.knots[bends.sides[k, side]]
+            levers[k, side, 0], levers[k, side, 1] = poses[k, 0] - poses[knot, 0], poses[k, 1] - poses[knot, 1]
+    return Factors(inverses, nexts, levers, factorise(_bent(system, bends, levers)))
+
+
+@kernel
+def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArray:
+    """Return changes (N, 3) of poses that come near to those which the curvature takes to forces (N, 3)."""
+    changes = np.empty_like(forces)
+    _solve_chain(factors, forces, changes)
+    knots = np.zeros(3 * len(bends.knots))
+    for k in range(len(forces)):
+        for side in range(2):
+            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
+            knots[at] += share * forces[k, 0]
+            knots[at + 1] += share * forces[k, 1]
+            knots[at + 2] += share * (forces[k, 2] + dx * forces[k, 1] - dy * forces[k, 0])
+    solve(factors.bent, knots)
+    for k in range(len(forces)):
+        for side in range(2):
+            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
+            changes[k, 0] += share * (knots[at] - dy * knots[at + 2])
+            changes[k, 1] += share * (knots[at + 1] + dx * knots[at + 2])
+            changes[k, 2] += share * knots[at + 2]
+    return changes
+
+
+@kernel
+def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> None:
+    """Write changes (N, 3) to which the blocks of each pose and the next lead under forces (N, 3)."""
+    x, y, theta = 0.0, 0.0, 0.0
+    for k in range(len(forces)):
+        a, b, c = forces[k, 0], forces[k, 1], forces[k, 2]
+        if k > 0:
+            across = factors.nexts[k - 1]
+            a -= across[0, 0] * x + across[1, 0] * y + across[2, 0] * theta
+            b -= across[0, 1] * x + across[1, 1] * y + across[2, 1] * theta
+            c -= across[0, 2] * x + across[1, 2] * y + across[2, 2] * theta
+        inverse = factors.inverses[k]
+        x = inverse[0, 0] * a + inverse[0, 1] * b + inverse[0, 2] * c
+        y = inverse[1, 0] * a + inverse[1, 1] * b + inverse[1, 2] * c
+        theta = inverse[2, 0] * a + inverse[2, 1] * b + inverse[2, 2] * c
+        changes[k, 0], changes[k, 1], changes[k, 2] = x, y, theta
+    for k in range(len(forces) - 2, -1, -1):
+        across, inverse = factors.nexts[k], factors.inverses[k]
+        a = across[0, 0] * x + across[0, 1] * y + across[0, 2] * theta
+        b = across[1, 0] * x + across[1, 1] * y + across[1, 2] * theta
+        c = across[2, 0] * x + across[2, 1] * y + across[2, 2] * theta
+        x = changes[k, 0] - (inverse[0, 0] * a + inverse[0, 1] * b + inverse[0, 2] * c)
+        y = changes[k, 1] - (inverse[1, 0] * a + inverse[1, 1] * b + inverse[1, 2] * c)
+        theta = changes[k, 2] - (inverse[2, 0] * a + inverse[2, 1] * b + inverse[2, 2] * c)
+        changes[k, 0], changes[k, 1], changes[k, 2] = x, y, theta
+
+
+@kernel
+def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
+    """Return the curvature (3 K, 3 K) of the knots, its upper triangle at least."""
+    count = len(bends.knots)
+    bent, turned = np.zeros((3 * count, 3 * count)), np.empty((3, 3))
+    for k in range(len(system.own)):
+        _add_bent(bent, bends, levers, k, k, system.own[k])
+    for e in range(len(system.motions.ends)):
+        source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
+        _add_bent(bent, bends, levers, source, target, system.motions.across[e])
+        for i in range(3):
+            for j in range(3):
+                turned[i, j] = system.motions.across[e, j, i]
+        _add_bent(bent, bends, levers, target, source, turned)
+    _eliminate_lines(bent, system.lines, bends, levers)
+    return bent
+
+
+@kernel
+def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: FloatArray) -> None:
+    """Take what eliminating the lines takes from the curvature of the knots."""
+    count = len(bends.knots)
+    couplings, met, is_met = np.zeros((count, 6)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+    by_pose, inverses, seers, begins = lines
+    sides, shares = bends.sides, bends.shares
+    for line in range(len(inverses)):
+        if inverses[line, 2] == 0.0:
+            continue
+        touched = 0
+        for o in range(begins[line], begins[line + 1]):
+            k = seers[o]
+            a, b, c, d = by_pose[o, 0, 0], by_pose[o, 0, 1], by_pose[o, 1, 0], by_pose[o, 1, 1]
+            for side in range(2):
+                knot, share, dx, dy = sides[k, side], shares[k, side], levers[k, side, 0], levers[k, side, 1]
+                if not is_met[knot]:
+                    is_met[knot], met[touched] = True, knot
+                    touched += 1
+                couplings[knot, 0] += share * a
+                couplings[knot, 1] += share * b
+                couplings[knot, 2] += share * c
+                couplings[knot, 3] += share * d
+                couplings[knot, 4] += share * (by_pose[o, 2, 0] + dx * c - dy * a)
+                couplings[knot, 5] += share * (by_pose[o, 2, 1] + dx * d - dy * b)
+        _eliminate(bent, couplings, met[:touched], (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
+        for knot in met[:touched]:
+            is_met[knot] = False
+            for i in range(6):
+                couplings[knot, i] = 0.0
+
+
+@kernel
+def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
+    """Take what eliminating one line takes from the curvature of some knots, all (K, 6) coupled with it, row by row."""
+    iaa, iad, idd = inverse
+    for one in knots:
+        for i in range(3):
+            a, d, row = couplings[one, 2 * i], couplings[one, 2 * i + 1], 3 * one + i
+            turn, shift = a * iaa + d * iad, a * iad + d * idd
+            for other in knots:
+                for j in range(3 if other >= one else 0):
+                    bent[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
+
+
+@kernel
+def _add_bent(bent: FloatArray, bends: Bends, levers: FloatArray, one: int, other: int, block: FloatArray) -> None:
+    """Add a block (3, 3) of two poses to the upper triangle of those of their knots."""
+    for side in range(2):
+        share, row = bends.shares[one, side], 3 * bends.sides[one, side]
+        dx, dy = levers[one, side, 0], levers[one, side, 1]
+        for end in range(2):
+            weight, col = bends.shares[other, end], 3 * bends.sides[other, end]
+            ex, ey = levers[other, end, 0], levers[other, end, 1]
+            if col < row:
+                continue
+            for j in range(3):
+                # The column of a turn swings the pose about its knot.
+                a, b, c = block[0, j], block[1, j], block[2, j]
+                if j == 2:
+                    a += ex * block[0, 1] - ey * block[0, 0]
+                    b += ex * block[1, 1] - ey * block[1, 0]
+                    c += ex * block[2, 1] - ey * block[2, 0]
+                bent[row, col + j] += share * weight * a
+                bent[row + 1, col + j] += share * weight * b
+                bent[row + 2, col + j] += share * weight * (c + dx * b - dy * a)
+
+
+@kernel
+def _invert(matrix: FloatArray, inverse: FloatArray) -> None:
+    """Write the inverse of a symmetric positive definite (3, 3) matrix."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * aa + b * ab + c * ac)
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = scale * aa, scale * (a * f - c * c), scale * (a * d - b * b)
+    inverse[0, 1], inverse[0, 2], inverse[1, 2] = scale * ab, scale * ac, scale * (b * c - a * e)
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]

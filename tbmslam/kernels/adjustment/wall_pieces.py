@@ -1,0 +1,378 @@
+"""Hits of whole drives sorted into pieces of wall.
+
+A piece is what hits met in one cell with normals in one direction. Of the hits of one stretch of a drive on a piece, a
+sighting, nothing but their moments is needed.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+
+_NOBODY = np.iinfo(np.int64).min
+_FEWEST = 1024
+"""Places of a table that is not known to need more."""
+
+
+class StretchHits(NamedTuple):
+    """Hits of drives in the frames of the stretches that saw them, to a micrometre, one stretch after the other."""
+
+    walls: npt.NDArray[np.float32]
+    """Those whose normals are known (W, 3): x, y [m], and where the normal points [rad]."""
+    wall_begins: IntArray
+    """Where those of each stretch begin, and where the last ones end (N + 1,)."""
+    loose: npt.NDArray[np.float32]
+    """The others (M, 2): x, y [m]."""
+    loose_begins: IntArray
+    """As `wall_begins`."""
+
+
+class Raster(NamedTuple):
+    """What makes a piece."""
+
+    cell: float
+    """Side of a cell [m]."""
+    shift: float
+    """Where the cells begin [m]."""
+    sectors: int
+    """Directions that are told apart."""
+
+
+class Pieces(NamedTuple):
+    """The pieces of wall that there are, by cell and direction."""
+
+    cells: IntArray
+    """Open hash table (T, 2) of a power of two of places: the key of a cell, and its number."""
+    numbers: IntArray
+    """Piece by its cell's number times the sectors, plus the direction; -1 where there is none."""
+
+
+class Sightings(NamedTuple):
+    """What stretches saw of pieces, in arrays with room for more."""
+
+    size: int
+    """How many there are."""
+    pieces_met: int
+    """Of how many pieces."""
+
+    moments: FloatArray
+    """Of each sighting (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes
+    [m]."""
+    seers: IntArray
+    """Its stretch (O,)."""
+    pieces: IntArray
+    """Its piece (O,)."""
+
+
+@kernel
+def gather_hits(
+    points: npt.NDArray[np.float32],
+    normals: npt.NDArray[np.float32],
+    offsets: IntArray,
+    places: FloatArray,
+    every: int,
+    limits: tuple[float, float, float],
+) -> StretchHits:
+    """Return every so manieth hit of each scan, in the frame of the stretch that the scan belongs to, by scans.
+
+    A normal is known where neighbours lie near and on one line with the hit. At a door frame they lie on walls at
+    different depths: the slanted wall between them is none, and would move along with the robot.
+
+    Parameters
+    ----------
+    points, normals
+        Hits and normals (P, 2) in the sensors' frames.
+    offsets
+        Where each scan begins among them, and where the last one ends (K + 1,).
+    places
+        Poses (K, 3) of the sensors in the stretches' frames.
+    every
+        One takes all.
+    limits
+        How far a hit may be, how far apart its neighbours, and how far it from the line between them [m].
+    """
+    size = 0
+    for k in range(len(places)):
+        size += (offsets[k + 1] - offsets[k] + every - 1) // every
+    walls, loose = np.empty((size, 3), dtype=np.float32), np.empty((size, 2), dtype=np.float32)
+    wall_begins, loose_begins = np.zeros(len(offsets), dtype=np.int64), np.zeros(len(offsets), dtype=np.int64)
+    max_range, gap, bulge = limits
+    known, unknown = 0, 0
+    for k in range(len(places)):
+        c, s = math.cos(places[k, 2]), math.sin(places[k, 2])
+        first, last = offsets[k], offsets[k + 1] - 1
+        apart = max((last + 1 - first) // 180, 1)
+        for i in range(first, last + 1, every):
+            x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
+            if x * x + y * y > max_range * max_range:
+                continue
+            before, after = max(i - apart, first), min(i + apart, last)
+            before_x, before_y = points[before, 0], points[before, 1]
+            is_near = (points[after, 0] - before_x) ** 2 + (points[after, 1] - before_y) ** 2 <= gap * gap
+            there_x, there_y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
+            if is_near and abs(nx * (x - before_x) + ny * (y - before_y)) <= bulge:
+                walls[known, 0], walls[known, 1] = there_x, there_y
+                walls[known, 2] = math.atan2(s * nx + c * ny, c * nx - s * ny)
+                known += 1
+            else:
+                loose[unknown, 0], loose[unknown, 1] = there_x, there_y
+                unknown += 1
+        wall_begins[k + 1], loose_begins[k + 1] = known, unknown
+    return StretchHits(walls[:known], wall_begins, loose[:unknown], loose_begins)
+
+
+@kernel
+def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) -> tuple[Sightings, Pieces]:
+    """Sort hits whose normals are known into pieces, numbered as they are met.
+
+    Parameters
+    ----------
+    hits
+        Hits of stretches.
+    every
+        Every so manieth of a stretch is used.
+    poses
+        Poses (N, 3) of the stretches, headings in [-pi, pi].
+    raster
+        What makes a piece.
+    """
+    walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
+    size = _used(begins, every) + _used(hits.loose_begins, every)
+    moments, seers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    latest = np.empty(size, dtype=np.int64)
+    table, numbers = np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1)
+    count, cells, pieces_met = 0, 0, 0
+    key_before, number, per_cell = _NOBODY, 0, 1.0 / raster.cell
+    for k in range(len(poses)):
+        c, s, first = math.cos(poses[k, 2]), math.sin(poses[k, 2]), count
+        while 2 * (cells + begins[k + 1] - begins[k]) > len(table):  # room for a cell for each hit
+            table, numbers = _grown(table, numbers)
+        for i in range(begins[k], begins[k + 1], every):
+            own_x, own_y = float(walls[i, 0]), float(walls[i, 1])
+            x, y = c * own_x - s * own_y, s * own_x + c * own_y
+            key = _key_of(poses[k, 0] + x - raster.shift, poses[k, 1] + y - raster.shift, per_cell)
+            if key != key_before:
+                place = _place_of(table, key)
+                if table[place, 0] == _NOBODY:
+                    table[place, 0], table[place, 1] = key, cells
+                    cells += 1
+                key_before, number = key, table[place, 1]
+            at = number * sectors + _sector_of(walls[i, 2] + poses[k, 2], sectors)
+            piece = numbers[at]
+            if piece < 0:
+                numbers[at] = piece = pieces_met
+                latest[piece] = -1
+                pieces_met += 1
+            o = latest[piece]
+            if o < first:
+                latest[piece] = o = count
+                seers[o], pieces[o] = k, piece
+                _add_no_hit(moments, o)
+                count += 1
+            _add_hit(moments, o, x, y)
+    return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
+
+
+@kernel
+def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) -> int:
+    """Return the piece that a hit in the map with a normal at an angle in [-2 pi, 2 pi] belongs to, -1 for none."""
+    place = _place_of(known.cells, _key_of(x - raster.shift, y - raster.shift, 1.0 / raster.cell))
+    if known.cells[place, 0] == _NOBODY:
+        return -1
+    return int(known.numbers[known.cells[place, 1] * raster.sectors + _sector_of(facing, raster.sectors)])
+
+
+@kernel
+def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> IntArray:
+    """Return the piece of the only line in each cell (C,), -1 where there is none and -2 where there are several.
+
+    Lines (L, 5), see `line_adjustment.fit_lines`, are turned so that their pieces face their left.
+    """
+    only = np.full(len(known.numbers) // sectors, -1)
+    for at in range(len(known.numbers)):
+        piece = known.numbers[at]
+        if piece < 0 or lines[piece, 4] == 0.0:
+            continue
+        towards = 2.0 * math.pi * (at % sectors) / sectors
+        if lines[piece, 2] * math.sin(towards) - lines[piece, 3] * math.cos(towards) < 0.0:
+            lines[piece, 2], lines[piece, 3] = -lines[piece, 2], -lines[piece, 3]
+        only[at // sectors] = piece if only[at // sectors] == -1 else -2
+    return only
+
+
+@kernel
+def join_walls(
+    hits: StretchHits,
+    every: int,
+    poses: FloatArray,
+    raster: Raster,
+    seen: Sightings,
+    known: Pieces,
+    lines: FloatArray,
+    reach: float,
+) -> Sightings:
+    """Add to sightings the hits without normal that lie on the only line of their cell they can have met.
+
+    It faces who saw them, and they lie beside what is known of it: a line goes on where its wall may have ended.
+
+    Parameters
+    ----------
+    hits, every, poses, raster
+        As of `see_walls`.
+    seen, known
+        What it returned.
+    lines
+        Those of the pieces (L, 5), see `lines_by_cell`.
+    reach
+        How far a hit may lie from a line [m].
+    """
+    loose, begins, sectors = hits.loose, hits.loose_begins, raster.sectors
+    count, pieces_met, moments, seers, pieces = seen
+    latest, only = np.full(len(lines), -1), lines_by_cell(known, lines, sectors)
+    table, numbers = known
+    had, own, per_cell = count, 0, 1.0 / raster.cell
+    for k in range(len(poses)):
+        while own < had and seers[own] == k:
+            latest[pieces[own]] = own
+            own += 1
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(begins[k], begins[k + 1], every):
+            own_x, own_y = float(loose[i, 0]), float(loose[i, 1])
+            x, y = c * own_x - s * own_y, s * own_x + c * own_y
+            at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
+            place = _place_of(table, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
+            if table[place, 0] == _NOBODY:
+                continue
+            cell = table[place, 1]
+            piece = only[cell]
+            if piece >= 0:
+                piece = piece if _is_on(lines, piece, at_x, at_y, x, y, reach) else -1
+            elif piece == -2:
+                for sector in range(sectors):
+                    other = numbers[cell * sectors + sector]
+                    if other >= 0 and _is_on(lines, other, at_x, at_y, x, y, reach):
+                        piece = other if piece == -2 else -1
+            if piece < 0:
+                continue
+            o = latest[piece]
+            if o < 0 or seers[o] != k:
+                latest[piece] = o = count
+                seers[o], pieces[o] = k, piece
+                _add_no_hit(moments, o)
+                count += 1
+            _add_hit(moments, o, x, y)
+    return Sightings(count, pieces_met, moments, seers, pieces)
+
+
+@kernel
+def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return moments (O, 6) and seers (O,) of sightings of one piece after the other, and where each's begin.
+
+    Parameters
+    ----------
+    seen
+        The sightings.
+    numbers
+        New numbers of the pieces; those below 0 are left out.
+    count
+        How many new numbers there are, L. The begins are (L + 1,): the last one is where the last ones end.
+    """
+    begins = np.zeros(count + 1, dtype=np.int64)
+    for o in range(seen.size):
+        number = numbers[seen.pieces[o]]
+        if number >= 0:
+            begins[number + 1] += 1
+    places = np.empty(count + 1, dtype=np.int64)
+    places[0] = 0
+    for number in range(count):
+        begins[number + 1] += begins[number]
+        places[number + 1] = begins[number + 1]
+    moments, seers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
+    for o in range(seen.size):
+        number = numbers[seen.pieces[o]]
+        if number >= 0:
+            place = places[number]
+            for i in range(6):
+                moments[place, i] = seen.moments[o, i]
+            seers[place] = seen.seers[o]
+            places[number] += 1
+    return moments, seers, begins
+
+
+@kernel
+def _used(begins: IntArray, every: int) -> int:
+    """Return how many hits are used."""
+    total = 0
+    for k in range(len(begins) - 1):
+        total += (begins[k + 1] - begins[k] + every - 1) // every
+    return total
+
+
+@kernel
+def _add_no_hit(moments: FloatArray, o: int) -> None:
+    for i in range(6):
+        moments[o, i] = 0.0
+
+
+@kernel
+def _add_hit(moments: FloatArray, o: int, x: float, y: float) -> None:
+    moments[o, 0] += 1.0
+    moments[o, 1] += x
+    moments[o, 2] += y
+    moments[o, 3] += x * x
+    moments[o, 4] += x * y
+    moments[o, 5] += y * y
+
+
+@kernel
+def _key_of(x: float, y: float, per_cell: float) -> int:
+    """Return the key of the cell that a place [m] from where the cells begin lies in."""
+    return (math.floor(y * per_cell) << 32) + math.floor(x * per_cell)
+
+
+@kernel
+def _sector_of(angle: float, sectors: int) -> int:
+    """Return the direction nearest to an angle in [-2 pi, 2 pi]."""
+    sector = math.floor(angle * (0.5 / math.pi) * sectors + 0.5)
+    if sector < 0:
+        sector += sectors
+    return sector - sectors if sector >= sectors else sector
+
+
+@kernel
+def _place_of(cells: IntArray, key: int) -> int:
+    """Return the place of a key in a hash table, or the free one where it belongs."""
+    mask = len(cells) - 1
+    # Both halves times primes (M. Teschner et al., 2003), small enough that nothing overflows, compiled or not.
+    mixed = ((key >> 32) * 73856093) ^ ((key & 0xFFFFFFFF) * 19349663)
+    place = (mixed ^ (mixed >> 29)) & mask
+    while cells[place, 0] != _NOBODY and cells[place, 0] != key:
+        place = (place + 1) & mask
+    return place
+
+
+@kernel
+def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
+    """Return a table of cells, and the pieces in them, with twice as many places."""
+    larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
+    for old in range(len(table)):
+        if table[old, 0] != _NOBODY:
+            place = _place_of(larger, table[old, 0])
+            larger[place, 0], larger[place, 1] = table[old, 0], table[old, 1]
+    for at in range(len(numbers)):
+        more[at] = numbers[at]
+    return larger, more
+
+
+@kernel
+def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
+    """Tell whether the end x, y of a beam's way can lie on what is left of a line: it is there, and faces the laser."""
+    px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]
+    away = lx * (y - py) - ly * (x - px)
+    if abs(away) > reach or abs(lx * (x - px) + ly * (y - py)) > half:
+        return False
+    facing = ly * way_x - lx * way_y
+    return bool(facing > 0.0 and facing * facing > 4e-4 * (way_x * way_x + way_y * way_y))

@@ -1,0 +1,1 @@
+"""Whole grids: fusion, resampling and walls."""

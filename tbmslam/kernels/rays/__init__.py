@@ -1,0 +1,1 @@
+"""Beams through grids."""

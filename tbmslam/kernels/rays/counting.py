@@ -1,0 +1,251 @@
+"""How many scans met something in a cell, and how many looked through it.
+
+Where every scan has one word on a cell, the evidence on it depends on two counts alone. A cell's counts are one number,
+which takes two thirds of the memory of three: the lowest bits are the scans that passed it, the next ones the scans
+that hit it, and the highest ones the number of the last scan that spoke of it.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels.rays.lattice import Lattice
+
+Counts = npt.NDArray[np.int64]
+
+BITS = 21
+"""Of each of the three parts."""
+MOST_SCANS = (1 << BITS) - 1
+"""As many can be counted."""
+LOW = MOST_SCANS
+ONE_HIT = 1 << BITS
+BOTH = (1 << (2 * BITS)) - 1
+
+COVERED = 0.8
+"""Beams that are this share of a cell apart leave no cell between them out."""
+
+
+@kernel
+def hits_in(count: int) -> int:
+    """Return how many scans hit a cell."""
+    return (count >> BITS) & LOW
+
+
+@kernel
+def passages_in(count: int) -> int:
+    """Return how many scans passed a cell."""
+    return count & LOW
+
+
+@kernel
+def beam_ends(
+    ranges: npt.NDArray[np.float32],
+    offsets: IntArray,
+    beams: FloatArray,
+    beam_steps: FloatArray,
+    poses: FloatArray,
+    max_range: float,
+    clears: bool,
+) -> tuple[FloatArray, npt.NDArray[np.bool_], IntArray]:
+    """Return where the beams of many scans end [m], which of them hit something, and where each scan begins.
+
+    Parameters
+    ----------
+    ranges, offsets, beams, beam_steps
+        As in `tbmslam.map.keyframes.Keyframes`.
+    poses
+        Poses (K, 3) of the laser.
+    max_range
+        A hit beyond it only clears the way up to it [m].
+    clears
+        Whether a beam that met nothing clears the way up to its limit; else it says nothing.
+    """
+    ends = np.empty((len(ranges), 2))
+    is_hit = np.zeros(len(ranges), dtype=np.bool_)
+    starts = np.zeros(len(offsets), dtype=np.int64)
+    count = 0
+    for k in range(len(poses)):
+        limit = min(max_range, beams[k, 3])
+        # Where the laser is and the beam's direction are moved on from beam to beam, as in `hit_points`.
+        x, y = poses[k, 0], poses[k, 1]
+        cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        step_x = cosine * beam_steps[k, 0] - sine * beam_steps[k, 1]
+        step_y = sine * beam_steps[k, 0] + cosine * beam_steps[k, 1]
+        sway_cosine, sway_sine = math.cos(beam_steps[k, 2]), math.sin(beam_steps[k, 2])
+        cosine, sine = math.cos(poses[k, 2] + beams[k, 0]), math.sin(poses[k, 2] + beams[k, 0])
+        turn = beams[k, 1] + beam_steps[k, 2]
+        turn_cosine, turn_sine = math.cos(turn), math.sin(turn)
+        for i in range(offsets[k], offsets[k + 1]):
+            length = float(ranges[i])
+            if not (math.isnan(length) or (length == math.inf and not clears)):
+                is_hit[count] = length <= max_range and length != math.inf
+                if not is_hit[count]:
+                    length = min(length, limit)
+                ends[count, 0], ends[count, 1] = x + length * cosine, y + length * sine
+                count += 1
+            cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
+            x, y = x + step_x, y + step_y
+            step_x, step_y = step_x * sway_cosine - step_y * sway_sine, step_y * sway_cosine + step_x * sway_sine
+        starts[k + 1] = count
+    return ends[:count], is_hit[:count], starts
+
+
+@kernel
+def count_scans(
+    counts: Counts,
+    lattice: Lattice,
+    lasers: FloatArray,
+    ends: FloatArray,
+    is_hit: npt.NDArray[np.bool_],
+    offsets: IntArray,
+    before: int,
+) -> None:
+    """Count scans into the cells they touch: each once a cell, as a hit if any of its beams ended there on something.
+
+    Parameters
+    ----------
+    counts
+        (rows, cols); must contain all beams with a cell to spare.
+    lasers
+        Where the lasers were, (K, >= 2) [m].
+    ends
+        The beams' end points (N, 2) [m], in the order of their angles.
+    is_hit
+        Which beams (N,) met something.
+    offsets
+        Where each scan begins in `ends`, and where the last one ends (K + 1,).
+    before
+        How many scans were counted before; they have numbers from 1 to `MOST_SCANS`.
+    """
+    resolution, first_row, first_col = lattice
+    width = counts.shape[1]
+    cells = counts.reshape(-1)
+    for k in range(len(lasers)):
+        spoken = (before + k + 1) << (2 * BITS)
+        for i in range(offsets[k], offsets[k + 1]):
+            row = math.floor(ends[i, 1] / resolution) - first_row
+            cell = row * width + math.floor(ends[i, 0] / resolution) - first_col
+            if is_hit[i] and cells[cell] < spoken:
+                cells[cell] = (cells[cell] & BOTH | spoken) + ONE_HIT
+        x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
+        for i in range(offsets[k], offsets[k + 1]):
+            dx, dy = ends[i, 0] / resolution - first_col - x, ends[i, 1] / resolution - first_row - y
+            share = _seen_by_neighbours(lasers[k], ends, offsets[k], offsets[k + 1], i, resolution)
+            if share < 1.0:
+                _count_beam(cells, width, spoken, (x + share * dx, y + share * dy), (x + dx, y + dy))
+
+
+@kernel
+def _seen_by_neighbours(
+    laser: FloatArray, ends: FloatArray, first: int, stop: int, beam: int, resolution: float
+) -> float:
+    """Return up to which share of its length a beam touches only cells that beams counted elsewhere touch, too.
+
+    Near the laser beams crowd. Of every two the odd one is left out until they have parted, and of the even ones again,
+    so a beam's neighbours in this sense are as far off as the largest power of two in its number.
+    """
+    number = beam - first
+    apart = number & -number
+    if number == 0 or beam + apart >= stop:
+        return 0.0
+    ax, ay = ends[beam - apart, 0] - laser[0], ends[beam - apart, 1] - laser[1]
+    bx, by = ends[beam + apart, 0] - laser[0], ends[beam + apart, 1] - laser[1]
+    a, b = math.sqrt(ax * ax + ay * ay), math.sqrt(bx * bx + by * by)
+    dx, dy = ends[beam, 0] - laser[0], ends[beam, 1] - laser[1]
+    length = math.sqrt(dx * dx + dy * dy)
+    if ax * bx + ay * by <= 0.0 or length == 0.0:
+        return 0.0
+    parted = COVERED * resolution * a * b / max(abs(ax * by - ay * bx), 1e-12)
+    return float(min(parted, a, b) / length)
+
+
+@kernel
+def _count_beam(
+    cells: npt.NDArray[np.int64], width: int, spoken: int, start: tuple[float, float], end: tuple[float, float]
+) -> None:
+    """Count one beam's cells, given in cells of the array; a 4-connected line.
+
+    Goes along the longer axis and counts the cells where the beam enters and leaves each row or column. Without a
+    branch, since nobody can predict which it is.
+    """
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    col, row = math.floor(start[0]), math.floor(start[1])
+    end_col, end_row = math.floor(end[0]), math.floor(end[1])
+    if abs(dx) >= abs(dy):
+        steps, step, side = abs(end_col - col), 1 if dx > 0.0 else -1, width
+        slope = dy / abs(dx) if steps > 0 else 0.0
+        leaves = start[1] + (col + 1 - start[0] if dx > 0.0 else start[0] - col) * slope
+        along, across, last = col, row, end_row
+    else:
+        steps, step, side = abs(end_row - row), width if dy > 0.0 else -width, 1
+        slope = dx / abs(dy)
+        leaves = start[0] + (row + 1 - start[1] if dy > 0.0 else start[1] - row) * slope
+        along, across, last = row * width, col, end_col
+    before = across
+    for k in range(steps):
+        across = int(leaves + k * slope)
+        _count_pair(cells, along + before * side, along + across * side, spoken)
+        before = across
+        along += step
+    _count_pair(cells, along + before * side, along + last * side, spoken)
+
+
+@kernel
+def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int) -> None:
+    """Count a passage of two cells, which may be the same.
+
+    Later scans have larger numbers, so what this one spoke of is not below it. Both are read before one is written,
+    without a branch: the processor need not wait.
+    """
+    first, second = cells[np.uint64(one)], cells[np.uint64(other)]
+    cells[np.uint64(one)] = first if first >= spoken else (first & BOTH | spoken) + 1
+    cells[np.uint64(other)] = second if second >= spoken else (second & BOTH | spoken) + 1
+
+
+@kernel
+def most_counted(counts: Counts) -> tuple[int, int]:
+    """Return the most hits and the most passages of any cell."""
+    hits, passed = 0, 0
+    for row in range(counts.shape[0]):
+        for col in range(counts.shape[1]):
+            hits = max(hits, hits_in(counts[row, col]))
+            passed = max(passed, passages_in(counts[row, col]))
+    return hits, passed
+
+
+@kernel
+def count_masses(
+    counts: Counts, hit_decay: FloatArray, miss_decay: FloatArray, keeps_conflict: bool
+) -> npt.NDArray[np.float32]:
+    """Return the masses (rows, cols, 4) that counts stand for: conflict, free, occupied, unknown.
+
+    Parameters
+    ----------
+    counts
+        (rows, cols).
+    hit_decay, miss_decay
+        The n-th power (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and one passage,
+        for every number n that occurs; see `tbmslam.belief.evidence_grid`.
+    keeps_conflict
+        Combine conjunctively (eq. 5) rather than by Dempster's rule.
+    """
+    rows, cols = counts.shape
+    masses = np.empty((rows, cols, 4), dtype=np.float32)
+    for row in range(rows):
+        for col in range(cols):
+            hits, passed = hits_in(counts[row, col]), passages_in(counts[row, col])
+            if hits + passed == 0:  # most of a map
+                masses[row, col, :3], masses[row, col, 3] = 0.0, 1.0
+                continue
+            not_free = hit_decay[hits, 0] * miss_decay[passed, 0]
+            not_occupied = hit_decay[hits, 1] * miss_decay[passed, 1]
+            unknown = not_free * not_occupied
+            free, occupied = (1.0 - not_free) * not_occupied, (1.0 - not_occupied) * not_free
+            conflict, total = (1.0 - not_free) * (1.0 - not_occupied), 1.0
+            if not keeps_conflict:
+                conflict, total = 0.0, unknown + free + occupied
+            masses[row, col, 0], masses[row, col, 1] = conflict / total, free / total
+            masses[row, col, 2], masses[row, col, 3] = occupied / total, unknown / total
+    return masses

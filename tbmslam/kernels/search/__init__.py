@@ -1,0 +1,1 @@
+"""Exhaustive searches for poses and places."""

@@ -1,0 +1,1 @@
+"""Surfels: their statistics, search and alignment."""

@@ -1,0 +1,156 @@
+"""The place where a scan fits surface elements best, among all around a guess."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.search.windows import add_window, blocks_for
+from tbmslam.kernels.surfels.surfels import CELLS, SIDE, Surfels, fit_surfel, layer_of, slot_of
+
+
+@kernel
+def search(
+    surfels: Surfels,
+    points: FloatArray,
+    normals: FloatArray,
+    guess: Pose,
+    reach: int,
+    turns: FloatArray,
+    tolerance: float,
+    costs: tuple[float, float],
+) -> Pose:
+    """Try every turn (K,) [rad] about the guess and every shift by up to `reach` cells; return the best pose.
+
+    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d; `costs` are the share of all points that a metre and
+    a radian away from the guess must win, so that the nearest of equals is taken. A pose whose points do not even lie
+    in enough cells with surfaces is not looked at more closely.
+    """
+    resolution = surfels.lattice.resolution
+    width = 2 * reach + 1
+    counts = _bounds(surfels, points, normals, guess, reach, turns)
+    bounds = np.empty((len(turns), width, width), dtype=np.float32)
+    for k in range(len(turns)):
+        for r in range(width):
+            for c in range(width):
+                away = costs[0] * resolution * math.hypot(r - reach, c - reach) + costs[1] * abs(turns[k])
+                bounds[k, r, c] = counts[k, r, c] - away * len(points)
+    flat = bounds.reshape(-1)
+    best_score, best = -math.inf, (guess[0], guess[1], guess[2])
+    for candidate in _most_promising_first(flat):
+        if flat[candidate] <= best_score:
+            continue
+        k, place = candidate // (width * width), candidate % (width * width)
+        pose = (
+            guess[0] + (place % width - reach) * resolution,
+            guess[1] + (place // width - reach) * resolution,
+            guess[2] + turns[k],
+        )
+        away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
+        spare = flat[candidate] - best_score + 0.001  # a bound has seven digits
+        score = _matched(surfels, points, normals, pose, tolerance, spare) - away * len(points)
+        if score > best_score:
+            best_score, best = score, pose
+    return best
+
+
+@kernel
+def _most_promising_first(bounds: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    """Return the places of bounds (N,), those of larger ones first, to the next integer.
+
+    The sooner a good pose is looked at, the more of the others are ruled out.
+    """
+    lowest, highest = math.floor(bounds[0]), math.floor(bounds[0])
+    for bound in bounds:
+        lowest, highest = min(lowest, math.floor(bound)), max(highest, math.floor(bound))
+    begins = np.zeros(highest - lowest + 2, dtype=np.int64)
+    for bound in bounds:
+        begins[highest - math.floor(bound) + 1] += 1
+    for place in range(1, len(begins)):
+        begins[place] += begins[place - 1]
+    order = np.empty(len(bounds), dtype=np.int64)
+    for place in range(len(bounds)):
+        bucket = highest - math.floor(bounds[place])
+        order[begins[bucket]] = place
+        begins[bucket] += 1
+    return order
+
+
+@kernel
+def _may_hold(surfels: Surfels, margin: int) -> npt.NDArray[np.uint8]:
+    """Return 1 for every cell (2, rows, cols) that may have a surface, with a margin on every side."""
+    tiles, _, fits, _, _ = surfels
+    _, rows, cols = tiles.shape
+    known = np.zeros((2, rows * SIDE + 2 * margin, cols * SIDE + 2 * margin), dtype=np.uint8)
+    for layer in range(2):
+        for row in range(rows):
+            for col in range(cols):
+                first = tiles[layer, row, col] * CELLS
+                for cell in range(CELLS if first > 0 else 0):
+                    if fits[first + cell, 5] != 0.0:
+                        r, c = margin + row * SIDE + cell // SIDE, margin + col * SIDE + cell % SIDE
+                        known[layer, r, c] = 1
+    return known
+
+
+@kernel
+def _bounds(
+    surfels: Surfels, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
+) -> npt.NDArray[np.uint16]:
+    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
+
+    The axes are turns, shifts by rows and by columns.
+    """
+    resolution, first_row, first_col = surfels.lattice
+    width, margin = 2 * reach + 1, blocks_for(reach)
+    known = _may_hold(surfels, margin)
+    cells, (_, rows, cols) = known.reshape(-1), known.shape
+    bounds = np.zeros((len(turns), width, margin), dtype=np.uint16)
+    for k in range(len(turns)):
+        counts = bounds[k].reshape(-1)
+        cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
+        for i in range(len(points)):
+            px = guess[0] + cosine * points[i, 0] - sine * points[i, 1]
+            py = guess[1] + sine * points[i, 0] + cosine * points[i, 1]
+            row = math.floor(py / resolution) - first_row - reach + margin
+            col = math.floor(px / resolution) - first_col - reach + margin
+            if row < 0 or col < 0 or row + width > rows or col + margin > cols:
+                continue
+            nx, ny = normals[i, 0], normals[i, 1]
+            layer = layer_of(cosine * nx - sine * ny, sine * nx + cosine * ny)
+            add_window(counts, cells, (layer * rows + row) * cols + col, cols, width, margin)
+    return bounds
+
+
+@kernel
+def _matched(
+    surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
+) -> float:
+    """Return the sum of what points at a pose count; -inf once points on surfaces count by more than `spare` less."""
+    tiles, _, fits, lattice, _ = surfels
+    resolution, first_row, first_col = lattice
+    rows, cols = tiles.shape[1] * SIDE, tiles.shape[2] * SIDE
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    matched = 0.0
+    for i in range(len(points)):
+        px = pose[0] + cosine * points[i, 0] - sine * points[i, 1]
+        py = pose[1] + sine * points[i, 0] + cosine * points[i, 1]
+        col = math.floor(px / resolution) - first_col
+        row = math.floor(py / resolution) - first_row
+        if row < 0 or col < 0 or row >= rows or col >= cols:
+            continue
+        layer = layer_of(cosine * normals[i, 0] - sine * normals[i, 1], sine * normals[i, 0] + cosine * normals[i, 1])
+        slot = slot_of(tiles, layer, row, col)
+        if fits[slot, 5] == 0.0:
+            continue
+        if fits[slot, 5] < 0.0:
+            fit_surfel(surfels, layer, row, col)
+        dx, dy = px - fits[slot, 0], py - fits[slot, 1]
+        distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
+        counts = fits[slot, 5] * tolerance * tolerance / (tolerance * tolerance + distance)
+        matched += counts
+        spare -= 1.0 - counts
+        if spare < 0.0:
+            return -math.inf
+    return matched

@@ -1,0 +1,183 @@
+"""Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
+
+The two faces of a thin wall must not be taken for each other, so surfaces are kept in two layers by the way they face.
+Most cells of a map hold no wall, so cells come in tiles of `SIDE` by `SIDE` and only tiles with hits, or next to some,
+have moments and surfels; tile 0 is nobody's and stays empty. Hits only add to the moments; a surfel is fitted when it
+is asked for.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.rays.hits import move_hits
+from tbmslam.kernels.rays.lattice import Lattice
+
+SurfelArray = npt.NDArray[np.float32]
+TileIndex = npt.NDArray[np.int32]
+SIDE = 4
+"""Cells along a side of a tile."""
+CELLS = SIDE * SIDE
+TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
+"""A cell's row in tiles is its row shifted right by the one, and its row in its tile the row masked by the other."""
+FACING = (0.7986, 0.6018)
+"""Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
+
+
+class Surfels(NamedTuple):
+    """The arrays of a surfel map; a cell with hits has two more cells on every side."""
+
+    tiles: TileIndex
+    """(2, rows / SIDE, cols / SIDE): the number of each layer's tile. Its cells' slots follow one another."""
+    moments: SurfelArray
+    """(slots, 6): count of a cell's hits, sums of x and y, and of x^2, x y and y^2, from its centre [cells]."""
+    fits: SurfelArray
+    """(slots, 8): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from it
+    [1/m^2], and a weight: in [0, 1], zero where there is no surface, negative where hits came after the fit. Two more
+    that mean nothing, since eight numbers are fetched from memory at once."""
+    lattice: Lattice
+    limits: tuple[float, float, float, float]
+    """Noise of a hit [m], size up to which an element counts as a point [m], thickness beyond which it is clutter [m],
+    and number of hits that make an element certain."""
+
+
+@kernel
+def layer_of(normal_x: float, normal_y: float) -> int:
+    """Return the layer of a surface by its normal in the map's frame."""
+    return 1 if normal_x * FACING[0] + normal_y * FACING[1] > 0.0 else 0
+
+
+@kernel
+def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> int:
+    """Return a cell's slot; one below `CELLS` is nobody's."""
+    return int(tiles[layer, row >> TILE_BITS, col >> TILE_BITS] * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
+
+
+@kernel
+def extent(points: FloatArray) -> tuple[float, float, float, float]:
+    """Return the smallest and largest x, then the smallest and largest y, of points (N, 2)."""
+    left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+    for i in range(len(points)):
+        left, right = min(left, points[i, 0]), max(right, points[i, 0])
+        bottom, top = min(bottom, points[i, 1]), max(top, points[i, 1])
+    return left, right, bottom, top
+
+
+@kernel
+def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArray, normals: FloatArray) -> int:
+    """Give numbers from `used` on to the tiles that hits (N, 2) [m] need, and return how many are in use then.
+
+    `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
+    """
+    resolution, first_row, first_col = lattice
+    last_row, last_col, last_layer = -1, -1, -1
+    for i in range(len(points)):
+        row = math.floor(points[i, 1] / resolution) - first_row
+        col = math.floor(points[i, 0] / resolution) - first_col
+        layer = layer_of(normals[i, 0], normals[i, 1])
+        if row == last_row and col == last_col and layer == last_layer:
+            continue
+        last_row, last_col, last_layer = row, col, layer
+        for r in range((row - 1) >> TILE_BITS, ((row + 1) >> TILE_BITS) + 1):
+            for c in range((col - 1) >> TILE_BITS, ((col + 1) >> TILE_BITS) + 1):
+                if tiles[layer, r, c] == 0:
+                    tiles[layer, r, c] = used
+                    used += 1
+    return used
+
+
+@kernel
+def add_hits(surfels: Surfels, points: FloatArray, normals: FloatArray) -> None:
+    """Add hits (N, 2) [m] and their normals (N, 2), whose tiles have been claimed and have room."""
+    tiles, moments, fits, lattice, _ = surfels
+    resolution, first_row, first_col = lattice
+    last_row, last_col, last_layer = -1, -1, -1
+    for i in range(len(points)):
+        gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
+        lattice_col, lattice_row = math.floor(gx), math.floor(gy)
+        row, col = lattice_row - first_row, lattice_col - first_col
+        layer = layer_of(normals[i, 0], normals[i, 1])
+        if row != last_row or col != last_col or layer != last_layer:
+            last_row, last_col, last_layer = row, col, layer
+            for r in range(row - 1, row + 2):
+                for c in range(col - 1, col + 2):
+                    fits[slot_of(tiles, layer, r, c), 5] = -1.0
+        dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
+        slot = slot_of(tiles, layer, row, col)
+        moments[slot, 0] += np.float32(1.0)
+        moments[slot, 1] += np.float32(dx)
+        moments[slot, 2] += np.float32(dy)
+        moments[slot, 3] += np.float32(dx * dx)
+        moments[slot, 4] += np.float32(dx * dy)
+        moments[slot, 5] += np.float32(dy * dy)
+
+
+@kernel
+def insert_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
+    """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays hold them.
+
+    Returns how many tiles are in use then; as long as these have no room, nothing was added. -1 where hits lie outside
+    the lattice, or within two cells of its border.
+    """
+    placed, facing = move_hits(points, normals, pose)
+    tiles, moments, _, lattice, _ = surfels
+    left, right, bottom, top = extent(placed)
+    resolution, first_row, first_col = lattice
+    inside = math.floor(bottom / resolution) - 2 >= first_row and math.floor(left / resolution) - 2 >= first_col
+    last_row, last_col = first_row + SIDE * tiles.shape[1], first_col + SIDE * tiles.shape[2]
+    if not inside or math.floor(top / resolution) + 3 > last_row or math.floor(right / resolution) + 3 > last_col:
+        return -1
+    used = claim_tiles(tiles, lattice, used, placed, facing)
+    if used * CELLS <= len(moments):
+        add_hits(surfels, placed, facing)
+    return used
+
+
+@kernel
+def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
+    """Fit one surfel to the hits of its cell and the eight around it."""
+    tiles, moments, fits, lattice, limits = surfels
+    resolution, first_row, first_col = lattice
+    noise, point_size, clutter, certain_count = limits
+    count, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for r in range(row - 1, row + 2):
+        for c in range(col - 1, col + 2):
+            slot = slot_of(tiles, layer, r, c)
+            n = float(moments[slot, 0])
+            if n == 0.0:
+                continue
+            ox, oy = float(c - col), float(r - row)
+            mx, my = float(moments[slot, 1]), float(moments[slot, 2])
+            count += n
+            sx += mx + n * ox
+            sy += my + n * oy
+            sxx += moments[slot, 3] + 2.0 * ox * mx + n * ox * ox
+            sxy += moments[slot, 4] + ox * my + oy * mx + n * ox * oy
+            syy += moments[slot, 5] + 2.0 * oy * my + n * oy * oy
+    fit = fits[slot_of(tiles, layer, row, col)]
+    if count < 3.0:
+        fit[5] = 0.0
+        return
+    mx, my = sx / count, sy / count
+    scale = resolution * resolution
+    xx, xy, yy = (
+        (sxx / count - mx * mx) * scale,
+        (sxy / count - mx * my) * scale,
+        (syy / count - my * my) * scale,
+    )
+    middle, half, spread = 0.5 * (xx + yy), 0.5 * (xx - yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    thick, thin = max(middle + spread, 0.0), max(middle - spread, 0.0)
+    across = 1.0 / (thin + noise * noise)
+    along = 1.0 / (thick + noise * noise) if thick < point_size * point_size else 0.0
+    # The larger variance runs along the wall: t t^T = (1 + D) / 2 with D = (C - middle) / spread, n n^T = (1 - D) / 2.
+    cosine, sine = (half / spread, xy / spread) if spread > 0.0 else (1.0, 0.0)
+    mean, difference = 0.5 * (across + along), 0.5 * (across - along)
+    fit[0] = (first_col + col + 0.5 + mx) * resolution
+    fit[1] = (first_row + row + 0.5 + my) * resolution
+    fit[2] = mean - difference * cosine
+    fit[3] = -difference * sine
+    fit[4] = mean + difference * cosine
+    fit[5] = min(count / certain_count, 1.0) / (1.0 + thin / (clutter * clutter))

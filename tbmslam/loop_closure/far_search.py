@@ -1,0 +1,89 @@
+"""Where a keyframe may be again that drifted beyond the window in which it is searched for at every step."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.loop_closure.chain_drift import ChainDrift
+from tbmslam.loop_closure.closing_targets import ClosingTargets
+from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.loop_closure.place_index import PlaceIndex, place_signature
+from tbmslam.optimisation.pose_graph import relative_pose
+from tbmslam.sensing.laser_scan import Hits
+
+_DEVIATIONS = 3.0
+"""A place is possible up to so many deviations of the drift."""
+
+_LIKELIEST = 12
+"""Places that are searched each time: more bring hardly any true ones."""
+
+_CLOSELY = 6
+"""Best poses in them that are looked at closely."""
+
+_ALONE = 10.0
+"""Way since the robot was last laid onto a place; before, it is where it is thought to be [m]."""
+
+
+class FarSearch:
+    """Proposes poses of a keyframe in targets beyond its window, the likeliest ones by what they look like.
+
+    Parameters
+    ----------
+    hits
+        What the drive's keyframes hit.
+    targets
+        What they are searched in.
+    drift
+        How far they may have drifted.
+    window
+        How far from where it is thought to be a keyframe is searched for anyway [m].
+    reach
+        How near a keyframe must be to a target's way [m].
+    """
+
+    def __init__(
+        self, hits: DriveHits, targets: ClosingTargets, drift: ChainDrift, window: float, reach: float
+    ) -> None:
+        self._hits, self._targets, self._drift = hits, targets, drift
+        self._window, self._reach = window, reach
+        self._index = PlaceIndex()
+
+    def places(self, keyframe: int, poses: FloatArray, bundle: Hits, search_points: int) -> list[tuple[int, SE2]]:
+        """Return targets and poses in them at which a keyframe's bundle may lie, the best first."""
+        if self._hits.travelled[keyframe] - self._targets.last_met < _ALONE:
+            return []
+        log_prior, turns = self._possible(keyframe, poses)
+        if not np.isfinite(log_prior).any():
+            return []
+        while len(self._index) < len(log_prior):
+            self._index.add(place_signature(self._hits_of(len(self._index))))
+        points = bundle.thinned(search_points).points
+        found = []
+        for target in self._index.likeliest(place_signature(bundle), log_prior, _LIKELIEST).tolist():
+            submap = self._targets.submap(target)
+            guess = SE2(0.0, 0.0, relative_pose(poses, submap.anchor, keyframe).theta)
+            shift = 0.5 * self._targets.length + self._reach
+            found += [
+                (score, target, pose) for score, pose in submap.rough_places(points, guess, shift, turns[target], 2)
+            ]
+        found.sort(key=lambda one: -one[0])
+        return [(target, pose) for _, target, pose in found[:_CLOSELY]]
+
+    def _possible(self, keyframe: int, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the log-likelihoods (T,) of a keyframe being at old targets by its drift, and turns (T,) [rad]."""
+        anchors, latest = self._targets.anchors(keyframe)
+        here = np.full(len(anchors), keyframe)
+        positions, headings = self._drift.deviations(latest, here)
+        away = np.maximum(np.hypot(*(poses[anchors, :2] - poses[keyframe, :2]).T) - 0.5 * self._targets.length, 0.0)
+        beyond = np.maximum(away - self._reach, 0.0)
+        possible = (beyond <= _DEVIATIONS * positions) & (_DEVIATIONS * positions > self._window)
+        log_prior = np.where(possible, -0.5 * (beyond / np.maximum(positions, 1e-9)) ** 2, -math.inf)
+        return log_prior, _DEVIATIONS * headings
+
+    def _hits_of(self, target: int) -> Hits:
+        """Return hits of some keyframes of a target."""
+        first, last = self._targets.stretch(target)
+        chosen: npt.NDArray[np.int64] = np.arange(first, last + 1, max((last - first) // 16, 1))
+        return self._hits.placed(chosen, (first + last) // 2, 3000)

@@ -1,0 +1,364 @@
+"""Places seen again: found by search, verified, and the whole drive bent so that they coincide.
+
+Stretches of the drive are joined into submaps. Wherever the drive may have come back, which a model of its drift says,
+a bundle of neighbouring keyframes is searched for in the old submap, laid onto its surfaces and verified: enough of it
+must lie on surfaces, and little in space known to be free. A direction that the fit leaves open, as along a corridor,
+stays open. Where the drive may have drifted far, finds count only when several along the way agree. Accepted closures
+enter a robust pose graph.
+"""
+
+import logging
+import math
+from collections.abc import Sequence
+from itertools import compress
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.loop_closure.chain_drift import ChainDrift
+from tbmslam.loop_closure.closing_targets import ClosingTargets
+from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.loop_closure.far_search import FarSearch
+from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
+from tbmslam.loop_closure.submap import SubmapConfig
+from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.trajectory_correction import spread_corrections
+from tbmslam.optimisation.pose_chain import MotionChain
+from tbmslam.optimisation.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
+from tbmslam.parallel.progress import Watch
+from tbmslam.sensing.laser_scan import Hits
+from tbmslam.tracking.surfel_map import SurfelConfig
+
+logger = logging.getLogger(__name__)
+
+_SAME_PLACE = 0.005  # [m]
+_SAME_HEADING = 0.0015  # [rad]
+_FAR_STEP = 2.0
+"""Travelled length between keyframes that are searched for far away [m]."""
+
+_FAR_BUNDLE = 4.0
+"""Keyframes within this length before and after join a search far away: many places are alike at one glance [m]."""
+
+_FAR_VOTES = ClosureVotesConfig(
+    min_matched=0.1,
+    violation_cost=2.0,
+    min_vote=0.05,
+    stops=6,
+    min_sum=1.0,
+    margin=2.0,
+    memory=24.0,
+    together=0.5,
+    apart=1.0,
+)
+"""So long a bundle sees far beyond a target, so that a small share of it may match; more of them must agree."""
+
+_ROUGHLY = 0.01  # precision of poses that the next search begins from
+
+
+class LoopClosingConfig(FrozenConfig):
+    """When a place is taken for one seen before."""
+
+    enabled: bool = Field(True, description="close loops at all")
+    submap: SubmapConfig = SubmapConfig()
+    min_gap: float = Field(12.0, gt=0, description="travelled length between two visits to a place [m]")
+    reach: float = Field(4.0, gt=0, description="how near a keyframe must be to a submap's way [m]")
+    bundle: float = Field(1.5, ge=0, description="keyframes within this length before and after join a search [m]")
+    step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
+    submaps_per_step: int = Field(2, ge=1, description="nearest old submaps that are searched each time")
+    familiar: float = Field(
+        0.75, gt=0, le=1, description="share of a submap found again in older ones, from which on they stand for it"
+    )
+    drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
+    turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
+    max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
+    max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
+    surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
+    search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
+    match_points: int = Field(300, ge=10, description="hits of a bundle laid onto the surfaces")
+    min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
+    max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
+    max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
+    votes: ClosureVotesConfig = ClosureVotesConfig()
+    min_determined: float = Field(
+        0.02, ge=0, description="curvature of a direction over the other's below which it is open"
+    )
+    position_deviation: float = Field(0.02, gt=0, description="accuracy of a closure at best [m]")
+    heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
+    max_contradiction: float = Field(4.0, gt=0, description="deviations from the solution that end a closure")
+    robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
+
+
+class LoopCloser:
+    """Finds closures in a drive and returns the drive corrected.
+
+    Parameters
+    ----------
+    config
+        When a place is taken for one seen before.
+    surfels
+        What makes a surface.
+    """
+
+    def __init__(self, config: LoopClosingConfig, surfels: SurfelConfig) -> None:
+        self._config = config
+        self._surfels = surfels
+
+    def close(
+        self, poses: FloatArray, scans: ScanHits, chain: Sequence[MotionEdge], watch: Watch | None = None
+    ) -> tuple[FloatArray, list[MotionEdge]]:
+        """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
+
+        Parameters
+        ----------
+        poses
+            Poses (N, 3) of the laser as tracked.
+        scans
+            What they hit.
+        chain
+            Motions between consecutive keyframes.
+        watch
+            Who is told how far it is.
+        """
+        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
+        drive.search_forward()
+        drive.tighten()
+        drive.drop_contradictions()
+        logger.info("%d closures between %d keyframes", len(drive.closures), len(poses))
+        return drive.poses, list(drive.closures.values())
+
+
+class _Drive:
+    """One drive being corrected; its closures are kept by keyframe and target."""
+
+    def __init__(
+        self,
+        config: LoopClosingConfig,
+        surfels: SurfelConfig,
+        poses: FloatArray,
+        scans: ScanHits,
+        chain: list[MotionEdge],
+        watch: Watch,
+    ) -> None:
+        self.config = config
+        self._watch = watch
+        self.poses = poses.copy()
+        self.closures: dict[tuple[int, int], MotionEdge] = {}
+        self._tracked = poses
+        self._hits = DriveHits(scans, poses)
+        self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
+        self._new: list[PlacedBundle] = []  # not yet among the closures
+        self._bundle: tuple[int, Hits] | None = None
+        self._chain = MotionChain(chain)
+        self._graph = PoseGraph(config.robust_width)
+        self._votes = ClosureVotes(config.votes, self._hits.travelled)
+        drift = ChainDrift(poses, chain)
+        self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
+        self._far_votes = ClosureVotes(_FAR_VOTES, self._hits.travelled)
+        self._far_stop = -1
+
+    def search_forward(self) -> None:
+        """Follow the drive in time and close what it comes back to, correcting at once what follows."""
+        stops = self._stops().tolist()
+        for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
+            self._targets.advance(keyframe)
+            fits = self._found(keyframe)
+            elected = [] if fits else self._found_far(keyframe)
+            self._targets.note(keyframe, [fit.target for fit in (*fits, *elected) if fit.keyframe == keyframe])
+            self._new += fits + elected
+            if elected:
+                self._pull_together()
+            elif any(map(self._is_surprising, fits)):
+                self._optimise(_ROUGHLY)
+        self._optimise()
+
+    def tighten(self) -> None:
+        """Lay the keyframes near old submaps onto them once more, now that the poses are nearly right.
+
+        What they still miss, adjusting drive and walls makes good.
+        """
+        stops = self._stops().tolist()
+        for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
+            near = self._targets.near(keyframe, self.poses, 0.5)
+            for target in near.targets[: self.config.submaps_per_step].tolist():
+                known = self.closures.get((keyframe, target))
+                if known is not None and self._is_met(known):
+                    continue
+                fit = self._fit(keyframe, target, 0.0, 0.0)
+                if fit is not None:
+                    self._new.append(fit)
+        self._optimise()
+
+    def drop_contradictions(self) -> None:
+        """Drop the closures that the rest of the drive contradicts, and do without them."""
+        agree = edge_errors(list(self.closures.values()), self.poses) <= self.config.max_contradiction
+        if not agree.all():
+            self.closures = dict(compress(self.closures.items(), agree))
+            self._optimise()
+
+    def _is_met(self, edge: MotionEdge) -> bool:
+        """Tell whether the poses are so near to a closure that laying scans onto surfaces again would find the same."""
+        error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
+        return math.hypot(error.x, error.y) < _SAME_PLACE and abs(error.theta) < _SAME_HEADING
+
+    def _is_surprising(self, found: PlacedBundle) -> bool:
+        """Tell whether a keyframe is found so far from where it is thought to be that the next search should know."""
+        error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
+        return math.hypot(error.x, error.y) > self.config.surprise
+
+    def _stops(self) -> npt.NDArray[np.int64]:
+        """Return the keyframes that are searched for."""
+        _, first = np.unique((self._hits.travelled / self.config.step).astype(np.int64), return_index=True)
+        return np.asarray(first, dtype=np.int64)
+
+    def _optimise(self, precision: float = 1e-4) -> None:
+        """Solve for the poses that closures join; those between two of them follow both."""
+        self._add_closures()
+        if self.closures:
+            closures = self.closures.values()
+            nodes = np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])
+            solved = self._graph.solve(self.poses, nodes, self._chain.between(nodes), closures, precision)
+            self.poses = spread_corrections(self._tracked, nodes, solved)
+
+    def _pull_together(self) -> None:
+        """Solve for the poses that new closures join, however far they are from them.
+
+        Where a closure is far from being met it has lost its say; so it is believed first, which moves the poses to
+        where it and all others can be weighed.
+        """
+        new = [(found.keyframe, found.target) for found in self._new]
+        self._add_closures()
+        believed = [self.closures[key] for key in new]
+        nodes = np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
+        chain = [*self._chain.between(nodes), *believed]
+        solved = self._graph.solve(self.poses, nodes, chain, self.closures.values(), _ROUGHLY)
+        self.poses = spread_corrections(self._tracked, nodes, solved)
+        self._optimise(_ROUGHLY)
+
+    def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
+        """Return the targets that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
+        config = self.config
+        near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
+        if not len(near):
+            return []
+        drifts = self._targets.ways(keyframe)[near]
+        shifts = np.minimum(0.3 + config.drift * drifts, config.max_shift)
+        turns = np.minimum(0.03 + config.turn_drift * drifts, config.max_turn)
+        reached = np.flatnonzero(distances <= config.reach + shifts)[: config.submaps_per_step]
+        return [(int(near[k]), float(shifts[k]), float(turns[k])) for k in reached]
+
+    def _found(self, keyframe: int) -> list[PlacedBundle]:
+        """Return where a keyframe's bundle was found; finds of wide searches come when several along the way agree."""
+        fits, votes = [], []
+        for target, shift, turn in self._candidates(keyframe):
+            if shift > self.config.votes.beyond:
+                votes += self._votes_for(keyframe, target, shift, turn)
+            else:
+                fits.append(self._fit(keyframe, target, shift, turn))
+        self._votes.add(votes)
+        return [fit for fit in fits if fit is not None] + (self._votes.elected(self.poses) if votes else [])
+
+    def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
+        """Return all places in a target at which a keyframe's bundle may lie."""
+        config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
+        if bundle is None:
+            return []
+        points, guess = bundle.thinned(config.search_points).points, relative_pose(self.poses, submap.anchor, keyframe)
+        places = submap.places(points, guess, shift, turn, config.votes.places)
+        votes = (self._vote(self._votes, keyframe, target, bundle, place) for place in places)
+        return [vote for vote in votes if vote is not None]
+
+    def _vote(self, votes: ClosureVotes, keyframe: int, target: int, bundle: Hits, place: SE2) -> PlacedBundle | None:
+        """Return where a keyframe's bundle lies in a target near a place, with its weight, if it may lie there."""
+        submap = self._targets.submap(target)
+        fit = submap.fit(bundle, place)
+        weight = votes.weight(fit.matched, fit.violated)
+        is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= self.config.max_slide
+        if weight <= 0.0 or not is_near or self._open_direction(fit.hessian) is not None:
+            return None
+        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight)
+
+    def _found_far(self, keyframe: int) -> list[PlacedBundle]:
+        """Return where a keyframe's bundle was found beyond its window, once several along the way agree."""
+        stop = int(self._hits.travelled[keyframe] / _FAR_STEP)
+        if stop == self._far_stop:
+            return []
+        self._far_stop = stop
+        bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
+        if len(bundle.points) < self.config.search_points // 2:
+            return []
+        points, votes = bundle.thinned(self.config.search_points).points, []
+        for target, rough in self._far.places(keyframe, self.poses, bundle, self.config.search_points // 2):
+            place = self._targets.submap(target).search(points, rough, 0.6, 0.06).pose
+            vote = self._vote(self._far_votes, keyframe, target, bundle, place)
+            if vote is not None:
+                votes.append(vote)
+        self._far_votes.add(votes)
+        return self._far_votes.elected(self.poses) if votes else []
+
+    def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
+        """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
+        config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
+        if bundle is None:
+            return None
+        guess = relative_pose(self.poses, submap.anchor, keyframe)
+        if shift > 0.0:
+            found = submap.search(bundle.thinned(config.search_points).points, guess, shift, turn)
+            if found.at_border:
+                return None
+            guess = found.pose
+        fit = submap.fit(bundle, guess)
+        if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
+            return None
+        if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
+            return None
+        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
+
+    def _bundle_of(self, keyframe: int) -> Hits | None:
+        """Return a keyframe's bundle, unless it has too few hits; it is searched for in several targets on end."""
+        if self._bundle is None or self._bundle[0] != keyframe:
+            self._bundle = keyframe, self._hits.bundle(keyframe, self.config.bundle, self.config.match_points)
+        return self._bundle[1] if len(self._bundle[1].points) >= self.config.search_points // 2 else None
+
+    def _add_closures(self) -> None:
+        """Make closures of what was found since the last time.
+
+        A closure's information, in the keyframe's frame, is its curvature and what submaps bend at best.
+        """
+        if not self._new:
+            return
+        config = self.config
+        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
+        curvatures = np.array([found.hessian for found in self._new]) + np.eye(3) * 1e-3
+        informations = np.linalg.inv(np.linalg.inv(curvatures) + floor)
+        rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in self._new])
+        informations = np.swapaxes(rotations, 1, 2) @ informations @ rotations
+        for found, information in zip(self._new, informations, strict=True):
+            edge = MotionEdge(found.anchor, found.keyframe, found.pose, information)
+            self.closures[found.keyframe, found.target] = edge
+        self._new = []
+
+    def _determined(self, hessian: FloatArray) -> FloatArray:
+        """Return the curvature without the direction that a fit leaves open.
+
+        Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
+        """
+        open_direction = self._open_direction(hessian)
+        if open_direction is None:
+            return hessian
+        kept = np.eye(3)
+        kept[:2, :2] -= np.outer(open_direction, open_direction)
+        closed: FloatArray = kept @ hessian @ kept
+        return closed
+
+    def _open_direction(self, hessian: FloatArray) -> FloatArray | None:
+        """Return the direction (2,) that a fit leaves open, if there is one."""
+        (xx, xy), (_, yy) = hessian[:2, :2].tolist()
+        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        spread = math.hypot(half, xy)
+        if middle - spread >= self.config.min_determined * (middle + spread):
+            return None
+        weak = 0.5 * math.atan2(xy, half) + 0.5 * math.pi
+        return np.array([math.cos(weak), math.sin(weak)])

@@ -1,0 +1,212 @@
+"""A stretch of a drive as one piece: what other scans, of this robot or another, can be laid onto."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.kernels.rays.counting import count_scans
+from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.search.correlation import (
+    WALL,
+    GainField,
+    coarser_field,
+    correlate,
+    search_field,
+    share_in_free_space,
+    top_places,
+)
+from tbmslam.kernels.surfels.surfels import extent
+from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.sensing.laser_scan import Hits
+from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
+
+_HITS = 160
+"""Of each keyframe make a submap: neighbouring ones see the same, and lasers of a beam a degree have no more."""
+
+
+class SubmapConfig(FrozenConfig):
+    """How a submap is made and searched."""
+
+    length: float = Field(8.0, gt=0, description="travelled length; neighbours overlap by half [m]")
+    resolution: float = Field(0.2, gt=0, description="side of a cell of the field that is searched [m]")
+    max_range: float = Field(40.0, gt=0, description="hits beyond this are not used [m]")
+    free_penalty: float = Field(
+        0.5, ge=0, le=1, description="what a hit in free space costs, where one on a wall gains 1"
+    )
+    shift_cost: float = Field(0.03, ge=0, description="share of all hits that a metre from the guess must win [1/m]")
+    same_place: float = Field(0.8, gt=0, description="places further apart are different ones [m]")
+    turn_step: float = Field(0.025, gt=0, description="step of the heading in a search [rad]")
+
+
+@dataclass(frozen=True)
+class Find:
+    """Where points agree best with a submap.
+
+    Parameters
+    ----------
+    pose
+        The place.
+    ambiguity
+        Score of the best place elsewhere over the score here: 1 means that nothing tells them apart.
+    at_border
+        Whether the place lies on the border of what was searched: a better one may lie beyond.
+    """
+
+    pose: SE2
+    ambiguity: float
+    at_border: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well points fit a submap after being laid onto its surfaces.
+
+    Parameters
+    ----------
+    pose
+        Where their frame lies.
+    hessian
+        Curvature (3, 3) there in x, y [1/m^2] and theta.
+    matched
+        Share of the points on surfaces.
+    violated
+        Share of the points in space that the submap knows to be free.
+    """
+
+    pose: SE2
+    hessian: FloatArray
+    matched: float
+    violated: float
+
+
+class Submap:
+    """Surfaces and free space seen by consecutive keyframes, in the frame of one of them.
+
+    Attributes
+    ----------
+    anchor
+        Index of the keyframe whose laser is the frame.
+    first, last
+        Indices of the first and the last keyframe in it.
+    """
+
+    _PRIOR = np.diag([0.5**-2.0, 0.5**-2.0, 0.2**-2.0])
+    _SEARCH = 1e9, 0.25, 40.0, np.array([30.0, 12.0, 4.5]), 10_000, 10  # a normal prior; bundles count for 40 hits
+
+    def __init__(self, first: int, last: int, drive: DriveHits, config: SubmapConfig, surfels: SurfelConfig) -> None:
+        self.first, self.last, self.anchor = first, last, (first + last) // 2
+        self._config = config
+        chosen = np.arange(first, last + 1)
+        hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
+        self._coarse: tuple[GainField, Lattice] | None = None
+        self._surfaces = SurfelMap(surfels, spare=0.0)
+        self._surfaces.insert(hits, SE2.identity())
+        T_map_anchor = drive.poses[None, self.anchor]
+        lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
+        begins = drive.begins(chosen, _HITS * len(chosen))
+        self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
+
+    def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
+        """Find where points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad] of a guess.
+
+        Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing. Of places that
+        agree alike the nearest one is taken.
+        """
+        scores, places, cells = self._best(points, guess, shift, turn, 2)
+        best, rival = scores.tolist()
+        ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
+        return Find(places[0], ambiguity, self._at_border(cells[0], shift))
+
+    def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
+        """Return up to `count` places where points (N, 2) agree best with the submap, the best one first.
+
+        As in `search`; what lies on the border of the window is left out.
+        """
+        scores, places, cells = self._best(points, guess, shift, turn, count)
+        found = zip(scores.tolist(), places, cells, strict=True)
+        return [place for score, place, cell in found if score > 0.0 and not self._at_border(cell, shift)]
+
+    def rough_places(
+        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
+    ) -> list[tuple[float, SE2]]:
+        """Return the scores [walls a point] and places of up to `count` best ones, searched in steps twice as large.
+
+        Wherever they are in the window, none costs more than another.
+        """
+        if self._coarse is None:
+            self._coarse = coarser_field(self._field, self._lattice)
+        field, lattice = self._coarse
+        step = 2.0 * self._config.turn_step
+        reach, half = math.ceil(shift / lattice.resolution), math.ceil(min(turn, math.pi) / step)
+        turns = np.arange(-half, half + 1, dtype=np.float64) * step
+        clear = math.ceil(self._config.same_place / lattice.resolution)
+        scores, found = top_places(correlate(field, lattice, points, guess, turns, reach), 0.0, clear, count)
+        cells = (found[:, 1:] - reach) * lattice.resolution
+        return [
+            (score / (WALL * len(points)), SE2(guess.x + col, guess.y + row, guess.theta + float(turns[k])))
+            for score, k, (row, col) in zip(scores.tolist(), found[:, 0].tolist(), cells.tolist(), strict=True)
+            if score > 0.0
+        ]
+
+    def _best(
+        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
+    ) -> tuple[FloatArray, list[SE2], npt.NDArray[np.int64]]:
+        """Return scores (count,) of the best places, these, and their rows and columns (count, 2) from the guess."""
+        config = self._config
+        reach = math.ceil(shift / config.resolution)
+        half = math.ceil(turn / config.turn_step)
+        turns = np.arange(-half, half + 1, dtype=np.float64) * config.turn_step
+        cost = config.shift_cost * config.resolution * WALL * len(points)
+        clear = math.ceil(config.same_place / config.resolution)
+        sums = correlate(self._field, self._lattice, points, guess, turns, reach)
+        scores, found = top_places(sums, cost, clear, count)
+        cells = found[:, 1:] - reach
+        places = [
+            SE2(guess.x + col * config.resolution, guess.y + row * config.resolution, guess.theta + float(turns[k]))
+            for k, (row, col) in zip(found[:, 0].tolist(), cells.tolist(), strict=True)
+        ]
+        return scores, places, cells
+
+    def _at_border(self, cell: npt.NDArray[np.int64], shift: float) -> bool:
+        """Tell whether a place (row, column) from the guess lies on the border of a window: it may go on beyond."""
+        reach = math.ceil(shift / self._config.resolution)
+        return reach > 2 and int(np.abs(cell).max()) == reach
+
+    def fit(self, hits: Hits, guess: SE2) -> Fit:
+        """Lay hits onto the surfaces near a guess, and tell how well they fit there."""
+        laid = self._surfaces.register(hits, guess, guess, self._PRIOR, self._SEARCH)
+        violated = share_in_free_space(self._field, self._lattice, hits.points, laid.pose)
+        return Fit(laid.pose, laid.hessian, laid.matched, violated)
+
+
+def _search_field(
+    lasers: FloatArray, ends: FloatArray, begins: npt.NDArray[np.int64], config: SubmapConfig
+) -> tuple[GainField, Lattice]:
+    """Return what points gain in each cell, and where the cells lie; ends (N, 2) of scans from lasers (K, 3)."""
+    spans = zip(extent(lasers), extent(ends), strict=True)
+    left, right, bottom, top = (
+        math.floor((max(pair) if upper else min(pair)) / config.resolution)
+        for pair, upper in zip(spans, (False, True, False, True), strict=True)
+    )
+    lattice = Lattice(config.resolution, bottom - 1, left - 1)
+    counts = np.zeros((top - bottom + 3, right - left + 3), dtype=np.int64)
+    count_scans(counts, lattice, lasers, ends, np.ones(len(ends), dtype=np.bool_), begins, 0)
+    return search_field(counts, config.free_penalty), lattice
+
+
+def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
+    """Return (first, last) keyframe of stretches of a drive, each `length` metres long and overlapping by half."""
+    way = way_lengths(poses)
+    count = max(math.ceil(2.0 * way[-1] / length) - 1, 1)
+    stretches = []
+    for number in range(count):
+        begin = 0.5 * length * number
+        first = int(np.searchsorted(way, begin, side="left"))
+        last = int(np.searchsorted(way, begin + length, side="right")) - 1
+        stretches.append((first, max(last, first)))
+    return stretches

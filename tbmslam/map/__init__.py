@@ -1,0 +1,1 @@
+"""One robot's map: keyframes, walls and drives."""

@@ -1,0 +1,136 @@
+"""What a map remembers of its drive: scans and where they were taken, so that it can be rendered anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
+from tbmslam.sensing.laser_scan import LaserScan
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Scans at poses, as arrays.
+
+    Parameters
+    ----------
+    stamps
+        Times (K,) [s].
+    poses
+        Poses (K, 3) of the robot in the map: x [m], y [m], theta [rad].
+    sensor_poses
+        Poses (K, 3) of the laser on the robot.
+    beams
+        Angle and range limits (K, 4): angle_min, angle_increment [rad], range_min, range_max [m].
+    offsets
+        Where each scan begins in `ranges`, and where the last one ends (K + 1,).
+    ranges
+        All scans' ranges one after the other, float32 [m], coded as in `LaserScan`.
+    beam_steps
+        Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad].
+    indices
+        Which pose (K,) of the drive's trajectory each was taken at; they rise, while stamps may step back.
+    """
+
+    stamps: FloatArray
+    poses: FloatArray
+    sensor_poses: FloatArray
+    beams: FloatArray
+    offsets: npt.NDArray[np.int64]
+    ranges: npt.NDArray[np.float32]
+    beam_steps: FloatArray
+    indices: npt.NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together."""
+        count = len(self.stamps)
+        arrays = (self.poses, self.sensor_poses, self.beams, self.offsets, self.beam_steps, self.indices)
+        shapes = tuple(values.shape for values in arrays)
+        if shapes != ((count, 3), (count, 3), (count, 4), (count + 1,), (count, 3), (count,)):
+            raise ValueError(f"keyframe arrays must agree on {count} keyframes, got shapes {shapes}")
+        if self.offsets[0] != 0 or self.offsets[-1] != len(self.ranges) or np.any(np.diff(self.offsets) < 0):
+            raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
+        if np.any(self.indices < 0) or np.any(np.diff(self.indices) <= 0):
+            raise ValueError("indices into the trajectory must rise from 0 or later, none of them twice")
+        # A laser without a limit has range_max +inf; nothing else may be infinite.
+        numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3], self.beam_steps)
+        if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
+            raise ValueError("stamps, poses and beams must be finite")
+
+    @classmethod
+    def from_scans(
+        cls,
+        scans: Sequence[LaserScan],
+        poses: Sequence[SE2],
+        sensor_poses: Sequence[SE2],
+        indices: Sequence[int] | None = None,
+    ) -> "Keyframes":
+        """Pack scans taken at robot poses in the map by lasers mounted at sensor poses.
+
+        `indices` say which poses of the trajectory these are; None: the first ones, one after the other.
+        """
+        return cls(
+            stamps=np.array([scan.stamp for scan in scans], dtype=np.float64),
+            poses=np.array(poses, dtype=np.float64).reshape(-1, 3),
+            sensor_poses=np.array(sensor_poses, dtype=np.float64).reshape(-1, 3),
+            beams=np.array(
+                [(s.angle_min, s.angle_increment, s.range_min, s.range_max) for s in scans], dtype=np.float64
+            ).reshape(-1, 4),
+            offsets=np.concatenate(([0], np.cumsum([len(scan.ranges) for scan in scans]))).astype(np.int64),
+            ranges=np.concatenate([np.zeros(0, np.float32), *(scan.ranges.astype(np.float32) for scan in scans)]),
+            beam_steps=np.array([scan.beam_step for scan in scans], dtype=np.float64).reshape(-1, 3),
+            indices=np.array(range(len(scans)) if indices is None else indices, dtype=np.int64),
+        )
+
+    def __len__(self) -> int:
+        """Return the number of keyframes."""
+        return len(self.stamps)
+
+    def scan(self, index: int) -> LaserScan:
+        """Return one keyframe's scan."""
+        angle_min, angle_increment, range_min, range_max = (float(value) for value in self.beams[index])
+        ranges = self.ranges[self.offsets[index] : self.offsets[index + 1]].astype(np.float64)
+        return LaserScan(
+            float(self.stamps[index]),
+            angle_min,
+            angle_increment,
+            range_min,
+            range_max,
+            ranges,
+            beam_step=SE2.from_array(self.beam_steps[index]),
+        )
+
+    def part(self, first: int, last: int) -> "Keyframes":
+        """Return the keyframes from one up to, not including, another."""
+        some, begin, end = slice(first, last), int(self.offsets[first]), int(self.offsets[last])
+        return Keyframes(
+            stamps=self.stamps[some],
+            poses=self.poses[some],
+            sensor_poses=self.sensor_poses[some],
+            beams=self.beams[some],
+            offsets=self.offsets[first : last + 1] - begin,
+            ranges=self.ranges[begin:end],
+            beam_steps=self.beam_steps[some],
+            indices=self.indices[some],
+        )
+
+    def pose(self, index: int) -> SE2:
+        """Return the robot's pose in the map at one keyframe."""
+        return SE2.from_array(self.poses[index])
+
+    def sensor_pose(self, index: int) -> SE2:
+        """Return the laser's pose in the map at one keyframe."""
+        return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
+
+    def all_sensor_poses(self) -> FloatArray:
+        """Return the laser's poses (K, 3) in the map."""
+        return compose(self.poses, self.sensor_poses)
+
+    def transformed(self, T_new_old: SE2) -> "Keyframes":
+        """Return the same keyframes in another frame."""
+        moved = np.empty_like(self.poses)
+        moved[:, :2] = T_new_old.apply(self.poses[:, :2])
+        moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
+        return replace(self, poses=moved)

@@ -1,0 +1,59 @@
+"""A frame near what happens in it.
+
+Odometry may count from a point in another country, as in a grid of the whole earth. Surfaces are kept in single
+precision, which tells no more than half a metre apart there; so drives are mapped in a frame with its origin near by.
+"""
+
+from dataclasses import dataclass, field
+
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.sensing.laser_scan import Reading
+from tbmslam.sensing.segmentation import in_frame
+
+FAR_M = 1000.0
+"""Up to here single precision tells a tenth of a millimetre apart."""
+
+
+@dataclass(frozen=True)
+class NearFrame:
+    """Where a near frame has its origin in a far one: shifted by whole metres and not turned.
+
+    Parameters
+    ----------
+    T_far_near
+        The identity where the far frame is near, too.
+    """
+
+    T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # which nobody can change
+    is_far: bool = field(init=False)
+    """Whether the two frames differ; asked for every scan."""
+
+    def __post_init__(self) -> None:
+        """Compare the frames."""
+        object.__setattr__(self, "is_far", self.T_far_near != SE2.identity())
+
+    @classmethod
+    def around(cls, T_far_robot: SE2 | None) -> "NearFrame":
+        """Return the frame near a pose; the far one itself where its origin is, or where there is no pose."""
+        if T_far_robot is None or max(abs(T_far_robot.x), abs(T_far_robot.y)) <= FAR_M:
+            return cls()
+        return cls(SE2(float(round(T_far_robot.x)), float(round(T_far_robot.y)), 0.0))
+
+    def reading(self, reading: Reading) -> Reading:
+        """Return a reading with its odometry as it is seen here."""
+        return in_frame(reading, self.T_far_near.inverse()) if self.is_far else reading
+
+    def pose_there(self, T_near_robot: SE2) -> SE2:
+        """Return a pose in the far frame."""
+        return self.T_far_near @ T_near_robot if self.is_far else T_near_robot
+
+    def map_there(self, one: TbmMap) -> TbmMap:
+        """Return a map in the far frame: its cells stay what they are."""
+        if not self.is_far:
+            return one
+        cells = one.grid.geometry
+        origin_x, origin_y = cells.origin_x + self.T_far_near.x, cells.origin_y + self.T_far_near.y
+        grid = TbmGrid(cells._replace(origin_x=origin_x, origin_y=origin_y), one.grid.masses)
+        return one.moved(self.T_far_near, grid)

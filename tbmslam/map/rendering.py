@@ -1,0 +1,146 @@
+"""The grid of a map, drawn from the keyframes of its drives."""
+
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_masses, count_scans, most_counted
+from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.surfels.surfels import extent
+from tbmslam.map.config import MapConfig
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_inserter import ScanInserter
+from tbmslam.sensing.sensor_model import beam_factors
+
+logger = logging.getLogger(__name__)
+
+_SCANS_AT_ONCE = 1000
+
+
+def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
+    """Return the smallest grid that holds all that the keyframes saw.
+
+    Where it would have more than `max_cells` cells, their sides are a multiple of the resolution.
+
+    Raises
+    ------
+    GridTooLargeError
+        When it would have more cells than that and every beam has its own word, so that the grid grows scan by scan.
+    ValueError
+        When there are more than two million keyframes.
+    """
+    number = sum(map(len, drives))
+    if number > MOST_SCANS:
+        raise ValueError(f"drives must have at most {MOST_SCANS} keyframes, got {number}")
+    counted = config.insertion.once_per_scan
+    return _from_counts(drives, config) if counted else _from_beams(drives, config)
+
+
+def _from_beams(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
+    """Insert scan by scan, every beam having its own word."""
+    grid = EvidenceGrid(config.resolution, config.max_cells)
+    inserter = ScanInserter(config.sensor_model, config.insertion)
+    for keyframes in drives:
+        for index in range(len(keyframes)):
+            inserter.insert(keyframes.scan(index), keyframes.sensor_pose(index), grid)
+    return grid.to_tbm_grid(config.keep_conflict).cropped_to_known()
+
+
+def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
+    """Count the scans that speak of each cell: where each has one word, the counts are all that matters."""
+    lasers = [keyframes.all_sensor_poses() for keyframes in drives]
+    corners = [_corners(block) for k, poses in zip(drives, lasers, strict=True) for block in _blocks(k, poses, config)]
+    if not corners:
+        return EvidenceGrid(config.resolution).to_tbm_grid()
+    geometry = _geometry_around(np.vstack(corners), config)
+    resolution = geometry.resolution
+    first_row, first_col = round(geometry.origin_y / resolution), round(geometry.origin_x / resolution)
+    # The system gives memory where cells are touched first, so unexplored parts of the box take little of it.
+    counts: Counts = np.zeros((geometry.rows + 2, geometry.cols + 2), dtype=np.int64)
+    lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
+    for keyframes, poses in zip(drives, lasers, strict=True):
+        for block in _blocks(keyframes, poses, config):
+            count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
+            spoken += len(block.lasers)
+    return TbmGrid(geometry, _masses(counts[1:-1, 1:-1], config, resolution))
+
+
+class _Block(NamedTuple):
+    """Some scans: where their lasers were, and where their beams ended."""
+
+    lasers: FloatArray
+    ends: FloatArray
+    is_hit: npt.NDArray[np.bool_]
+    offsets: npt.NDArray[np.int64]
+
+
+def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iterator[_Block]:
+    """Yield the scans that speak of any cell, some at a time: the ends of all beams would take much memory."""
+    limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
+    for first in range(0, len(keyframes), _SCANS_AT_ONCE):
+        some = slice(first, first + _SCANS_AT_ONCE)
+        offsets = keyframes.offsets[first : first + _SCANS_AT_ONCE + 1]
+        ends, is_hit, begins = beam_ends(
+            keyframes.ranges[offsets[0] : offsets[-1]],
+            offsets - offsets[0],
+            keyframes.beams[some],
+            keyframes.beam_steps[some],
+            lasers[some],
+            limit,
+            clears,
+        )
+        if len(ends):
+            yield _Block(lasers[some], ends, is_hit, begins)
+
+
+def _corners(block: _Block) -> FloatArray:
+    """Return the lower and the upper corner (2, 2) of the box around all that some scans speak of."""
+    lasers = block.lasers[np.diff(block.offsets) > 0, :2]
+    # A kernel's time is a twentieth of what NumPy takes along this axis.
+    spans = np.array([extent(np.ascontiguousarray(lasers)), extent(block.ends)])
+    return np.array([spans[:, ::2].min(axis=0), spans[:, 1::2].max(axis=0)])
+
+
+def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
+    """Return the cells that hold all points (N, 2); a multiple of the resolution where there would be too many."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    times = max(1, math.floor(math.sqrt(float(np.prod(high - low)) / config.max_cells) / config.resolution))
+    while _cells(low, high, times * config.resolution) > config.max_cells:
+        times += 1
+    resolution = times * config.resolution
+    if times > 1:
+        logger.warning(
+            "the map spans %.0f x %.0f m: drawn with cells of %g m instead of %g m to keep within the %d cells of "
+            "map.max_cells",
+            *(high - low),
+            resolution,
+            config.resolution,
+            config.max_cells,
+        )
+    (left, bottom), (right, top) = (np.floor(corner / resolution).astype(int) for corner in (low, high))
+    rows, cols = int(top - bottom + 1), int(right - left + 1)
+    return GridGeometry(resolution, float(left) * resolution, float(bottom) * resolution, rows, cols)
+
+
+def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
+    rows_and_cols = np.floor(high / resolution) - np.floor(low / resolution) + 1.0
+    return math.prod(rows_and_cols.astype(int).tolist())
+
+
+def _masses(
+    counts: Counts, config: MapConfig, resolution: float
+) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
+    factors = beam_factors(config.sensor_model, resolution, 1.0)
+    hit, miss = (
+        # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
+        np.maximum(one[None, :] ** -np.arange(most + 1.0)[:, None], 1e-150)
+        for one, most in zip((factors.hit, factors.miss), most_counted(counts), strict=True)
+    )
+    return count_masses(counts, hit, miss, config.keep_conflict)

@@ -1,0 +1,85 @@
+"""A map and what made it: the grid, the drives behind it, and where it came from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One robot's way through the map.
+
+    Parameters
+    ----------
+    name
+        Who drove.
+    trajectory
+        Poses of the robot in the map, one for every scan that was used.
+    keyframes
+        Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
+        no poses at all.
+    closures
+        Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
+    motions
+        What was measured from each keyframe to the next; None where only the poses are known.
+    """
+
+    name: str
+    trajectory: Trajectory
+    keyframes: Keyframes
+    closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    motions: DriveMotions | None = None
+
+    def __post_init__(self) -> None:
+        """Check that keyframes are on the trajectory, and closures and motions between keyframes."""
+        indices, poses = self.keyframes.indices, len(self.trajectory)
+        if poses and len(indices) and indices[-1] >= poses:  # they rise
+            raise ValueError(f"keyframes must be among the {poses} poses of the trajectory, got index {indices[-1]}")
+        if self.closures.ndim != 2 or self.closures.shape[1] != 2:
+            raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
+        if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):
+            raise ValueError(f"closures must be between the {len(self.keyframes)} keyframes")
+        steps = max(len(self.keyframes) - 1, 0)
+        if self.motions is not None and len(self.motions) != steps:
+            raise ValueError(
+                f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+            )
+
+    def transformed(self, T_new_old: SE2) -> "Drive":
+        """Return the same drive in another frame."""
+        return replace(
+            self,
+            trajectory=self.trajectory.transformed(T_new_old),
+            keyframes=self.keyframes.transformed(T_new_old),
+        )
+
+
+@dataclass(frozen=True)
+class TbmMap:
+    """A map: one drive where one robot made it, several after a merge, none where only a picture was left.
+
+    Parameters
+    ----------
+    grid
+        The cells' masses.
+    drives
+        The drives behind it, in the map's frame.
+    provenance
+        What made it: recording, configuration, versions; anything that JSON can hold.
+    """
+
+    grid: TbmGrid
+    drives: tuple[Drive, ...] = ()
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
+        """Return the map in another frame, its drives moved and its grid replaced by one resampled there."""
+        return TbmMap(grid, tuple(drive.transformed(T_new_old) for drive in self.drives), self.provenance)

@@ -1,0 +1,101 @@
+"""Walls held against walls: what agrees under a motion, and the motion slid until most of it does."""
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.grids.walls import (
+    AGREED,
+    AGREES,
+    COMPARED,
+    CONFLICTING,
+    CONFLICTS,
+    NEITHER,
+    NOT_SEEN,
+    OUTSIDE,
+    SQUARES,
+    UNSEEN,
+    XX,
+    XY,
+    YY,
+    Walls,
+    compare_walls,
+    hold_walls,
+    see_through_walls,
+    slide_walls,
+)
+from tbmslam.wall_limits import Limits
+
+__all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
+__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "see_through", "slide"]
+
+Indices = npt.NDArray[np.int64]
+
+
+def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limits: Limits) -> FloatArray:
+    """Return weighted sums (M, 8) over some walls (K,) of one map held against another.
+
+    Parameters
+    ----------
+    moving, fixed
+        The map whose walls are held, and the one they are held against.
+    some
+        Which walls of the moving map are looked at.
+    motions
+        T_fixed_moving, as many as wanted.
+    limits
+        What agrees and what contradicts.
+
+    Returns
+    -------
+    Columns COMPARED, AGREED, CONFLICTING, UNSEEN, the scatter XX, XY, YY of the agreeing walls' normals, and SQUARES of
+    their distances [m^2], all counted in weights of walls.
+    """
+    return compare_walls(moving, some, fixed, np.array(motions, dtype=np.float64).reshape(-1, 3), limits)
+
+
+def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
+    """Return what becomes of each of some walls (K,) of one map under a motion into another's frame.
+
+    Returns
+    -------
+    OUTSIDE what the fixed map knows, or one of AGREES, CONFLICTS, NEITHER and NOT_SEEN, as `compare` counts them.
+    """
+    return hold_walls(moving, some, fixed, T_fixed_moving, limits)
+
+
+def see_through(moving: Walls, fixed: Walls, T_fixed_moving: SE2, reach_m: float) -> npt.NDArray[np.bool_]:
+    """Return which walls (N,) of one map another saw through: it knows free space so far before and behind them."""
+    return see_through_walls(moving, fixed, T_fixed_moving, reach_m)
+
+
+def slide(
+    target: Walls,
+    target_some: Indices,
+    source: Walls,
+    source_some: Indices,
+    motions: list[SE2],
+    reaches: FloatArray,
+    facing: float,
+) -> list[SE2]:
+    """Slide walls onto walls point to line, in both directions, from first guesses (Chen and Medioni 1992; Censi 2008).
+
+    Walls count only with walls that face the same way, and each the less the farther it is (Geman-McClure weights), so
+    that what moved or bent does not pull.
+
+    Parameters
+    ----------
+    target, source
+        The maps.
+    target_some, source_some
+        Which of their walls look for their like.
+    motions
+        First guesses of T_target_source.
+    reaches
+        How far a wall looks in each iteration [m].
+    facing
+        Least cosine between the normals of walls that may be one.
+    """
+    start = np.array(motions, dtype=np.float64).reshape(-1, 3)
+    slid = slide_walls(target, target_some, source, source_some, start, reaches, facing)
+    return [SE2.from_array(motion) for motion in slid]

@@ -1,0 +1,119 @@
+"""Work on other machines: an existing Dask cluster, reached by its scheduler's address."""
+
+import re
+import secrets
+from collections.abc import Callable, Iterable, Iterator
+from types import TracebackType
+from typing import Any, Self
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.parallel.code_digest import code_digest
+
+
+class ClusterError(TbmSlamError):
+    """The cluster cannot be reached, or gave up on something."""
+
+
+class Cluster:
+    """A connection to a Dask scheduler.
+
+    Work whose worker dies is done again by another one, by Dask; its result does not depend on who did it.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler, as `tcp://host:8786`.
+    timeout_s
+        How long to wait for the scheduler and a first worker [s].
+
+    Raises
+    ------
+    ClusterError
+        Dask is not installed, nobody answers there, or there are no workers.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 15.0) -> None:
+        try:
+            from distributed import Client  # noqa: PLC0415 - an extra, and slow to load
+        except ImportError:
+            raise ClusterError("a cluster needs Dask: pip install 'tbmslam[cluster]'") from None
+        if re.fullmatch(r"(\w+://)?[^/\s]+:\d+", address) is None:
+            raise ClusterError(f"{address!r} is no address of a Dask scheduler: it must look like tcp://10.0.0.1:8786")
+        self._address = address
+        self._run = secrets.token_hex(4)
+        try:
+            self._client = Client(address, timeout=timeout_s, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            fact = str(error).partition("\n")[0] or type(error).__name__
+            raise ClusterError(
+                f"{address}: no Dask scheduler answers ({fact}): start one with `dask scheduler`, or use --workers"
+            ) from None
+        try:
+            self._client.wait_for_workers(1, timeout=timeout_s)
+        except TimeoutError:
+            self._client.close()
+            raise ClusterError(f"{address}: has no workers: start some with `dask worker {address}`") from None
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the cluster; what it has not finished is dropped."""
+        self._client.close()
+
+    def submit(self, name: str, call: Callable[..., object], *arguments: object) -> Any:
+        """Have a module's function called somewhere.
+
+        Parameters
+        ----------
+        name
+            What to call it; of its own within this connection.
+        call, arguments
+            What to call, and with what: plain values, or what `submit` returned for earlier calls.
+
+        Returns
+        -------
+        What `results` and later calls take.
+        """
+        packages = ("tbmslam", call.__module__.partition(".")[0])
+        return self._client.submit(
+            _call_checked, packages, code_digest(*packages), call, *arguments, key=f"{name}-{self._run}"
+        )
+
+    def results(self, submitted: Iterable[Any]) -> Iterator[Any]:
+        """Yield what the calls return, in the order given.
+
+        Raises
+        ------
+        TbmSlamError
+            What a call raised.
+        ClusterError
+            A call's workers died again and again, or the scheduler is gone.
+        """
+        from distributed import CancelledError  # noqa: PLC0415 - an extra, and slow to load
+        from distributed.comm.core import CommClosedError  # noqa: PLC0415
+        from distributed.scheduler import KilledWorker  # noqa: PLC0415
+
+        for future in submitted:
+            try:
+                yield future.result()
+            except KilledWorker:
+                name = future.key.rpartition("-")[0]
+                raise ClusterError(
+                    f"{name}: every worker that tried it died: memory may have run out; see the workers' logs"
+                ) from None
+            except (CancelledError, CommClosedError, TimeoutError) as error:
+                raise ClusterError(
+                    f"{self._address}: the scheduler was lost ({type(error).__name__}): run again when it is back; "
+                    "finished work is kept"
+                ) from None
+
+
+def _call_checked(packages: tuple[str, ...], digest: str, call: Callable[..., object], *arguments: object) -> object:
+    """Make a call where the code is the caller's."""
+    if code_digest(*packages) != digest:
+        raise ClusterError("a worker has other code of tbmslam than this program: install the same version everywhere")
+    return call(*arguments)

@@ -1,0 +1,1 @@
+"""A particle filter over grids, after FastSLAM; no default preset uses it."""

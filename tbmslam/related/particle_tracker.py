@@ -1,0 +1,163 @@
+"""A Rao-Blackwellised particle filter: many hypotheses about the drive, each with a map of its own.
+
+Sources: G. Grisetti, C. Stachniss, W. Burgard, "Improved techniques for grid mapping with Rao-Blackwellized particle
+filters", T-RO 2007 (proposals from scan matching, resampling by N_eff); D. Hähnel, W. Burgard, D. Fox, S. Thrun, "An
+efficient FastSLAM algorithm for generating maps of large-scale cyclic environments from raw laser range measurements",
+IROS 2003 (scan-matched motion as the filter's odometry).
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.grids.tiles import HitModel, climb_posterior, sampled_posterior
+from tbmslam.kernels.rays.insertion import BeamFactors, touched_cells
+from tbmslam.related.ancestry import Ancestry
+from tbmslam.related.tile_maps import TileMaps
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
+
+
+class ParticleTrackerConfig(FrozenConfig):
+    """A Rao-Blackwellised particle filter: many hypotheses about the drive, each with a map of its own."""
+
+    kind: Literal["particles"] = "particles"
+    particles: int = Field(30, ge=1, description="hypotheses")
+    resample_below: float = Field(
+        0.5, ge=0, le=1, description="N_eff, as a share of the particles, below which to resample"
+    )
+    max_points: int = Field(120, ge=10, description="hits of a scan that are matched, evenly chosen")
+    max_range: float = Field(30.0, gt=0, description="hits beyond this are neither matched nor written [m]")
+    independent_points: float = Field(40.0, gt=0, description="how many independent hits a scan counts for in matching")
+    weighing_points: float = Field(8.0, gt=0, description="and when hypotheses are weighed against one another")
+    clutter: float = Field(
+        0.05, gt=0, lt=1, description="likelihood of a hit in free space, beside 1 on a certain wall"
+    )
+    unknown: float = Field(0.3, ge=0, le=1, description="likelihood of a hit where nothing is known")
+    spread: float = Field(0.8, gt=0, description="standard deviation of a hit from its cell's centre [cells]")
+    position_step: float = Field(0.1, gt=0, description="first step of the search along x and y [m]")
+    heading_step: float = Field(0.04, gt=0, description="first step of the search in heading [rad]")
+    halvings: int = Field(4, ge=1, description="rounds without improvement that end a search")
+    proposal_steps: tuple[float, float] = Field((0.04, 0.01), description="lattice around the best pose [m, rad]")
+
+
+class ParticleTracker:
+    """Places scans in the best particle's map, and lets all particles learn from keyframes.
+
+    Parameters
+    ----------
+    config
+        The filter's parameters.
+    maps
+        One empty map for every particle.
+    factors
+        What a scan says about the cells it touches, each once.
+    seed
+        Of the random numbers by which particles differ.
+    """
+
+    def __init__(self, config: ParticleTrackerConfig, maps: TileMaps, factors: BeamFactors, seed: int) -> None:
+        if len(maps) != config.particles:
+            raise ValueError(f"maps must be one for each of {config.particles} particles, got {len(maps)}")
+        self._config = config
+        self.grid: EvidenceGrid | None = None
+        self._maps = maps
+        self._factors = factors
+        self._generator = np.random.default_rng(seed)
+        self._ancestry = Ancestry(config.particles)
+        self._poses = np.zeros((config.particles, 3))
+        self._variances = np.zeros(3)
+        self._last = SE2.identity()  # of the best particle, when it learnt
+        self._T_now_before = SE2.identity()  # by how much the last keyframe was moved after it had been placed
+
+    def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
+        """Search the best particle's map around the start."""
+        guess, deviations = self._T_now_before @ prior.start @ T_robot_sensor, np.array(prior.motion)
+        self._T_now_before = SE2.identity()
+        self._variances = deviations**2
+        points = self._matched_points(scan)
+        if len(points) == 0 or not deviations.any():
+            return ScanMatch(guess, 0.0, moved=False)
+        pose, value = self._climb(self._ancestry.best(), points, guess, deviations)
+        return ScanMatch(pose, value, moved=pose != guess)
+
+    def learn(self, scan: LaserScan, match: ScanMatch) -> None:
+        """Move, weigh and perhaps resample the particles, and write the scan into the map of each."""
+        points = self._matched_points(scan)
+        if not self._variances.any():
+            self._poses[:] = match.T_map_sensor
+        else:
+            self._move(points, self._last.inverse() @ match.T_map_sensor)
+            if self._ancestry.effective_number() < self._config.resample_below * len(self._poses):
+                chosen = self._ancestry.resample(self._generator.random())
+                self._maps.resample(chosen)
+                self._poses = self._poses[chosen]
+        self._write(scan)
+        self._ancestry.record(self._poses)
+        self._variances = np.zeros(3)
+        self._last = SE2.from_array(self._poses[self._ancestry.best()])
+        self._T_now_before = self._last @ match.T_map_sensor.inverse()
+
+    def is_novel(self, match: ScanMatch) -> bool:  # noqa: ARG002
+        """Learn from keyframes alone."""
+        return False
+
+    def revised_poses(self) -> FloatArray:
+        """Return the poses (K, 3) of the laser at everything learnt, as the best particle remembers them now."""
+        return self._ancestry.path()
+
+    def _move(self, points: FloatArray, step: SE2) -> None:
+        """Draw every particle's new pose from its own posterior, and weigh the particle by how likely the scan was."""
+        config, deviations = self._config, np.sqrt(self._variances)
+        normals = self._generator.standard_normal(self._poses.shape)
+        evidence = np.zeros(len(self._poses))
+        for number, pose in enumerate(self._poses):
+            guess = SE2.from_array(pose) @ step
+            mode, _ = self._climb(number, points, guess, deviations)
+            mean, covariance, evidence[number] = sampled_posterior(
+                self._maps.grid(number),
+                points,
+                mode,
+                guess,
+                (float(deviations[0]), float(deviations[2])),
+                self._model(len(points)),
+                config.proposal_steps,
+            )
+            root = np.linalg.cholesky(covariance + np.diag([1e-8, 1e-8, 1e-10]))
+            self._poses[number] = mean + root @ normals[number]
+        self._ancestry.weigh(evidence * (config.weighing_points / config.independent_points))
+
+    def _climb(self, number: int, points: FloatArray, guess: SE2, deviations: FloatArray) -> tuple[SE2, float]:
+        config = self._config
+        x, y, theta, value = climb_posterior(
+            self._maps.grid(number),
+            points,
+            guess,
+            (float(deviations[0]), float(deviations[2])),
+            self._model(len(points)),
+            (config.position_step, config.heading_step),
+            config.halvings,
+        )
+        return SE2(x, y, theta), value
+
+    def _write(self, scan: LaserScan) -> None:
+        hits = scan.hit_points(self._config.max_range)
+        is_hit = np.ones(len(hits), dtype=np.bool_)
+        for number, pose in enumerate(self._poses):
+            if len(hits):
+                ends = SE2.from_array(pose).apply(hits)
+                self._maps.insert(
+                    number, *touched_cells(pose[None, :2], ends, is_hit, self._maps.resolution), self._factors
+                )
+
+    def _matched_points(self, scan: LaserScan) -> FloatArray:
+        return scan.hits(self._config.max_range).thinned(self._config.max_points).points
+
+    def _model(self, count: int) -> HitModel:
+        config = self._config
+        return HitModel(config.independent_points / max(count, 1), config.clutter, config.unknown, config.spread)

@@ -1,0 +1,202 @@
+"""Mapping to be watched in Rerun: scans, the growing map, the drive and closed loops, live or into a file."""
+
+import logging
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.io.map_pictures import draw_grid
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.sensing.laser_scan import Reading
+
+logger = logging.getLogger(__name__)
+
+_PATIENCE_S = 30.0
+_SCAN_EVERY_S, _ROUNDING_S = 0.2, 1e-3
+_SCAN_POINTS = 360
+_MAP_EVERY = 25
+"""Shown scans between two times that the growing map is shown."""
+_MAP_CELL_M = 0.1
+_SCAN_COLOUR, _MAP_COLOUR, _DRIVE_COLOUR, _LOOP_COLOUR = (213, 94, 0), (90, 100, 112), (0, 114, 178), (160, 60, 160)
+_HEIGHTS = {"map": 0.0, "drive": 0.02, "scan": 0.04}
+
+
+class ViewerError(TbmSlamError):
+    """What should be watched cannot be shown."""
+
+
+class RerunViewer:
+    """Streams what a SLAM does to Rerun; a context manager, at whose end a file is complete.
+
+    Every robot is an entity of its own, since nobody knows how their frames lie to each other. Times are the
+    recording's. Live viewing starts the viewer that comes with the package.
+
+    Parameters
+    ----------
+    file
+        The .rrd file to write; None shows it live.
+
+    Raises
+    ------
+    ViewerError
+        If rerun-sdk is not installed, the file cannot be written, or no viewer can be started.
+    """
+
+    def __init__(self, file: Path | None = None) -> None:
+        try:
+            import rerun  # noqa: PLC0415  # large, and an extra
+        except ImportError:
+            raise ViewerError(
+                "watching needs rerun-sdk, which is not installed: pip install 'tbmslam[viewer]'"
+            ) from None
+        if file is None and sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+            raise ViewerError("a viewer cannot be started (there is no screen here): give a file, --viewer FILE.rrd")
+        self._file = file
+        self._rerun: Any = rerun
+        self._stream: Any = rerun.RecordingStream("tbmslam")
+        self._robots: dict[str, _Robot] = {}
+        try:
+            if file is None:
+                with _own_programs_found():
+                    self._stream.spawn()
+            else:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                self._stream.save(file)
+        except (OSError, RuntimeError, ValueError) as error:
+            place = "a viewer cannot be started" if file is None else f"{file}: cannot be written"
+            reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")
+            raise ViewerError(f"{place} ({reason}): give another file, --viewer FILE.rrd") from error
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Bring everything to the viewer or the file.
+
+        Raises
+        ------
+        ViewerError
+            If the file is not complete. A viewer that somebody closed is only warned of: the map does not need it.
+        """
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE_S)
+            self._stream.disconnect()
+        except (RuntimeError, OSError) as fault:
+            reason = str(fault).splitlines()[0]
+            if self._file is not None:
+                raise ViewerError(
+                    f"{self._file}: is not complete ({reason}): make room or give another file"
+                ) from fault
+            logger.warning("the viewer was gone before the end (%s)", reason)
+
+    def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
+        """Show where a robot is, and now and then what it sees and the map so far."""
+        robot = self._robot(name)
+        stamp = reading.scan.stamp
+        robot.way.append((T_map_robot.x, T_map_robot.y))
+        if not robot.is_due(stamp):
+            return
+        hits = reading.T_robot_sensor.apply(reading.scan.hit_points())
+        hits = hits[:: max(len(hits) // _SCAN_POINTS, 1)]
+        robot.add_to_map(T_map_robot.apply(hits))
+        self._stream.set_time("recording", timestamp=stamp)
+        turn = self._rerun.RotationAxisAngle(axis=(0, 0, 1), radians=T_map_robot.theta)
+        place = self._rerun.Transform3D(translation=(T_map_robot.x, T_map_robot.y, 0.0), rotation=turn)
+        self._stream.log(f"{name}/robot", place)
+        self._points(f"{name}/robot/scan", hits, _SCAN_COLOUR, 0.04, "scan")
+        if robot.shown % _MAP_EVERY == 0:
+            self._strips(f"{name}/drive", [np.array(robot.way)], _DRIVE_COLOUR)
+            self._points(f"{name}/map", robot.map_points(), _MAP_COLOUR, 0.05, "map")
+
+    def finished(self, name: str, tbm_map: TbmMap) -> None:
+        """Show the finished map with its drives, keyframes and closed loops."""
+        robot = self._robot(name)
+        if math.isfinite(robot.last_stamp):
+            self._stream.set_time("recording", timestamp=robot.last_stamp)
+        for passed in (f"{name}/map", f"{name}/robot/scan"):
+            self._stream.log(passed, self._rerun.Clear(recursive=False))
+        self._stream.log(f"{name}/grid", self._picture(tbm_map))
+        for drive in tbm_map.drives:
+            keyframes = drive.keyframes.poses[:, :2]
+            self._strips(f"{name}/drive", [drive.trajectory.poses[:, :2]], _DRIVE_COLOUR)
+            self._points(f"{name}/keyframes", keyframes, _DRIVE_COLOUR, 0.05, "drive")
+            self._strips(f"{name}/closures", list(keyframes[drive.closures]), _LOOP_COLOUR)
+
+    def _robot(self, name: str) -> "_Robot":
+        """Return what is known of a robot; a new one gets a view."""
+        if name not in self._robots:
+            self._robots[name] = _Robot()
+            import rerun.blueprint as rrb  # noqa: PLC0415
+
+            views = [rrb.Spatial3DView(origin=f"/{known}", name=known) for known in self._robots]
+            self._stream.send_blueprint(rrb.Blueprint(rrb.Grid(*views), collapse_panels=True))
+        return self._robots[name]
+
+    def _points(self, path: str, points: FloatArray, colour: tuple[int, int, int], radius: float, height: str) -> None:
+        self._stream.log(path, self._rerun.Points3D(_raised(points, height), radii=radius, colors=[colour]))
+
+    def _strips(self, path: str, ways: list[FloatArray], colour: tuple[int, int, int]) -> None:
+        strips = [_raised(way, "drive") for way in ways]
+        self._stream.log(path, self._rerun.LineStrips3D(strips, colors=[colour] * len(strips), radii=0.03))
+
+    def _picture(self, tbm_map: TbmMap) -> Any:
+        """Return the pignistic picture as a floor of two triangles in metres."""
+        left, bottom, right, top = tbm_map.grid.geometry.bounds()
+        grey = draw_grid(tbm_map.grid)["pignistic"]
+        return self._rerun.Mesh3D(
+            vertex_positions=[(left, top, 0.0), (right, top, 0.0), (right, bottom, 0.0), (left, bottom, 0.0)],
+            triangle_indices=[(0, 1, 2), (0, 2, 3)],
+            vertex_texcoords=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
+            albedo_texture=np.dstack([grey] * 3),
+        )
+
+
+@contextmanager
+def _own_programs_found() -> Iterator[None]:
+    """Let the viewer be found beside this Python, also where its environment was not activated."""
+    before = os.environ.get("PATH", "")
+    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{before}"
+    try:
+        yield
+    finally:
+        os.environ["PATH"] = before
+
+
+class _Robot:
+    """What has been shown of one robot."""
+
+    def __init__(self) -> None:
+        self.way: list[tuple[float, float]] = []
+        self.shown = 0
+        self.last_stamp = -math.inf
+        self._cells = np.zeros((0, 2), dtype=np.int64)
+
+    def is_due(self, stamp: float) -> bool:
+        """Tell whether a scan is to be shown; after a clock that stepped back, every one is until it caught up."""
+        if 0.0 <= stamp - self.last_stamp < _SCAN_EVERY_S - _ROUNDING_S:
+            return False
+        self.last_stamp = stamp
+        self.shown += 1
+        return True
+
+    def add_to_map(self, points: FloatArray) -> None:
+        cells = np.floor(points / _MAP_CELL_M).astype(np.int64)
+        self._cells = np.unique(np.vstack((self._cells, cells)), axis=0)
+
+    def map_points(self) -> FloatArray:
+        return (self._cells + np.float64(0.5)) * _MAP_CELL_M
+
+
+def _raised(points: FloatArray, height: str) -> FloatArray:
+    """Return points (N, 3) at the height of their kind, so that what matters more lies above."""
+    return np.column_stack((points, np.full(len(points), _HEIGHTS[height])))

@@ -1,1 +1,0 @@
-"""Where was this scan taken? One matcher a file, all behind one interface."""

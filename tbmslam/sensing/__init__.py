@@ -1,0 +1,1 @@
+"""What a laser measures: scans, their model, and recordings as several robots."""

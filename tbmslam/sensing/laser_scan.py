@@ -1,0 +1,191 @@
+"""What a robot senses: one turn of ranges, and where the wheels say the robot was."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.rays.hits import beam_starts, hit_points, hits_of_scan, move_hits
+
+FARTHEST_PLACE = 1e8
+"""No robot is farther from anything on earth [m]; beyond, fractions lose digits."""
+
+
+class Hits(NamedTuple):
+    """Points that a laser hit, and how the surfaces there face.
+
+    Parameters
+    ----------
+    points
+        End points (M, 2) [m].
+    normals
+        Unit normals (M, 2) of the surfaces, towards the laser.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Hits"]) -> "Hits":
+        """Return the hits of several scans in one frame."""
+        return cls(np.vstack([p.points for p in parts]), np.vstack([p.normals for p in parts]))
+
+    def placed(self, T_new_old: SE2) -> "Hits":
+        """Return the same hits in another frame."""
+        return Hits(*move_hits(self.points, self.normals, T_new_old))
+
+    def chosen(self, those: npt.NDArray[np.bool_]) -> "Hits":
+        """Return some of the hits, as marked (M,)."""
+        return Hits(self.points[those], self.normals[those])
+
+    def thinned(self, count: int) -> "Hits":
+        """Return every n-th hit, so that at least `count` are left where there are as many."""
+        step = max(len(self.points) // count, 1)
+        # In one piece, as kernels are compiled once more for others.
+        return Hits(np.ascontiguousarray(self.points[::step]), np.ascontiguousarray(self.normals[::step]))
+
+
+@dataclass(frozen=True, slots=True)
+class LaserScan:
+    """One turn of a laser range finder.
+
+    Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor's frame, counter-clockwise seen from above;
+    a clockwise or upside-down laser has a negative increment. What ``ranges`` says follows REP 117: a finite value is
+    a hit, ``+inf`` means that nothing was in range, and ``nan`` that the beam says nothing. The readers of `datasets`
+    translate every sensor's own codes to this.
+
+    Parameters
+    ----------
+    stamp
+        Time of the first beam [s].
+    angle_min, angle_increment
+        Direction of the first beam and step between beams [rad].
+    range_min, range_max
+        Limits between which the sensor can measure [m].
+    ranges
+        Distances (N,) [m], float64.
+    time_increment
+        Time between two beams [s]; 0 where it is not known.
+    beam_step
+        Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
+        was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment.
+    """
+
+    stamp: float
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    ranges: FloatArray = field(repr=False)
+    time_increment: float = 0.0
+    beam_step: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - a tuple, which nothing can change
+
+    def with_ranges(self, ranges: FloatArray) -> "LaserScan":
+        """Return the same scan with other ranges."""
+        # dataclasses.replace takes several times as long, and this is done for every scan of some robots.
+        limits = self.angle_min, self.angle_increment, self.range_min, self.range_max
+        return LaserScan(self.stamp, *limits, ranges, self.time_increment, self.beam_step)
+
+    def angles(self) -> FloatArray:
+        """Return the direction (N,) of every beam in the sensor's frame at the first beam [rad]."""
+        turning = self.angle_increment + self.beam_step.theta
+        return self.angle_min + turning * np.arange(len(self.ranges), dtype=np.float64)
+
+    def starts(self) -> FloatArray:
+        """Return where every beam was sent from (N, 2) in the sensor's frame at the first beam [m].
+
+        One row stands for all where the laser stayed where it was.
+        """
+        return beam_starts(len(self.ranges), self.beam_step)
+
+    def sweep(self) -> float:
+        """Return the time from the first beam to the last [s]; 0 where it is not known."""
+        return self.time_increment * max(len(self.ranges) - 1, 0)
+
+    def is_hit(self) -> npt.NDArray[np.bool_]:
+        """Return which beams (N,) ended on something."""
+        return np.isfinite(self.ranges)
+
+    def hit_points(self, max_range: float = math.inf) -> FloatArray:
+        """Return the end points (M, 2) of the beams that hit something within a range, in the sensor's frame [m].
+
+        The frame is that of the first beam, at the scan's stamp.
+        """
+        return hit_points(self.ranges, self.angle_min, self.angle_increment, self.beam_step, max_range)
+
+    def hits(self, max_range: float = math.inf) -> Hits:
+        """Return the hits within a range and the normals of what they hit, in the sensor's frame.
+
+        A normal is square to the line between the neighbours on both sides; where those lie on something else, beyond
+        half a metre, the surface is taken to face the laser.
+        """
+        # Plain tuples come in in half the time of named ones, and this is asked of every scan.
+        step = (*self.beam_step,)
+        return Hits(*hits_of_scan(self.ranges, self.angle_min, self.angle_increment, step, max_range))
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A scan and the odometry at its stamp.
+
+    Parameters
+    ----------
+    scan
+        The scan.
+    T_odom_robot
+        Pose of the robot in its odometry frame at the scan's stamp; None where there is no odometry.
+    T_robot_sensor
+        Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment).
+    T_odom_swept
+        Pose of the robot in its odometry frame at the scan's last beam; None where that is not known.
+    """
+
+    scan: LaserScan
+    T_odom_robot: SE2 | None
+    T_robot_sensor: SE2 = field(default_factory=SE2.identity)
+    T_odom_swept: SE2 | None = None
+
+    def check(self) -> None:
+        """Refuse numbers that cannot be meant: compiled code would take them for places in memory.
+
+        Raises
+        ------
+        ValueError
+            A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, all of its
+            beams have one direction, or a range is negative.
+        """
+        _check_pose("T_odom_robot", self.T_odom_robot)
+        _check_pose("T_robot_sensor", self.T_robot_sensor)
+        _check_pose("T_odom_swept", self.T_odom_swept)
+        scan = self.scan
+        if not math.isfinite(scan.stamp + scan.angle_min + scan.angle_increment):
+            raise ValueError(
+                "stamp, angle_min and angle_increment must be finite, got "
+                f"{scan.stamp}, {scan.angle_min}, {scan.angle_increment}"
+            )
+        if scan.angle_increment == 0.0 and len(scan.ranges) > 1:
+            raise ValueError(
+                f"angle_increment must not be 0 where there is more than one beam, got 0 and {len(scan.ranges)} beams"
+            )
+        # -inf, too, which some drivers write for what is too close. Asked this way in half the time of `any`.
+        if np.fmin.reduce(scan.ranges, initial=0.0) < 0.0:
+            raise ValueError(
+                f"ranges must not be negative, got {np.nanmin(scan.ranges)}: "
+                "nan stands for nothing known, inf for no return"
+            )
+
+    def with_scan(self, scan: LaserScan) -> "Reading":
+        """Return the same reading with another scan."""
+        return Reading(scan, self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept)
+
+
+def _check_pose(name: str, pose: SE2 | None) -> None:
+    if pose is not None:
+        x, y, theta = pose
+        # This way round, since nothing is true of not-a-number.
+        if not abs(x) + abs(y) + abs(theta) <= FARTHEST_PLACE:
+            raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")

@@ -1,0 +1,162 @@
+"""One recording stands for several robots: which of its readings belong to whom, and in which private frame."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.sensing.laser_scan import Reading
+
+_FEW = 10
+"""Readings of which none tells what is usual."""
+
+
+class SegmentationError(TbmSlamError):
+    """The recording cannot be split as asked."""
+
+
+class Segment(NamedTuple):
+    """Readings `start` (included) to `stop` (excluded) of a recording, by their index."""
+
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """When and how far a recording's robot drove.
+
+    Parameters
+    ----------
+    stamps
+        Stamp (N,) of every reading [s].
+    travelled
+        Distance (N,) driven until each reading by its odometry [m]; all zero without odometry.
+    """
+
+    stamps: FloatArray
+    travelled: FloatArray
+
+    @classmethod
+    def of(cls, readings: Sequence[Reading]) -> "Itinerary":
+        """Sum up readings held in memory."""
+        return cls.from_poses([r.scan.stamp for r in readings], [r.T_odom_robot for r in readings])
+
+    @classmethod
+    def from_poses(cls, stamps: Sequence[float], poses: Sequence[SE2 | None]) -> "Itinerary":
+        """Sum up what a first pass over a recording noted of every reading."""
+        steps = [0.0]
+        for before, after in itertools.pairwise(poses):
+            if before is None or after is None:
+                steps.append(0.0)
+            else:
+                steps.append(math.hypot(after.x - before.x, after.y - before.y))
+        return cls(np.asarray(stamps, dtype=np.float64), np.cumsum(steps[: len(stamps)]))
+
+
+def split_by_distance(itinerary: Itinerary, robots: int, overlap: float) -> list[Segment]:
+    """Split so that each robot drives equally far; neighbours share the fraction `overlap` of their way.
+
+    Without odometry the time takes the distance's place.
+    """
+    if len(itinerary.travelled) and itinerary.travelled[-1] > 0.0:
+        return _split_evenly(itinerary.travelled, robots, overlap)
+    return split_by_time(itinerary, robots, overlap)
+
+
+def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Segment]:
+    """Split so that each robot drives equally long; neighbours share the fraction `overlap` of their time."""
+    passed = np.cumsum(np.concatenate(([0.0], _time_steps(itinerary.stamps))))
+    return _split_evenly(passed[: len(itinerary.stamps)], robots, overlap)
+
+
+def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
+    """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds.
+
+    Raises
+    ------
+    SegmentationError
+        When most readings would be a robot of their own.
+    """
+    if not gap_s > 0.0:
+        raise ValueError(f"gap_s must be positive, got {gap_s}")
+    count, steps = len(itinerary.stamps), _time_steps(itinerary.stamps)
+    if count > _FEW and (usual := float(np.median(steps))) > gap_s:
+        raise SegmentationError(
+            f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s from one reading to the next, so that each "
+            "would be a robot of its own: pass a longer --gap"
+        )
+    cuts = [0, *(np.flatnonzero(steps > gap_s) + 1).tolist(), count]
+    return [Segment(start, stop) for start, stop in itertools.pairwise(cuts) if stop > start]
+
+
+def split_at_intervals(itinerary: Itinerary, intervals: Sequence[tuple[float, float]]) -> list[Segment]:
+    """Give each robot one interval of time, in seconds since the first reading; intervals may overlap.
+
+    Raises
+    ------
+    SegmentationError
+        When an interval holds no reading.
+    """
+    since = itinerary.stamps - itinerary.stamps[:1]
+    segments = []
+    for begin, end in intervals:
+        inside = np.flatnonzero((since >= begin) & (since < end))
+        if not len(inside):
+            raise SegmentationError(
+                f"no reading lies between {begin:g} s and {end:g} s: the recording lasts "
+                f"{since[-1] if len(since) else 0.0:.1f} s"
+            )
+        segments.append(Segment(int(inside[0]), int(inside[-1]) + 1))
+    return segments
+
+
+def private_frame(seed: int, robot: int) -> SE2:
+    """Return T_private_start, a robot's own frame: turned anyhow and shifted by up to 10 m, from the seed."""
+    generator = np.random.default_rng((seed, robot))
+    x, y = generator.uniform(-10.0, 10.0, size=2)
+    return SE2(float(x), float(y), float(generator.uniform(-np.pi, np.pi)))
+
+
+def in_frame(reading: Reading, T_new_odom: SE2) -> Reading:
+    """Return the reading with its odometry in another frame."""
+    if reading.T_odom_robot is None:
+        return reading
+    swept = None if reading.T_odom_swept is None else T_new_odom @ reading.T_odom_swept
+    # dataclasses.replace takes several times as long, and this is done for every reading.
+    return Reading(reading.scan, T_new_odom @ reading.T_odom_robot, reading.T_robot_sensor, swept)
+
+
+def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Segment]:
+    if robots < 1:
+        raise ValueError(f"robots must be at least 1, got {robots}")
+    if not 0.0 <= overlap < 1.0:
+        raise ValueError(f"overlap must lie within [0, 1), got {overlap}")
+    if len(progress) < 2 * robots:
+        raise SegmentationError(f"{len(progress)} readings are too few for {robots} robots")
+    length = progress[-1] / (robots - (robots - 1) * overlap)
+    segments = []
+    for robot in range(robots):
+        begin = robot * length * (1.0 - overlap)
+        start = int(np.searchsorted(progress, begin, side="left"))
+        stop = int(np.searchsorted(progress, begin + length, side="right")) if robot < robots - 1 else len(progress)
+        segments.append(Segment(start, max(stop, start + 1)))
+    return segments
+
+
+def _time_steps(stamps: FloatArray) -> FloatArray:
+    """Return the time (N - 1,) [s] that passed from each reading to the next, by stamps (N,) [s] that may step back.
+
+    None passes where they do; and where the clock is set right again, none up to the latest stamp before, or one wrong
+    stamp would count as a gap.
+    """
+    if len(stamps) < 2:
+        return np.zeros(0)
+    before, after = stamps[:-1], stamps[1:]
+    latest = np.maximum.accumulate(before)
+    return np.asarray(np.maximum(after - np.where(after >= latest, latest, before), 0.0))

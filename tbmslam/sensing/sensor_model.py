@@ -1,0 +1,72 @@
+"""Inverse sensor model: what one beam says about the cells it ends in, passes, and nearly reaches.
+
+Source: vinySLAM (Huletski, Kartashov, Krinkin, "VinySLAM: an indoor SLAM method for low-cost platforms based on the
+Transferable Belief Model", IROS 2017) with the constants of its program. The mean is that of its authors' tinySLAM
+(after Steux and El Hamzaoui, "tinySLAM: a SLAM algorithm in less than 200 lines", 2010).
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.rays.insertion import BeamFactors
+
+
+class SensorModelConfig(FrozenConfig):
+    """How much a beam is believed; qualities count where evidence is combined conjunctively."""
+
+    hit_probability: float = Field(0.95, gt=0, le=1, description="probability of occupied in the cell a beam ends in")
+    hit_quality: float = Field(0.04, gt=0, lt=1, description="mass that one hit commits; the rest stays unknown")
+    miss_probability: float = Field(0.01, ge=0, lt=1, description="probability of occupied in a cell a beam passes")
+    miss_quality: float = Field(0.003, gt=0, lt=1, description="mass that one passage commits")
+    wall_blur: float = Field(0.3, ge=0, description="length before a hit over which passage turns into wall [m]")
+    combination: Literal["conjunctive", "mean"] = Field(
+        "conjunctive", description="'mean' takes the mean of all probabilities a cell was given, and knows no ignorance"
+    )
+
+
+_MEAN_WEIGHT = 1e9
+"""Evidence of one observation where evidence is added: so much that nothing stays unknown, so little that masses keep
+their digits."""
+
+
+def beam_factors(config: SensorModelConfig, resolution: float, scan_quality: float) -> BeamFactors:
+    """Turn the model into factors for cells of a size and scans of a quality.
+
+    By the conjunctive rule, an observation with probability p and quality w has masses m(OCCUPIED) = p w,
+    m(FREE) = (1 - p) w and m(UNKNOWN) = 1 - w; the factors are its commonalities divided by m(UNKNOWN).
+
+    Where a cell shall hold the mean of its observations, K p is added to a_O and K (1 - p) to a_F with a large K: after
+    n of them m(OCCUPIED) is the mean of p but for 1 / (K n), which is m(UNKNOWN). A scan's quality draws p towards 0.5.
+    """
+    factors = _factors if config.combination == "conjunctive" else _addends
+    radius_squared = (config.wall_blur / resolution) ** 2
+    distances_squared = np.arange(int(np.ceil(radius_squared)), dtype=np.float64)
+    blurred = config.hit_probability * (1.0 - distances_squared / radius_squared) if radius_squared > 0 else np.zeros(0)
+    hit_weight, miss_weight = (
+        (scan_quality, scan_quality)
+        if config.combination == "mean"
+        else (config.hit_quality * scan_quality, config.miss_quality * scan_quality)
+    )
+    return BeamFactors(
+        hit=factors(np.array(config.hit_probability), hit_weight),
+        miss=factors(np.array(config.miss_probability), miss_weight),
+        blur=factors(blurred, miss_weight),
+        blur_radius_squared=radius_squared,
+        adds=config.combination == "mean",
+    )
+
+
+def _factors(probability: FloatArray, weight: float) -> FloatArray:
+    unknown = 1.0 - weight
+    occupied = probability * weight
+    free = (1.0 - probability) * weight
+    return np.stack(((free + unknown) / unknown, (occupied + unknown) / unknown), axis=-1)
+
+
+def _addends(probability: FloatArray, weight: float) -> FloatArray:
+    drawn = 0.5 + (probability - 0.5) * weight
+    return _MEAN_WEIGHT * np.stack((1.0 - drawn, drawn), axis=-1)

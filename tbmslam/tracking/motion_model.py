@@ -1,0 +1,222 @@
+"""Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
+
+import math
+from typing import Literal
+
+from pydantic import Field
+
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.kernels.surfels.determined import determined_shares, seen_by_robot
+from tbmslam.sensing.laser_scan import Reading
+from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryNoiseConfig
+from tbmslam.tracking.pose_prior import PosePrior
+
+_JUMP = 2.0
+"""A step of the odometry beyond what the speed explains by more than this is no motion [m]."""
+_LONGEST = 2.0
+"""Times the last step that a robot is thought to go on as before, by stamps that may be wrong."""
+_FORGETTING = 0.05
+"""Share of the usual time between scans that the latest one makes."""
+_NONE = 0.0, 0.0, 0.0
+_TOP_SPEED = 15.0
+"""No robot drives faster [m/s]."""
+
+
+class MotionConfig(FrozenConfig):
+    """How odometry is used and how far it is trusted between two scans."""
+
+    composition: Literal["group", "component"] = Field(
+        "group", description="'component' adds x, y and theta one by one as the original program does"
+    )
+    odometry: OdometryNoiseConfig = OdometryNoiseConfig()
+    position_per_second: float = Field(0.5, gt=0, description="position deviation without odometry [m/s]")
+    heading_per_second: float = Field(0.5, gt=0, description="heading deviation without odometry [rad/s]")
+
+
+class MotionModel:
+    """Carries the pose from one reading to the next.
+
+    Odometry is taken as one motion since the last keyframe, so that its deviations do not depend on the rate of scans.
+    """
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._config = config
+        self._stamp: float | None = None
+        self._T_odom_robot: SE2 | None = None
+        self._T_map_robot = SE2.identity()
+        self._last_move = SE2.identity(), SE2.identity()
+        self._duration = self._usual = 0.0
+        self._ahead, self._impossible = 0.0, 0
+        self._step, self._jumped = (0.0, 0.0), False
+        self._noise = OdometryNoise(config.odometry)
+        # The odometry's frame by the last keyframe, and how far the odometry has gone since then.
+        self._T_map_odom = SE2.identity()
+        self._distance, self._turn = 0.0, 0.0
+        self._variances = _NONE  # since the last keyframe, of what came before the odometry's motion
+        self._of_keyframe: Deviations = _NONE  # squared deviations of the last keyframe's pose against what is near
+
+    def predict(self, reading: Reading) -> PosePrior:
+        """Return where the robot is by odometry or, without any, by the motion between its last two readings.
+
+        The first reading lies at its odometry pose, so the map's frame is the odometry's frame of that moment.
+        """
+        now, before = reading.T_odom_robot, self._T_odom_robot
+        if self._stamp is None:
+            start = now or SE2.identity()
+            return PosePrior(start, _NONE, _NONE, start, lambda: start)
+        self._jumped = False
+        if now is None or before is None:
+            return self._by_constant_velocity(reading)
+        length, turn = math.hypot(now[0] - before[0], now[1] - before[1]), abs(wrap_angle(now[2] - before[2]))
+        self._step = length, _TOP_SPEED * abs(reading.scan.stamp - self._stamp)
+        if not self._beyond() <= _JUMP:
+            self._jumped = True
+            return self._by_constant_velocity(reading)._replace(jump=length)
+        motion = self._noise.deviations(self._distance + length, self._turn + turn)
+        if self._config.composition == "component":
+            start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
+            return PosePrior(start, motion, motion, start, lambda: start, by_odometry=True)
+        mean = self._T_map_odom @ now
+        start = self._T_map_robot @ before.to(now)
+        return PosePrior(
+            mean,
+            _with_variances(motion, self._of_keyframe),
+            motion,
+            start,
+            lambda: self.coasting(reading),
+            by_odometry=True,
+        )
+
+    def coasting(self, reading: Reading) -> SE2:
+        """Return where the robot would be if it just went on as before."""
+        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+            return self._T_map_robot
+        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
+        return self._T_map_robot @ _part(self._last_step(), min(duration / self._duration, _LONGEST))
+
+    def motion_after(self, reading: Reading, duration: float) -> SE2:
+        """Return how the robot moves in the time [s] after a reading that is about to be placed.
+
+        As the odometry goes on to the scan's last beam where that is known; else as it came since the last reading;
+        without odometry as the robot was found to move between its last two readings.
+        """
+        if duration <= 0.0:
+            return SE2.identity()
+        if reading.T_odom_robot is not None and reading.T_odom_swept is not None:
+            return reading.T_odom_robot.to(reading.T_odom_swept)
+        step, since = self._last_step(), self._duration
+        if self._stamp is not None and reading.T_odom_robot is not None and self._T_odom_robot is not None:
+            step, since = self._T_odom_robot.to(reading.T_odom_robot), reading.scan.stamp - self._stamp
+        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+
+    def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
+        """Return how the robot moves in some time [s] if since the last reading it has come to a pose."""
+        since = reading.scan.stamp - self._stamp if self._stamp is not None else 0.0
+        step = self._T_map_robot.to(T_map_robot)
+        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+
+    def correct(self, reading: Reading, T_map_robot: SE2) -> None:
+        """Take the pose that was found for a reading as the start of the next step."""
+        now, before = reading.T_odom_robot, self._T_odom_robot
+        if self._stamp is None:
+            self.begin_at_keyframe(reading, T_map_robot)
+        else:
+            duration = reading.scan.stamp - self._stamp
+            self._usual += _FORGETTING * (min(abs(duration), 1.0) - self._usual)
+            if duration > 0.0:
+                self._last_move, self._duration = (self._T_map_robot, T_map_robot), duration
+            if now is None or before is None or self._jumped:
+                steps = (
+                    self._noise.deviations(self._distance, self._turn) if self._distance + self._turn else (0.0,) * 3
+                )
+                coasting = self._by_constant_velocity(reading).deviations
+                along, across, heading = (
+                    v + s * s + c * c for v, s, c in zip(self._variances, steps, coasting, strict=True)
+                )
+                self._variances = along, across, heading
+                self._begin(reading, T_map_robot)
+                if not self._jumped:
+                    self._step = 0.0, 0.0
+            else:
+                self._distance += self._step[0]
+                self._turn += abs(wrap_angle(now.theta - before.theta))
+                self._ahead = max(self._beyond(), 0.0)
+            step, possible = self._step
+            self._impossible = self._impossible + 1 if step > possible else max(self._impossible - 1, 0)
+        self._stamp = reading.scan.stamp
+        self._T_odom_robot = now
+        self._T_map_robot = T_map_robot
+
+    def learn(self, prior: PosePrior, T_map_robot: SE2, information: FloatArray | None, T_robot_sensor: SE2) -> None:
+        """Learn how good the odometry is from where a keyframe was found.
+
+        Parameters
+        ----------
+        prior, T_map_robot
+            Where the robot was thought to be, and where it was found.
+        information
+            What the scan tells of the laser's pose in the map's frame (3, 3); None where it does not say.
+        T_robot_sensor
+            Pose of the laser on the robot.
+        """
+        if information is None:
+            along, across, turn = prior.deviations
+            self._of_keyframe = along * along, across * across, turn * turn
+            return
+        seen = seen_by_robot(information, prior.mean.theta, (*T_robot_sensor,))
+        determined = determined_shares(seen, prior.deviations)
+        if prior.by_odometry:
+            self._noise.learn((*prior.mean.to(T_map_robot),), prior.deviations, prior.motion, determined)
+        along, across, turn = ((1.0 - d) * p * p for d, p in zip(determined, prior.deviations, strict=True))
+        self._of_keyframe = along, across, turn
+
+    def begin_at_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
+        """Take odometry from a keyframe on as one motion."""
+        self._begin(reading, T_map_robot)
+        self._variances = _NONE
+
+    def deviations_since_keyframe(self, prior: PosePrior) -> Deviations:
+        """Return the deviations of the last reading's prior as one on the motion since the last keyframe."""
+        # Without odometry `correct` has added the prior's own.
+        return _with_variances(prior.motion if prior.by_odometry else _NONE, self._variances)
+
+    def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
+        self._T_map_odom = T_map_robot @ (reading.T_odom_robot or SE2.identity()).inverse()
+        self._distance, self._turn = 0.0, 0.0
+
+    def _beyond(self) -> float:
+        """Return how far the odometry came beyond what any robot's speed explains, lately and with this step [m].
+
+        A leaky bucket: lengths in centimetres make steps of metres, each of which might be a jump, but not all of them.
+        It leaks the slower, the more often steps were impossible lately, or each halt would give such lengths a chance.
+        """
+        step, possible = self._step
+        return self._ahead + step - possible / (1 + self._impossible)
+
+    def _last_step(self) -> SE2:
+        """Return the motion between the last two readings that were some time apart."""
+        before, after = self._last_move
+        return before.to(after)
+
+    def _by_constant_velocity(self, reading: Reading) -> PosePrior:
+        config = self._config
+        # Stamps may be anything: a scan soon after another one by its stamp may have been taken as late as usual.
+        duration = max(0.0 if self._stamp is None else min(reading.scan.stamp - self._stamp, 1.0), self._usual)
+        position = config.odometry.position_floor + config.position_per_second * duration
+        heading = config.odometry.heading_floor + config.heading_per_second * duration
+        pose = self.coasting(reading)
+        deviations = position, position, heading
+        return PosePrior(pose, deviations, deviations, pose, lambda: pose)
+
+
+def _with_variances(motion: Deviations, more: Deviations) -> Deviations:
+    """Return the deviations of a motion with more variances."""
+    (along, across, turn), (a, b, c) = motion, more
+    return math.sqrt(along * along + a), math.sqrt(across * across + b), math.sqrt(turn * turn + c)
+
+
+def _part(motion: SE2, ratio: float) -> SE2:
+    """Return a motion at constant twist over `ratio` times its duration."""
+    vx, vy, omega = motion.log()
+    return SE2.exp(ratio * vx, ratio * vy, ratio * omega)

@@ -1,0 +1,1 @@
+"""The front end of vinySLAM: a scan matched to a grid of masses."""

@@ -1,0 +1,193 @@
+import bz2
+import gzip
+import lzma
+import math
+
+import numpy as np
+import pytest
+
+from datasets import DatasetError, RecordingOptions, open_recording
+from datasets.text_files import lines_of
+from tbmslam.geometry.se2 import SE2
+
+TIMES = "{ipc:.6f} host {logger:.6f}"
+
+
+def flaser(k, ranges=None, tail=TIMES):
+    values = ranges if ranges is not None else [1.0 + 0.01 * k] * 180
+    words = " ".join(f"{value:.2f}" for value in values)
+    times = tail.format(ipc=1000.0 + 0.2 * k, logger=0.2 * k)
+    return f"FLASER {len(values)} {words} 90 90 1 {0.1 * k:.3f} 0.5 0.2 {times}\n"
+
+
+def robot_laser(k, kind="ROBOTLASER1"):
+    poses = f"{0.1 * k + 0.3:.3f} 0.5 0 {0.1 * k:.3f} 0.5 0 0 0 0.3 0.3 1e9 " if kind == "ROBOTLASER1" else ""
+    ranges = "1.5 2.5 81.91"
+    return f"{kind} 0 -0.1 0.2 0.1 50.0 0.01 0 3 {ranges} 2 7 8 {poses}{1000 + 0.2 * k:.6f} host {0.2 * k:.6f}\n"
+
+
+def odom(stamp, x):
+    return f"ODOM {x:.3f} 0.5 0.2 0 0 0 {stamp:.6f} host {stamp - 1000.0:.6f}\n"
+
+
+def read(path, text, **options):
+    path.write_text(text)
+    recording = open_recording([path], RecordingOptions(**options))
+    return list(recording), recording
+
+
+@pytest.mark.parametrize(
+    ("suffix", "packed"), [("", bytes), ("gz", gzip.compress), ("bz2", bz2.compress), ("xz", lzma.compress)]
+)
+def test_flaser_plain_and_compressed(tmp_path, suffix, packed):
+    path = tmp_path / f"run.log.{suffix}"
+    path.write_bytes(packed(("# a comment\n" + "".join(flaser(k) for k in range(20))).encode()))
+    recording = open_recording([path])
+    readings = list(recording)
+    assert len(readings) == 20 == recording.expected_scans
+    assert recording.name == "run"
+    assert readings[3].scan.stamp == pytest.approx(1000.6)
+    assert readings[3].T_odom_robot == pytest.approx(SE2(0.3, 0.5, 0.2)), "raw odometry, not the corrected pose"
+    assert readings[3].T_robot_sensor == SE2.identity()
+
+
+@pytest.mark.parametrize(
+    ("beams", "step", "start"), [(180, 1.0, -90), (181, 1.0, -90), (360, 0.5, -90), (361, 0.5, -90), (401, 0.25, -50)]
+)
+def test_the_fan_of_a_sick(tmp_path, beams, step, start):
+    readings, _ = read(tmp_path / "run.log", flaser(0, [2.0] * beams))
+    assert math.degrees(readings[0].scan.angle_increment) == pytest.approx(step)
+    assert math.degrees(readings[0].scan.angle_min) == pytest.approx(start)
+
+
+def test_codes_and_limits(tmp_path):
+    readings, recording = read(tmp_path / "run.log", flaser(0, [81.83, 81.91, 79.0, 0.0, 80.0] + [2.0] * 175))
+    np.testing.assert_array_equal(readings[0].scan.ranges[:5], [np.inf, np.inf, 79.0, np.nan, np.inf])
+    assert recording.counts.beams == {"hit": 176, "no_return": 3, "zero": 1}
+
+
+def test_a_code_below_the_limit_is_found_in_the_data(tmp_path):
+    rng = np.random.default_rng(0)
+    lines = [flaser(k, np.where(np.arange(180) % 20 == 0, 50.0, rng.uniform(1.0, 20.0, 180))) for k in range(100)]
+    readings, recording = read(tmp_path / "run.log", "".join(lines))
+    assert 50.0 in recording.description["no_return_codes_m"]
+    assert np.isinf(readings[0].scan.ranges[::20]).all()
+
+
+def test_robot_laser_states_its_own_geometry(tmp_path):
+    readings, recording = read(tmp_path / "run.log", "".join(robot_laser(k) for k in range(5)))
+    scan = readings[2].scan
+    assert (scan.angle_min, scan.angle_increment, scan.range_max) == (-0.1, 0.1, 50.0)
+    np.testing.assert_array_equal(scan.ranges, [1.5, 2.5, np.inf])
+    assert readings[2].T_odom_robot == pytest.approx(SE2(0.2, 0.5, 0.0))
+    assert readings[2].T_robot_sensor == pytest.approx(SE2(0.3, 0.0, 0.0))
+    assert recording.description["odometry"] == "ROBOTLASER1"
+
+
+def test_raw_laser_takes_odometry_from_odom(tmp_path):
+    lines = ["PARAM robot_frontlaser_offset 0.25\n"]
+    for k in range(10):
+        lines += [odom(1000.0 + 0.2 * k - 0.05, float(k)), robot_laser(k, "RAWLASER1")]
+    readings, recording = read(tmp_path / "run.log", "".join(lines))
+    assert [reading.T_odom_robot.x for reading in readings[:-1]] == pytest.approx([k + 0.25 for k in range(9)])
+    assert recording.counts.extrapolated == 1
+    assert readings[0].T_robot_sensor == SE2(0.25, 0.0, 0.0)
+
+
+def test_the_kind_of_line_can_be_chosen(tmp_path):
+    text = "".join(flaser(k) + robot_laser(k) for k in range(3))
+    assert read(tmp_path / "run.log", text)[1].description["scan_topic"] == "FLASER"
+    assert len(read(tmp_path / "run.log", text, scan_topic="ROBOTLASER1")[0][0].scan.ranges) == 3
+    with pytest.raises(DatasetError, match=r"has no RAWLASER1; it has FLASER, ROBOTLASER1: choose with --scan-topic"):
+        read(tmp_path / "run.log", text, scan_topic="RAWLASER1")
+
+
+def test_logger_time_where_the_other_is_useless(tmp_path):
+    text = "".join(flaser(k, tail="0 host {logger:.6f}") for k in range(1, 40))
+    readings, recording = read(tmp_path / "run.log", text)
+    assert readings[0].scan.stamp == pytest.approx(0.2)
+    assert recording.description["times"] == "logger"
+
+
+def test_damaged_lines_are_counted(tmp_path):
+    text = flaser(0) + flaser(1)[:200] + "\nFLASER x\n" + flaser(2)
+    readings, recording = read(tmp_path / "run.log", text)
+    assert len(readings) == 2
+    assert recording.counts.dropped == {"unreadable": 2}
+
+
+def test_options_apply(tmp_path):
+    options = {"sensor_pose": SE2(1.0, 0.0, 0.0), "odometry": "none", "angle_step_deg": 0.5, "upside_down": True}
+    readings, _ = read(tmp_path / "run.log", flaser(0), **options)
+    assert readings[0].T_odom_robot is None
+    assert readings[0].T_robot_sensor == SE2(1.0, 0.0, 0.0)
+    assert readings[0].scan.angle_increment == pytest.approx(math.radians(-0.5))
+
+
+def test_cmu_logs_are_in_centimetres(tmp_path):
+    ranges = " ".join(["100"] * 179 + ["8183"])
+    readings, _ = read(tmp_path / "run.log", f"O 10 20 0 0.1\nL 100 200 0 125 200 0 {ranges} 0.2\n")
+    assert readings[0].T_odom_robot == pytest.approx(SE2(1.0, 2.0, 0.0))
+    assert readings[0].T_robot_sensor == pytest.approx(SE2(0.25, 0.0, 0.0))
+    assert readings[0].scan.ranges[0] == pytest.approx(1.0)
+    assert np.isinf(readings[0].scan.ranges[-1])
+
+
+def test_text_that_is_no_recording(tmp_path):
+    with pytest.raises(DatasetError, match=r"notes\.txt: no ROS bag, and no line of FLASER, ROBOTLASER1, RAWLASER1, L"):
+        read(tmp_path / "notes.txt", "L'horloge\nhello\n")
+
+
+def test_a_cut_off_archive(tmp_path):
+    path = tmp_path / "run.log.xz"
+    path.write_bytes(
+        lzma.compress("".join(flaser(k, np.random.default_rng(k).uniform(1, 9, 180)) for k in range(99)).encode())[
+            :-500
+        ]
+    )
+    with pytest.raises(DatasetError, match=r"run\.log\.xz: cannot be read to its end .*fetch the file again"):
+        list(open_recording([path]))
+
+
+def test_several_logs_follow_each_other(tmp_path):
+    for name, start in (("a", 0), ("b", 10)):
+        (tmp_path / name).write_text("".join(flaser(k) for k in range(start, start + 10)))
+    readings = list(open_recording([tmp_path / "a", tmp_path / "b"]))
+    assert [r.scan.stamp for r in readings] == pytest.approx([1000.0 + 0.2 * k for k in range(20)])
+
+
+def test_commas_for_points(tmp_path):
+    text = "".join(flaser(k) for k in range(20))
+    readings, _ = read(
+        tmp_path / "run.log", "PARAM robot_frontlaser_offset 0,1 0,0 host 0,0\n" + text.replace(".", ",")
+    )
+    plain, _ = read(tmp_path / "plain.log", "PARAM robot_frontlaser_offset 0.1 0.0 host 0.0\n" + text)
+    assert [r.T_odom_robot for r in readings] == [r.T_odom_robot for r in plain]
+    assert readings[5].scan.ranges.tolist() == plain[5].scan.ranges.tolist()
+    assert readings[5].T_robot_sensor == plain[5].T_robot_sensor
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
+@pytest.mark.parametrize("place", [-6, -4, -3])
+def test_poses_and_times_that_cannot_be_are_left_out(tmp_path, number, place):
+    lines = [flaser(k).split() for k in range(20)]
+    lines[7][place] = number
+    readings, recording = read(tmp_path / "run.log", "".join(" ".join(words) + "\n" for words in lines))
+    assert len(readings) == 19
+    assert recording.counts.dropped == {"unreadable": 1}
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300"])
+def test_parameters_that_cannot_be_do_not_count(tmp_path, value):
+    head = f"PARAM robot_frontlaser_offset {value} 0 h 0\nPARAM robot_front_laser_max {value} 0 h 0\n"
+    readings, _ = read(tmp_path / "run.log", head + "".join(flaser(k) for k in range(5)))
+    assert readings[0].T_robot_sensor == SE2.identity()
+    assert len(readings[0].scan.hit_points()) == 180
+
+
+def test_a_line_without_end_does_not_fill_the_memory(tmp_path):
+    path = tmp_path / "run.log.gz"
+    path.write_bytes(gzip.compress(b"FLASER 180 " + b"1 " * (1 << 23) + b"\n" + flaser(1).encode(), compresslevel=1))
+    lengths = [len(line) for line in lines_of(path)]
+    assert max(lengths) == 1 << 22
+    assert sum(lengths) == 11 + (1 << 24) + 1 + len(flaser(1))

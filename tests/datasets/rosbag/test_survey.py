@@ -1,0 +1,76 @@
+import math
+
+import numpy as np
+import pytest
+
+from datasets.options import RecordingOptions
+from datasets.rosbag.survey import Survey
+from datasets.scans.intake import RawScan
+
+EMPTY, SOME = np.full(3, np.inf), np.ones(3)
+
+
+def surveyed(*scans, **options):
+    """Return a survey of scans, each given as frame and ranges."""
+    survey = Survey(RecordingOptions(**options))
+    for number, (frame, ranges) in enumerate(scans):
+        survey.add_scan(frame, RawScan(0.1 * number, -1.0, 0.1, 0.1, 30.0, ranges), 0.1 * number)
+    return survey
+
+
+def at(stamps):
+    survey = Survey(RecordingOptions())
+    for stamp in stamps:
+        survey.add_scan("laser", RawScan(stamp, -1.0, 0.1, 0.1, 30.0, SOME), stamp)
+    return survey
+
+
+def test_a_scan_takes_no_longer_than_the_next_is_away():
+    assert at([0.0, 0.1, 0.2, 0.1, 0.2, 9.0, 9.1]).laser.longest_sweep() == pytest.approx(0.11)
+    assert at([1.0]).laser.longest_sweep() == math.inf
+
+
+def test_an_unset_stamp_tells_no_lag():
+    survey = at([math.nan, 1.0])
+    survey.add_pose("/odom", "odom", "base_link", math.nan)
+    survey.add_pose("/odom", "odom", "base_link", 0.5)
+    assert survey.laser.lags == [0.0]
+    assert survey.pose_topics["/odom"].lags == [0.5]
+
+
+def test_the_laser_with_most_usable_scans_wins():
+    survey = surveyed(("blind", EMPTY), ("/front", SOME), ("blind", EMPTY), ("front", SOME), ("blind", EMPTY))
+    assert survey.laser.frame == "front"
+    assert [(laser.frame, laser.usable, laser.scans) for laser in survey.lasers.values()] == [
+        ("blind", 0, 3),
+        ("front", 2, 2),
+    ]
+
+
+@pytest.mark.parametrize("useless", [[0.05] * 3, [30.0] * 3, [np.nan] * 3, [81.9] * 3, [0.0, -1.0, np.inf], []])
+def test_usable_is_what_holds_a_hit_within_the_limits(useless):
+    assert surveyed(("blind", np.array(useless)), ("front", SOME)).laser.frame == "front"
+
+
+def test_the_limits_that_are_asked_for_count():
+    scans = [("near", SOME), ("far", np.full(3, 20.0))]
+    assert surveyed(*scans).laser.frame == "near"
+    assert surveyed(*scans, range_min=2.0).laser.frame == "far"
+    assert surveyed(*scans, no_return_codes=(1.0,)).laser.frame == "far"
+
+
+def test_of_lasers_with_as_many_usable_scans_the_first_wins():
+    assert surveyed(("b", SOME), ("a", SOME), ("b", EMPTY)).laser.frame == "b"
+    assert surveyed(("b", EMPTY), ("a", EMPTY), ("a", EMPTY)).laser.frame == "b"
+
+
+def test_what_is_known_of_other_lasers_does_not_count():
+    survey = surveyed(("blind", EMPTY), ("blind", EMPTY), ("front", SOME))
+    assert len(survey.laser.ranges) == 1
+    assert survey.laser.first_scan.ranges is SOME
+
+
+def test_the_laser_that_is_asked_for_is_taken():
+    scans = [("blind", EMPTY), ("front", SOME)]
+    assert surveyed(*scans, laser_frame="/blind").laser.frame == "blind"
+    assert surveyed(*scans, laser_frame="rear").laser is None

@@ -1,0 +1,178 @@
+"""Which topics are read, and what is said when that is not clear."""
+
+import math
+
+import numpy as np
+import pytest
+
+from datasets import DatasetError, RecordingOptions, open_recording
+from tbmslam.geometry.se2 import SE2
+
+
+def choose(path, **options):
+    return open_recording([path], RecordingOptions(**options))
+
+
+def test_several_scan_topics_are_listed(script, tmp_path):
+    script.drive(100.0, 103.0).scan(101.0, topic="/front").scan(101.1, topic="/rear").scan(101.2, topic="/rear")
+    bag = script.in_time_order().write(tmp_path / "run.bag")
+    message = (
+        r"run\.bag has several LaserScan topics: /front \(1 scans\), /rear \(2 scans\): choose one with --scan-topic"
+    )
+    with pytest.raises(DatasetError, match=message):
+        choose(bag)
+    assert choose(bag, scan_topic="rear").expected_scans == 2
+
+
+def test_no_scan_topic(script, tmp_path):
+    bag = script.odometry(100.0, SE2.identity()).tf(100.0, "odom", "base_link").write(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"run\.bag has no LaserScan topic; it has /odom, /tf: choose another"):
+        choose(bag)
+
+
+def test_wrong_topics(script, tmp_path):
+    script.drive(100.0, 103.0).scan(101.0)
+    bag = script.in_time_order().write(tmp_path / "run.bag")
+    with pytest.raises(
+        DatasetError, match=r"/tf is a tf2_msgs/msg/TFMessage, not a sensor_msgs/msg/LaserScan or sensor_msgs/msg/Multi"
+    ):
+        choose(bag, scan_topic="/tf")
+    with pytest.raises(DatasetError, match=r"has no topic /nope; it has /scan: choose with --scan-topic"):
+        choose(bag, scan_topic="/nope")
+    with pytest.raises(
+        DatasetError, match=r"has no topic /odom; it has none of its type: choose with --odometry-topic"
+    ):
+        choose(bag, odometry_topic="/odom")
+    with pytest.raises(DatasetError, match=r"has no topic /tf2; it has /tf: choose with --tf-topic"):
+        choose(bag, tf_topics=("/tf2",))
+
+
+def test_a_topic_without_messages_is_an_error(script, tmp_path):
+    from rosbags import rosbag1
+    from rosbags.typesys import Stores, get_typestore
+
+    with rosbag1.Writer(tmp_path / "run.bag") as writer:
+        store = get_typestore(Stores.ROS1_NOETIC)
+        writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
+        other = writer.add_connection("/word", "std_msgs/msg/String", typestore=store)
+        writer.write(other, 10**9, b"\1\0\0\0a")
+    with pytest.raises(DatasetError, match=r"/scan holds no messages: there is nothing to map"):
+        choose(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"/scan holds no messages: choose another with --scan-topic"):
+        choose(tmp_path / "run.bag", scan_topic="scan")
+
+
+def test_several_odometry_topics(script, tmp_path):
+    for k in range(40):
+        script.odometry(100.0 + 0.1 * k, SE2(1.0, 0.0, 0.0), topic="/a").odometry(
+            100.0 + 0.1 * k, SE2(2.0, 0.0, 0.0), topic="/b"
+        )
+    bag = script.scan(101.0).in_time_order().write(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"several Odometry topics: /a, /b: choose one with --odometry-topic"):
+        choose(bag, odometry="topic")
+    assert next(iter(choose(bag, odometry_topic="b"))).T_odom_robot == pytest.approx(SE2(2.0, 0.0, 0.0))
+
+
+def with_echoes(script, stamp, topic="/echoes", number=1):
+    def build(types):
+        return types["sensor_msgs/msg/MultiEchoLaserScan"](
+            header=types["std_msgs/msg/Header"](
+                stamp=types["builtin_interfaces/msg/Time"](int(stamp), round(stamp % 1 * 1e9)), frame_id="laser"
+            ),
+            angle_min=-0.5,
+            angle_max=0.5,
+            angle_increment=0.5,
+            time_increment=0.0,
+            scan_time=0.1,
+            range_min=0.1,
+            range_max=30.0,
+            ranges=[
+                types["sensor_msgs/msg/LaserEcho"](np.array(echoes, np.float32))
+                for echoes in ([number, 7.0], [], [2.0])
+            ],
+            intensities=[],
+        )
+
+    script.messages.append((stamp, topic, "sensor_msgs/msg/MultiEchoLaserScan", build))
+
+
+def test_of_several_echoes_the_first_is_read(script, tmp_path):
+    for k in range(30):
+        script.odometry(100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0))
+        with_echoes(script, 100.0 + 0.1 * k, number=1.0 + k)
+    readings = list(choose(script.write(tmp_path / "echoes", "sqlite3")))
+    assert len(readings) == 30
+    assert readings[3].scan.ranges == pytest.approx([4.0, math.nan, 2.0], nan_ok=True)
+
+
+def test_scans_go_before_echoes_that_are_asked_for_by_name(script, tmp_path):
+    for k in range(30):
+        script.odometry(100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0)).scan(100.0 + 0.1 * k, (1.0, 5.0, 1.0 + k))
+        with_echoes(script, 100.0 + 0.1 * k, "/echoes", 1.0 + k)
+    bag = script.write(tmp_path / "both", "mcap")
+    assert next(iter(choose(bag))).scan.ranges[1] == pytest.approx(5.0)
+    assert math.isnan(next(iter(choose(bag, scan_topic="/echoes"))).scan.ranges[1])
+
+
+def test_several_topics_of_echoes_are_listed(script, tmp_path):
+    with_echoes(script, 100.0, "/horizontal")
+    with_echoes(script, 100.1, "/vertical")
+    bag = script.write(tmp_path / "echoes", "sqlite3")
+    with pytest.raises(
+        DatasetError, match=r"has several MultiEchoLaserScan topics: /horizontal \(1 scans\), /vertical"
+    ):
+        choose(bag)
+
+
+def test_point_clouds_alone_are_refused_with_what_makes_scans_of_them(script, tmp_path):
+    def build(types):
+        header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 0), "lidar")
+        return types["sensor_msgs/msg/PointCloud2"](header, 1, 0, [], False, 12, 0, np.zeros(0, np.uint8), True)
+
+    script.messages.append((1.0, "/points", "sensor_msgs/msg/PointCloud2", build))
+    bag = script.write(tmp_path / "cloud", "mcap")
+    with pytest.raises(
+        DatasetError, match=r"point clouds \(/points\) are not read: make scans of them with pointcloud_to"
+    ):
+        choose(bag)
+
+
+def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_path, caplog):
+    def nowhere(build):
+        def built(types):
+            message = build(types)
+            message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+            return message
+
+        return built
+
+    for k in range(60):
+        script.odometry(100.0 + 0.1 * k, SE2.identity()).scan(100.0 + 0.1 * k, (1.0, 2.0, 1.0 + k))
+    script.messages = [
+        (time, topic, kind, nowhere(build) if topic == "/odom" else build)
+        for time, topic, kind, build in script.messages
+    ]
+    bag = script.write(tmp_path / "run.bag")
+    readings = list(choose(bag))
+    assert len(readings) == 60
+    assert {reading.T_odom_robot for reading in readings} == {None}
+    assert "poses of /odom are no motions (quaternions of zeros, or no numbers); going on without" in caplog.text
+    with pytest.raises(
+        DatasetError, match=r"/odom are no motions .*: choose another with --odometry-topic, or pass --od"
+    ):
+        choose(bag, odometry="topic")
+
+
+def test_ranges_in_millimetres_are_refused(script, tmp_path):
+    random = np.random.default_rng(0)
+    for k in range(60):
+        script.scan(100.0 + 0.1 * k, 1000.0 * random.uniform(0.4, 8.0, 40), limits=(20.0, 30000.0))
+    message = r"nine of ten ranges of /scan are beyond \d{3,4} m, as if in millimetres: record them in metres, or"
+    with pytest.raises(DatasetError, match=message):
+        choose(script.write(tmp_path / "run.bag"))
+
+
+def test_codes_alone_are_no_millimetres(script, tmp_path):
+    for k in range(60):
+        script.scan(100.0 + 0.1 * k, [65533.0, 65535.0] * 10 + [3.0 + 0.01 * k])
+    assert len(list(choose(script.write(tmp_path / "run.bag")))) == 60

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from datasets.scans.clocks import compare_clocks, lags_of_unset
+
+rng = np.random.default_rng(0)
+
+
+def jitter(centre, spread=0.02, number=100):
+    return list(centre + spread * rng.standard_normal(number))
+
+
+def test_clocks_that_agree():
+    found = compare_clocks(jitter(0.3), jitter(0.01))
+    assert (found.offset, found.warning) == (0.0, None)
+    assert found.steady_lag == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize("fault", [82.2, -500.0])
+def test_a_constant_fault_is_corrected(fault):
+    found = compare_clocks(jitter(fault), jitter(0.0))
+    assert found.offset == pytest.approx(fault, abs=0.02)
+    assert found.warning is not None
+    assert "corrected" in found.warning
+
+
+def test_both_clocks_may_be_far_from_the_bag():
+    assert compare_clocks(jitter(1e6), jitter(1e6)).offset == 0.0
+
+
+def test_seconds_may_be_latency():
+    found = compare_clocks(jitter(2.5), jitter(0.0))
+    assert found.offset == 0.0
+    assert found.warning is not None
+    assert "taken for latency: pass --clock-offset" in found.warning
+
+
+@pytest.mark.parametrize("lags", [(jitter(80.0, 5.0), jitter(0.0)), (jitter(80.0), jitter(0.0, 5.0))])
+def test_what_varies_is_said_and_not_corrected(lags):
+    found = compare_clocks(*lags)
+    assert found.offset == 0.0
+    assert found.warning is not None
+    assert "not steadily; nothing corrected: pass --clock-offset" in found.warning
+
+
+def test_too_little_to_tell():
+    assert compare_clocks([82.0] * 3, [0.0] * 100) == (0.0, None, None)
+    assert compare_clocks([82.0] * 30, [0.0] * 3) == (0.0, 82.0, None)
+
+
+def test_unset_stamps_count_as_the_others_lag():
+    assert lags_of_unset([], []) == (0.0, 0.0)
+    assert lags_of_unset([5.0, 5.2, 9.0], []) == (5.2, 5.2)
+    assert lags_of_unset([], [7.0]) == (7.0, 7.0)
+    assert lags_of_unset([5.0], [7.0]) == (5.0, 7.0)
+
+
+@pytest.mark.parametrize(("fault", "words"), [(2.5, "lag 2.5"), (-2.5, "are 2.5")])
+def test_a_clock_that_is_ahead_is_not_said_to_lag(fault, words):
+    warning = compare_clocks([fault] * 20, [0.0] * 20).warning
+    assert warning is not None
+    assert warning.startswith(f"stamps of the scans {words}0 s {'behind' if fault > 0 else 'ahead of'} those of the ")

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from datasets.synthetic.buildings import WORLDS, make_world
+from datasets.synthetic.robot.drives import plan_drives, short_tour
+from datasets.synthetic.world.clearance import ClearanceMap
+
+ALL_WORLDS = [pytest.param(name, marks=[pytest.mark.slow] if name == "hospital" else []) for name in WORLDS]
+
+
+@pytest.mark.parametrize("name", ALL_WORLDS)
+def test_robots_keep_off_walls_and_drive_as_robots_can(name):
+    world = make_world(name, 1)
+    around = ClearanceMap.of(world)
+    for drive in plan_drives(world, 2, duration=60.0, seed=1):
+        assert len(drive) == 60 * 50 + 1
+        assert around.at(drive.poses[:, :2]).min() > 0.25
+        steps = np.hypot(*np.diff(drive.poses[:, :2], axis=0).T)
+        turns = np.abs((np.diff(drive.poses[:, 2]) + np.pi) % (2 * np.pi) - np.pi)
+        assert steps.max() * 50 <= 0.65 + 1e-9
+        assert turns.max() * 50 <= 0.9 + 1e-9
+        assert drive.length() > 15.0
+        np.testing.assert_allclose(np.diff(drive.stamps), 0.02, atol=1e-6)
+
+
+def test_one_robot_sees_the_whole_office_and_comes_back():
+    world = make_world("office", 2)
+    (drive,) = plan_drives(world, 1, seed=3)
+    nearest = [np.hypot(*(drive.poses[:, :2] - place).T).min() for place in world.places]
+    assert np.mean(np.array(nearest) < 2.5) > 0.9
+    assert np.hypot(*(drive.poses[0, :2] - drive.poses[-1, :2])) < 2.0
+
+
+def test_neighbours_share_a_part_and_start_apart():
+    world = make_world("office", 1)
+    first, second, third = (drive.poses[::25, :2] for drive in plan_drives(world, 3, length=50.0, overlap=0.3, seed=2))
+
+    def shared(a, b):
+        return (np.hypot(*(a[:, None] - b[None]).transpose(2, 0, 1)).min(axis=1) < 1.0).mean()
+
+    assert 0.1 < shared(first, second) < 0.8
+    assert 0.1 < shared(second, third) < 0.8
+    assert shared(first, third) < shared(second, third)
+    assert np.hypot(*(first[0] - second[0])) > 3.0
+
+
+def test_a_length_is_kept_even_beyond_the_tour():
+    world = make_world("corridor", 1)
+    (drive,) = plan_drives(world, 1, length=220.0, seed=0)
+    assert drive.length() == pytest.approx(220.0, abs=0.05)
+
+
+def test_the_same_seed_is_the_same_drive_and_another_is_not():
+    world = make_world("store", 0)
+    first, again, other = (plan_drives(world, 1, length=20.0, seed=seed)[0] for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first.poses, again.poses)
+    assert not np.allclose(first.poses[:500], other.poses[:500])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_tour_visits_all_once_and_is_shorter_than_chance(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 10, (25, 2))
+    costs = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    tour = short_tour(costs, start=7)
+    assert tour[0] == 7
+    assert sorted(tour) == list(range(25))
+    assert costs[tour, np.roll(tour, -1)].sum() < 0.6 * costs[np.arange(25), np.roll(np.arange(25), -1)].sum()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"robots": 0}, "robots must be at least 1 and at most 1000, got 0"),
+        ({"overlap": 1.0}, r"overlap must be within 0 to 0\.9, got 1\.0"),
+        ({"length": -1.0}, r"length must be positive, got -1\.0"),
+        ({"duration": 0.0}, r"duration must be positive, got 0\.0"),
+        ({"speed": float("nan")}, "speed must be positive, got nan"),
+    ],
+)
+def test_wrong_arguments_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        plan_drives(make_world("corridor", 0), **wrong)

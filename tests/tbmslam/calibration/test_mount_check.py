@@ -1,0 +1,103 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
+from tbmslam.geometry.se2 import SE2, compose, inverse
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.sensing.laser_scan import LaserScan
+
+CONFIG = MountCheckConfig()
+TRUE = SE2(0.25, 0.0, 0.0)
+STEPS = 300
+
+
+def winding(turning=0.5):
+    poses = [SE2.identity()]
+    for k in range(STEPS - 1):
+        poses.append(poses[-1] @ SE2(0.12, 0.0, 0.3 * turning * math.sin(k / 5.0)))
+    return np.array(poses)
+
+
+def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
+    """Return what is said where the laser is stated to sit somewhere, and the odometry is what it is."""
+    true = winding(turning)
+    sensors = compose(true, np.array([TRUE])) + generator.normal(0.0, [0.003, 0.003, 0.001], true.shape)
+    scan = LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))
+    scans = [replace(scan, stamp=0.3 * k) for k in range(STEPS)]
+    poses = compose(sensors, inverse(np.array([stated])))
+    keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * STEPS)
+    return mount_doubt(keyframes, true if odometry is None else odometry, config)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (SE2(0.25, 0.3, 0.0), "0.25, 0.30 m, 0 degrees"),
+        (SE2(-0.1, 0.0, 0.0), "-0.10, 0.00 m, 0 degrees"),
+        (SE2(0.25, 0.0, math.radians(8.0)), "0.25, 0.00 m, 8 degrees"),
+        (SE2(0.25, 0.0, math.pi), "0.25, 0.00 m, 180 degrees"),
+    ],
+)
+def test_a_laser_that_sits_elsewhere(generator, stated, words):
+    said = doubt(stated, generator)
+    assert said is not None
+    assert f"not at {words}: try --sensor-pose 0.2" in said
+    assert said.startswith("odometry and scans fit best where the laser sits on the robot at 0.2")
+    x, y, turn = map(float, said.split("--sensor-pose ")[1].split())
+    assert (x, y, turn) == pytest.approx((0.25, 0.0, 0.0), abs=0.02)
+    assert "-0.00" not in said
+
+
+@pytest.mark.parametrize("stated", [TRUE, SE2(0.35, 0.0, 0.0), SE2(0.25, -0.1, math.radians(4.0))])
+def test_one_that_sits_where_it_should_or_nearly(generator, stated):
+    assert doubt(stated, generator) is None
+
+
+def test_a_robot_that_never_turns_tells_the_turn_alone(generator):
+    assert doubt(SE2(0.25, 5.0, 0.0), generator, turning=0.0) is None
+    said = doubt(SE2(0.1, 0.2, math.radians(20.0)), generator, turning=0.0)
+    assert said is not None
+    assert said.endswith("try --sensor-pose 0.10 0.20 0")
+
+
+def test_nothing_is_said_without_odometry_or_with_that_of_another_robot(generator):
+    wrong = SE2(0.25, 0.3, 0.0)
+    assert doubt(wrong, generator, np.full((STEPS, 3), math.nan)) is None
+    assert doubt(wrong, generator, np.zeros((STEPS, 3))) is None
+    assert doubt(wrong, generator, winding() * [1.5, 1.5, 1.0]) is None
+    assert doubt(wrong, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0)) is None
+
+
+def test_nothing_is_said_of_a_laser_that_moves_on_its_robot_or_when_switched_off(generator):
+    wrong = SE2(0.25, 0.3, 0.0)
+    assert doubt(wrong, generator, config=CONFIG.model_copy(update={"enabled": False})) is None
+    scan = LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))
+    places = [SE2(0.25, 0.3 + 0.001 * k, 0.0) for k in range(STEPS)]
+    moving = Keyframes.from_scans([scan] * STEPS, [SE2(*pose) for pose in winding()], places)
+    assert mount_doubt(moving, winding(), CONFIG) is None
+    assert mount_doubt(moving.part(0, 1), winding()[:1], CONFIG) is None
+
+
+def mirrored(generator, turning=0.5):
+    """Return poses as scans tell them that are mirrored, as those of a laser upside down are where nobody knows."""
+    flipped = winding(turning) * [1.0, -1.0, -1.0]
+    return flipped + generator.normal(0.0, [0.01, 0.01, 0.02], flipped.shape)
+
+
+def test_a_laser_that_hangs_upside_down_unsaid(generator):
+    said = doubt(TRUE, generator, mirrored(generator))
+    assert said == (
+        "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
+        "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
+    )
+
+
+def test_turns_that_tell_nothing_of_upside_down(generator):
+    straight = doubt(TRUE, generator, mirrored(generator, 0.0), turning=0.0)
+    unlike = doubt(TRUE, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0))
+    absent = doubt(TRUE, generator, np.full((STEPS, 3), math.nan))
+    off = doubt(TRUE, generator, mirrored(generator), config=CONFIG.model_copy(update={"enabled": False}))
+    assert straight is unlike is absent is off is None

@@ -1,0 +1,84 @@
+import pytest
+
+from tbmslam.configuration.parameters import ConfigError, changed, parameter_names, parse_setting
+from tbmslam.configuration.slam_config import SlamConfig, preset
+from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
+from tbmslam.vinyslam.hill_climbing import HillClimbingConfig
+
+
+def test_what_is_not_named_stays():
+    config = changed(preset("viny"), {"map": {"resolution": 0.2}})
+    assert config.map.resolution == 0.2
+    assert config.map.insertion == preset("viny").map.insertion
+    assert config.tracker == preset("viny").tracker
+    assert preset("viny").map.resolution == 0.1
+
+
+def test_part_of_a_table_that_has_kinds_needs_no_kind():
+    config = changed(SlamConfig(), {"tracker": {"max_points": 300, "surfels": {"noise": 0.03}}})
+    assert (config.tracker.kind, config.tracker.max_points, config.tracker.surfels.noise) == ("surfels", 300, 0.03)
+    assert config.tracker.surfels.resolution == 0.1
+
+
+def test_another_kind_begins_with_its_defaults():
+    config = changed(SlamConfig(), {"tracker": {"kind": "grid", "matcher": {"method": "hill_climbing"}}})
+    assert config.tracker == GridTrackerConfig(matcher=HillClimbingConfig())
+
+
+def test_values_are_checked_again_together():
+    with pytest.raises(
+        ConfigError, match=r"^mine\.toml: map: .*wall_blur must be 0 where insertion\.once_per_scan is on"
+    ):
+        changed(SlamConfig(), {"map": {"sensor_model": {"wall_blur": 0.3}}}, "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mpa": {}}, r"^configuration: there is no parameter 'mpa': did you mean 'map'\?$"),
+        ({"map": {"resolutoin": 1}}, r"there is no parameter 'map\.resolutoin': did you mean 'map\.resolution'\?"),
+        ({"once_per_scan": True}, r"no parameter 'once_per_scan': did you mean 'map\.insertion\.once_per_scan'\?"),
+        ({"tracker": {"matcher": {}}}, r"there is no parameter 'tracker\.matcher': "),
+        ({"keyframes": {"0": 1}}, r"there is no parameter 'keyframes\.0': keyframes has distance, angle$"),
+        ({"map": 3}, r"^configuration: map is a table: name one of its parameters, as map\.resolution$"),
+        ({"tracker": {"kind": "magic"}}, r"tracker: .*'magic'.*does not match any of the expected tags"),
+        (
+            {"tracker": {"iterations": 0}},
+            r"^configuration: tracker\.iterations: .*greater than or equal to 1 \(got 0\)$",
+        ),
+        ({"seed": 1.5}, r"^configuration: seed: .*valid integer.* \(got 1\.5\)$"),
+        ({"seed": "many"}, r"^configuration: seed must be a number, got 'many'$"),
+        ({"map": {"resolution": True}}, r"^configuration: map\.resolution must be a number, got True$"),
+        ({"map": {"keep_conflict": "no"}}, r"^configuration: map\.keep_conflict must be true or false, got 'no'$"),
+        ({"map": {"keep_conflict": 1}}, r"^configuration: map\.keep_conflict must be true or false, got 1$"),
+        ({"seed": "7"}, r"^configuration: seed must be a number, got '7'$"),
+    ],
+)
+def test_what_is_wrong_is_named_with_the_nearest(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        changed(SlamConfig(), changes)
+
+
+@pytest.mark.parametrize(
+    ("text", "change"),
+    [
+        ("map.resolution=0.1", {"map": {"resolution": 0.1}}),
+        ("map.insertion.no_return=free", {"map": {"insertion": {"no_return": "free"}}}),
+        ("tracker.tolerances=[9.0, 2.0]", {"tracker": {"tolerances": [9.0, 2.0]}}),
+        ("loop_closing.enabled=false", {"loop_closing": {"enabled": False}}),
+    ],
+)
+def test_settings(text, change):
+    assert parse_setting(text) == change
+
+
+@pytest.mark.parametrize("text", ["map.resolution", "=1", "map.=1", ""])
+def test_what_is_no_setting(text):
+    with pytest.raises(ConfigError, match=r"must look like map\.resolution=0\.1"):
+        parse_setting(text)
+
+
+def test_names():
+    names = list(parameter_names(SlamConfig()))
+    assert {"seed", "map", "map.insertion.no_return", "tracker.surfels.noise"} <= set(names)
+    assert len(names) == len(set(names))

@@ -1,0 +1,345 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tbmslam.kernels.rays.hits import hits_of_scan
+from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.surfels.determined import prior_information
+from tbmslam.kernels.surfels.surfel_alignment import align, composed, linearise, pair_up, place_scan, strays
+from tbmslam.kernels.surfels.surfel_search import search
+from tbmslam.kernels.surfels.surfels import CELLS, Surfels, add_hits, claim_tiles, extent, fit_surfel, slot_of
+from tests import reference
+
+RESOLUTION = 0.1
+LIMITS = (0.02, 0.03, 0.05, 8.0)
+LATTICE = Lattice(RESOLUTION, -60, -60)
+
+
+def room_walls(generator, count=3000):
+    """Hits on the four walls of a 6 m x 4 m room and on a thin post, with 1 cm noise."""
+    side = generator.integers(0, 4, count)
+    t = generator.uniform(-1.0, 1.0, count)
+    x = np.select([side == 0, side == 1], [3.0, -3.0], 3.0 * t)
+    y = np.select([side == 2, side == 3], [2.0, -2.0], 2.0 * t)
+    post = np.array([1.0, 0.5]) + generator.normal(0.0, 0.005, (50, 2))
+    return np.vstack((np.column_stack((x, y)) + generator.normal(0.0, 0.01, (count, 2)), post))
+
+
+def facing_origin(points):
+    """Normals of surfaces that all face a laser at the origin."""
+    return -points / np.maximum(np.hypot(*points.T), 1e-9)[:, None]
+
+
+def surfels_of(points, normals=None):
+    """Return a surfel map's arrays with points inserted in several parts."""
+    normals = facing_origin(points) if normals is None else normals
+    surfels = Surfels(
+        tiles=np.zeros((2, 30, 30), dtype=np.int32),
+        moments=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
+        fits=np.zeros((CELLS * (2 * 30 * 30 + 1), 8), dtype=np.float32),
+        lattice=LATTICE,
+        limits=LIMITS,
+    )
+    used = 1
+    for part in np.array_split(np.arange(len(points)), 7):
+        used = claim_tiles(surfels.tiles, LATTICE, used, points[part], normals[part])
+        add_hits(surfels, points[part], normals[part])
+    assert used == surfels.tiles.max() + 1
+    assert not surfels.moments[:CELLS].any()
+    return surfels
+
+
+NOTHING = Surfels(
+    np.zeros((2, 30, 30), dtype=np.int32),
+    np.zeros((CELLS, 6), dtype=np.float32),
+    np.zeros((CELLS, 8), dtype=np.float32),
+    lattice=LATTICE,
+    limits=LIMITS,
+)
+
+
+def test_surfels_are_the_plain_fit():
+    points = room_walls(np.random.default_rng(0), 400)
+    front = np.full((len(points), 2), 1.0)
+    surfels = surfels_of(points, front)
+    assert not surfels.tiles[0].any()
+    for row, col in np.random.default_rng(1).integers(15, 105, (400, 2)):
+        cell = np.array([row + LATTICE.first_row, col + LATTICE.first_col])
+        expected = reference.surfel(points, cell, RESOLUTION, *LIMITS)
+        slot = slot_of(surfels.tiles, 1, row, col)
+        if surfels.fits[slot, 5] < 0.0:
+            fit_surfel(surfels, 1, row, col)
+        if expected is None:
+            assert surfels.fits[slot, 5] == 0.0
+            continue
+        mean, information, weight = expected
+        x, y, xx, xy, yy, fitted_weight = surfels.fits[slot, :6]
+        np.testing.assert_allclose((x, y), mean, atol=1e-5)
+        fitted = [[xx, xy], [xy, yy]]
+        np.testing.assert_allclose(fitted, information, rtol=2e-2, atol=2.0)
+        assert fitted_weight == pytest.approx(weight, rel=1e-3)
+
+
+SPAN = 0.001
+"""So short a correlation length that every hit of these walls counts as one."""
+
+
+def paired(surfels, points, normals, pose, every=1, span=SPAN):
+    """Return the pairs (8, M) of a scan at a pose, and how many independent hits it counts for."""
+    pairs = np.empty((8, len(points) + 1))
+    count, independent = pair_up(surfels, points, normals, every, span, pose, pairs)
+    return pairs[:, :count], independent
+
+
+def linearised(surfels, points, normals, pose, tolerance):
+    """Return how many independent hits match, the Hessian and the gradient of a scan at a pose."""
+    pairs, _ = paired(surfels, points, normals, pose)
+    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+    matched = linearise(np.ascontiguousarray(pairs), pairs.shape[1], pose, tolerance, hessian, gradient)
+    return matched, hessian, gradient
+
+
+def test_the_normal_equations_are_those_of_the_slow_twin():
+    generator = np.random.default_rng(2)
+    surfels = surfels_of(room_walls(generator))
+    points, pose = room_walls(generator, 301), (0.04, -0.03, 0.01)
+    pairs, _ = paired(surfels, points, facing_origin(points), pose)
+    matched, hessian, gradient = linearised(surfels, points, facing_origin(points), pose, 4.0)
+    slow = reference.normal_equations(pairs, pose, 4.0)
+    assert matched == pytest.approx(slow[0], rel=1e-10)
+    np.testing.assert_allclose(hessian, slow[1], rtol=1e-9, atol=1e-9 * np.abs(slow[1]).max())
+    np.testing.assert_allclose(gradient, slow[2], rtol=1e-9, atol=1e-9 * np.abs(slow[2]).max())
+
+
+def test_gradient_and_curvature_are_those_of_the_cost():
+    generator = np.random.default_rng(2)
+    surfels = surfels_of(room_walls(generator))
+    points = room_walls(generator, 300)
+    pose = (0.004, -0.003, 0.001)
+    pairs, _ = paired(surfels, points, facing_origin(points), pose)
+    _, hessian, gradient = linearised(surfels, points, facing_origin(points), pose, 50.0)
+    step = 1e-6
+    for axis in range(3):
+        ahead, behind = list(pose), list(pose)
+        ahead[axis] += step
+        behind[axis] -= step
+        costs = (reference.robust_cost(pairs, there, 50.0) for there in (ahead, behind))
+        slope = (next(costs) - next(costs)) / (2 * step)
+        assert 2.0 * gradient[axis] == pytest.approx(slope, rel=1e-3, abs=1e-6 * abs(hessian[axis, axis]))
+    assert np.linalg.eigvalsh(hessian).min() > 0.0
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+def test_a_scan_counts_for_the_length_of_wall_that_it_sees(every):
+    along = np.linspace(-2.0, 2.0, 401)
+    wall = np.column_stack((along, np.ones(401)))
+    lone = np.array([[-5.0, 5.0], [5.0, -5.0], [5.0, 5.0]])
+    _, of_wall = paired(NOTHING, wall, facing_origin(wall), (0.0, 0.0, 0.0), every, span=0.25)
+    _, of_lone = paired(NOTHING, lone, facing_origin(lone), (0.0, 0.0, 0.0), 1, span=0.25)
+    assert of_wall == pytest.approx(4.0 / 0.25 + 1.0, abs=0.5)
+    assert of_lone == 3.0
+
+
+BROAD = 1e-12 * np.eye(3)
+"""A prior that says nothing."""
+
+
+@pytest.mark.parametrize(("span", "tolerance"), [(0.01, 4.0), (0.5, 4.0), (0.5, 12.0)])
+def test_strays_are_what_matches_nothing(span, tolerance):
+    generator = np.random.default_rng(4)
+    arrays = surfels_of(room_walls(generator))
+    angles = np.linspace(-np.pi, np.pi, 300, endpoint=False)
+    walls = np.minimum(3.0 / np.abs(np.cos(angles)), 2.0 / np.maximum(np.abs(np.sin(angles)), 1e-9))
+    pose, directions = (0.01, 0.0, 0.002), np.column_stack((np.cos(angles), np.sin(angles)))
+    found = []
+    for nearer in (1.0, 0.5):
+        walls[40:60] *= nearer  # a thing in front of a wall
+        points = directions * walls[:, None]
+        pairs, independent = paired(arrays, points, facing_origin(points), pose, span=span)
+        expected = independent - reference.normal_equations(pairs, pose, tolerance)[0]
+        found.append(strays(plain(arrays), points, facing_origin(points), pose, span, tolerance))
+        assert found[-1] == pytest.approx(expected, rel=1e-9)
+    length = np.hypot(*np.diff(points[40:60], axis=0).T).sum()
+    assert found[1] - found[0] == pytest.approx(min(length / span, 20.0) + (1.0 if span == 0.5 else 0.0), rel=0.2)
+
+
+def aligned(points, start, deviation=np.inf, surfels=None, mean=None, freedom=1e9, enough=10_000):
+    prior = np.eye(3) * deviation**-2.0 if np.isfinite(deviation) else BROAD
+    search_for = freedom, SPAN, np.inf, np.array([8.0, 3.0]), enough, 10
+    hessian = np.empty((3, 3))
+    x, y, theta, *fit = align(
+        plain(surfels), points, facing_origin(points), start, mean or start, prior, search_for, hessian
+    )
+    return (x, y, theta), hessian, *fit
+
+
+def plain(surfels):
+    """Return surfels as the plain tuples that kernels take."""
+    return (*surfels[:3], tuple(surfels.lattice), surfels.limits)
+
+
+def test_a_scan_finds_its_place_to_millimetres():
+    generator = np.random.default_rng(4)
+    surfels = surfels_of(room_walls(generator))
+    pose, hessian, matched, *_ = aligned(room_walls(generator, 400), (0.06, -0.05, 0.02), surfels=surfels)
+    assert math.hypot(pose[0], pose[1]) < 0.003
+    assert abs(pose[2]) < 0.002
+    assert matched > 0.8
+    assert hessian.shape == (3, 3)
+
+
+def test_along_a_corridor_the_prior_stays():
+    """Over seeds: now and then the normals of noisy walls tell a little of the way along them."""
+    slid = []
+    for seed in range(5, 10):
+        generator = np.random.default_rng(seed)
+        surfels, scan = surfels_of(corridor(generator, 3000)), corridor(generator, 1000)
+        scan = scan[np.abs(scan[:, 0]) < 2.5][:300]
+        pose, hessian, *_ = aligned(scan, (0.3, 0.04, 0.01), deviation=0.05, surfels=surfels)
+        slid.append(abs(pose[0] - 0.3))
+        assert pose[1] == pytest.approx(0.0, abs=0.002)
+        assert hessian[0, 0] < 0.02 * hessian[1, 1]
+    assert np.median(slid) < 0.01
+    assert max(slid) < 0.06
+
+
+def corridor(generator, count):
+    """Hits on two long walls two metres apart, with 5 mm noise."""
+    hits = np.column_stack((generator.uniform(-4.0, 4.0, count), np.where(generator.random(count) < 0.5, -1.0, 1.0)))
+    return hits + generator.normal(0.0, 0.005, (count, 2))
+
+
+def test_few_of_many_points_find_the_place_as_well():
+    generator = np.random.default_rng(4)
+    surfels = surfels_of(room_walls(generator))
+    points = room_walls(generator, 1200)
+    start = (0.06, -0.05, 0.02)
+    every, some = (aligned(points, start, surfels=surfels, enough=enough) for enough in (1200, 400))
+    assert some[0] == pytest.approx(every[0], abs=0.003)
+    assert some[2] == pytest.approx(every[2], rel=0.05)
+    # A third of the hits, with most of what all of them know: a hundred hits of a scan tell little more than fifty.
+    assert 0.6 < some[1][2, 2] / every[1][2, 2] < 1.0
+
+
+def test_nothing_known_leaves_the_guess():
+    points = np.array([[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]])
+    pose, hessian, matched, _, surprise = aligned(points, (1.0, 2.0, 0.5), deviation=1.0, surfels=NOTHING)
+    assert pose == pytest.approx((1.0, 2.0, 0.5))
+    assert (matched, surprise) == (0.0, 0.0)
+    assert not hessian.any()
+
+
+def test_a_prior_far_off_is_overruled_and_one_nearby_is_not():
+    """Student's t distribution: an odometry ten deviations off has slipped."""
+    generator = np.random.default_rng(11)
+    surfels, scan = surfels_of(room_walls(generator)), room_walls(generator, 40)
+    for off, freedom, kept in ((0.2, 4.0, 0.1), (0.2, 1e9, 0.5)):
+        pose, _, _, _, surprise = aligned(scan, (0.0, 0.0, 0.0), 0.002, surfels, mean=(off, 0.0, 0.0), freedom=freedom)
+        assert surprise == pytest.approx(((pose[0] - off) / 0.002) ** 2, rel=0.2)
+        if freedom < 10.0:
+            assert abs(pose[0]) < kept * off
+        else:
+            assert abs(pose[0]) > kept * off
+
+
+def test_placing_a_scan_is_aligning_its_hits():
+    generator = np.random.default_rng(12)
+    surfels = surfels_of(room_walls(generator))
+    mount, deviations = (0.2, -0.1, 0.3), (0.05, 0.03, 0.02)
+    angles = np.arange(181) * math.radians(2.0) - math.pi + 0.3
+    robot = (-0.1, 0.2, -0.3)
+    laser = composed(robot, mount)
+    ranges = reference.ranges_in_box(laser, angles, 3.0, 2.0)
+    beams = float(angles[0]), math.radians(2.0), (0.0, 0.0, 0.0), 40.0
+    start = (robot[0] + 0.03, robot[1] - 0.02, robot[2] + 0.01)
+    search_for = 4.0, 0.1, np.inf, np.array([8.0, 3.0]), 400, 10
+    seen, hessian, same = np.empty((2, len(ranges), 2)), np.empty((3, 3)), np.empty((3, 3))
+    placed, count = place_scan(
+        plain(surfels), ranges, beams, start, start, deviations, mount, search_for, seen, hessian
+    )
+    hits, facing = hits_of_scan(ranges, *beams)
+    information = prior_information(deviations, start[2], mount)
+    there = composed(start, mount)
+    twin = align(plain(surfels), hits, facing, there, there, information, search_for, same)
+    np.testing.assert_array_equal(seen[:, :count], [hits, facing])
+    np.testing.assert_array_equal(hessian, same)
+    assert placed == twin
+    assert placed[:3] == pytest.approx(laser, abs=0.01)
+
+
+def test_search_is_trying_every_pose():
+    generator = np.random.default_rng(6)
+    surfels = surfels_of(room_walls(generator))
+    turns = np.arange(-0.3, 0.31, 0.1)
+    scan = room_walls(generator, 60)
+    normals, guess, costs = facing_origin(scan), (0.213, -0.134, 0.151), (0.2, 0.05)
+    found = search(surfels, scan, normals, guess, 3, turns, 8.0, costs)
+    scores = {}
+    for turn, row, col in itertools.product(turns, range(-3, 4), range(-3, 4)):
+        pose = (guess[0] + col * RESOLUTION, guess[1] + row * RESOLUTION, guess[2] + turn)
+        away = costs[0] * RESOLUTION * math.hypot(row, col) + costs[1] * abs(turn)
+        scores[pose] = reference.matched_share(surfels, scan, normals, pose, 8.0) - away
+    assert found == pytest.approx(max(scores, key=scores.get))
+
+
+def test_search_finds_a_far_place():
+    generator = np.random.default_rng(6)
+    surfels = surfels_of(room_walls(generator))
+    turns = np.arange(-1.0, 1.01, 0.03)
+    scan = room_walls(generator, 150)
+    found = search(surfels, scan, facing_origin(scan), (0.4, -0.3, 0.75), 5, turns, 8.0, (0.0, 0.0))
+    assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
+
+
+def test_search_takes_the_nearest_of_equals():
+    generator = np.random.default_rng(7)
+    wall = np.column_stack((generator.uniform(-5.0, 5.0, 3000), generator.normal(0.0, 0.01, 3000)))
+    scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
+    normals = np.full((len(scan), 2), 1.0)
+    surfels = surfels_of(wall, np.full((len(wall), 2), 1.0))
+    near = search(surfels, scan, normals, (0.05, 0.0, 0.0), 10, np.zeros(1), 8.0, (0.2, 0.0))
+    assert near[0] == pytest.approx(0.05)
+
+
+def test_the_far_face_of_a_thin_wall_is_another_surface():
+    generator = np.random.default_rng(8)
+    along = generator.uniform(-4.0, 4.0, 4000)
+    near_face = np.column_stack((along, 1.0 + generator.normal(0.0, 0.005, 4000)))
+    far_face = near_face + np.array([0.0, 0.12])
+    towards, away = np.full((4000, 2), [0.0, -1.0]), np.full((4000, 2), [0.0, 1.0])
+    surfels = surfels_of(np.vstack((near_face, far_face)), np.vstack((towards, away)))
+    for face, normals in ((near_face, towards), (far_face, away)):
+        start, search_for = (0.0, 0.05, 0.0), (1e9, SPAN, np.inf, np.array([8.0, 3.0]), 1000, 10)
+        _, y, _, matched, *_ = align(
+            plain(surfels), face[:300], normals[:300], start, start, np.eye(3), search_for, np.empty((3, 3))
+        )
+        assert y == pytest.approx(0.0, abs=0.003)
+        assert matched > 0.9
+
+
+def test_surfaces_are_fitted_anew_where_hits_came_after():
+    points = room_walls(np.random.default_rng(9), 500)
+    fitted, late = surfels_of(points[:300]), surfels_of(points)
+    cells = list(itertools.product((0, 1), range(10, 110), range(10, 110)))
+    for cell in cells:
+        if slot_of(fitted.tiles, *cell) >= CELLS:
+            fit_surfel(fitted, *cell)
+    more = points[300:], facing_origin(points[300:])
+    used = claim_tiles(fitted.tiles, LATTICE, int(fitted.tiles.max()) + 1, *more)
+    add_hits(fitted, *more)
+    assert used == late.tiles.max() + 1
+    for cell in cells:
+        mine, theirs = (one.fits[slot_of(one.tiles, *cell)] for one in (fitted, late))
+        for one in (fitted, late):
+            if one.fits[slot_of(one.tiles, *cell), 5] < 0.0:
+                fit_surfel(one, *cell)
+        assert mine[5] >= 0.0
+        np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)
+
+
+def test_the_extent_is_that_of_the_points(generator):
+    points = generator.normal(size=(20, 2))
+    expected = (*np.sort(points[:, 0])[[0, -1]], *np.sort(points[:, 1])[[0, -1]])
+    assert extent(points) == expected

@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+
+from tbmslam.geometry.se2 import SE2
+from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig
+from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.slam import Slam
+from tbmslam.tracking.surfel_map import SurfelConfig
+from tests.tbmslam.drifting_drive import drifting_keyframes, errors, packed
+
+INFORMATION = np.diag([0.004**-2, 0.004**-2, 0.002**-2])
+
+
+def drifting(robot, drift_per_metre):
+    """Return true and drifting laser poses of a keyframe every 0.4 m, their scans and the motions between them."""
+    true, tracked, scans = drifting_keyframes(robot, drift_per_metre, 0.4)
+    chain = [MotionEdge(k, k + 1, relative_pose(tracked, k, k + 1), INFORMATION) for k in range(len(tracked) - 1)]
+    return true, tracked, scans, chain
+
+
+@pytest.mark.parametrize(("world", "left"), [("apartment", 0.5), ("office", 0.1), ("store", 0.25)])
+def test_a_drifting_drive_is_bent_back(drive_in, world, left):
+    true, tracked, scans, chain = drifting(drive_in(world, None, seed=1), 0.001)
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert len(closures) > 5
+    assert errors(true, closed).max() < left * errors(true, tracked).max()
+    for edge in closures:
+        error = relative_pose(true, edge.source, edge.target).inverse() @ edge.T_source_target
+        covariance = np.linalg.inv(edge.information)
+        assert np.array(error[:2]) @ np.linalg.inv(covariance[:2, :2]) @ np.array(error[:2]) < 6.0**2
+
+
+def test_a_self_similar_corridor_closes_nothing_false(drive_in):
+    true, tracked, scans, chain = drifting(drive_in("corridor", 80.0, seed=1), 0.0)
+    closed, _ = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert errors(true, closed).max() < 0.1
+
+
+def test_a_drive_that_never_comes_back_stays_as_it_is():
+    poses = np.column_stack((np.arange(0.0, 30.0, 0.5), np.zeros(60), np.zeros(60)))
+    scans = [LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0 + 0.01 * k)) for k in range(60)]
+    chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), INFORMATION) for k in range(59)]
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, packed(scans), chain)
+    assert closures == []
+    np.testing.assert_array_equal(closed, poses)
+
+
+def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
+    """Forgotten ones are built anew and give the same poses."""
+    robot = drive_in("apartment", 60.0)
+    slam = Slam()
+    for reading in robot.readings:
+        slam.process(reading)
+    expected = slam.finish().drives[0]
+    monkeypatch.setattr("tbmslam.loop_closure.closing_targets._SUBMAPS_KEPT", 1)
+    found = slam.finish().drives[0]
+    assert len(expected.closures) > 0
+    np.testing.assert_array_equal(found.closures, expected.closures)
+    np.testing.assert_array_equal(found.trajectory.poses, expected.trajectory.poses)
+
+
+def drifting_far(robot, seed):
+    """Return true and tracked laser poses, scans, and motions whose headings are honestly said to be poor."""
+    true, _, scans = drifting_keyframes(robot, 0.0, 0.4)
+    generator, deviations = np.random.default_rng(seed), np.array([0.02, 0.005, 0.02])
+    tracked, chain = [SE2.from_array(true[0])], []
+    for k in range(len(true) - 1):
+        step = relative_pose(true, k, k + 1) @ SE2(*generator.normal(0.0, deviations))
+        tracked.append(tracked[-1] @ step)
+        chain.append(MotionEdge(k, k + 1, step, np.diag(deviations**-2.0)))
+    return true, np.array(tracked), scans, chain
+
+
+def false_closures(true, closures):
+    errors = [relative_pose(true, edge.source, edge.target).inverse() @ edge.T_source_target for edge in closures]
+    return [error for error in errors if np.hypot(error.x, error.y) > 0.5]
+
+
+def test_a_drive_that_drifted_beyond_every_window_closes(drive_in):
+    true, tracked, scans, chain = drifting_far(drive_in("halls", 250.0, "good", seed=1), 1)
+    assert errors(true, tracked).max() > 30.0
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert errors(true, closed)[-1] < 0.5
+    assert len(closures) > 10
+    assert false_closures(true, closures) == []
+
+
+def test_a_far_drift_closes_nothing_false_where_all_is_alike(drive_in):
+    true, tracked, scans, chain = drifting_far(drive_in("corridor", 80.0, "good", seed=1), 1)
+    assert errors(true, tracked).max() > 20.0
+    _, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert false_closures(true, closures) == []

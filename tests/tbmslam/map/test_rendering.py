@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
+from tbmslam.belief.masses import CONFLICT, FREE
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.config import MapConfig
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.rendering import render
+from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.sensing.laser_scan import LaserScan
+
+MOUNT = SE2(0.21, 0.13, 0.31)
+
+
+@pytest.fixture
+def drive(generator):
+    ranges = generator.uniform(0.5, 12.0, (6, 180))
+    ranges[generator.random((6, 180)) < 0.1] = np.inf
+    ranges[generator.random((6, 180)) < 0.1] = np.nan
+    scans = [LaserScan(float(k), -1.0, 0.02, 0.1, 10.0, row) for k, row in enumerate(ranges)]
+    poses = [SE2(0.3 * k, -0.2 * k, 0.4 * k) for k in range(6)]
+    return Keyframes.from_scans(scans, poses, [MOUNT] * 6)
+
+
+@pytest.mark.parametrize("keep_conflict", [True, False])
+@pytest.mark.parametrize(
+    "insertion",
+    [
+        {"once_per_scan": True},
+        {"once_per_scan": True, "no_return": "free", "max_range": 8.0},
+        {"once_per_scan": False, "no_return": "free"},
+    ],
+)
+def test_it_is_what_inserting_scan_by_scan_gives(drive, insertion, keep_conflict):
+    config = MapConfig(resolution=0.1, insertion=InsertionConfig(**insertion), keep_conflict=keep_conflict)
+    grid = EvidenceGrid(config.resolution)
+    inserter = ScanInserter(config.sensor_model, config.insertion)
+    for index in [*range(6), *range(6)]:
+        inserter.insert(drive.scan(index), drive.sensor_pose(index), grid)
+    expected = grid.to_tbm_grid(keep_conflict).cropped_to_known()
+    rendered = render([drive, drive], config)
+    assert rendered.geometry == pytest.approx(expected.geometry, abs=1e-9)
+    np.testing.assert_allclose(rendered.masses, expected.masses, atol=1e-6)
+
+
+def test_no_keyframes_make_an_empty_grid():
+    assert not render([], MapConfig()).is_known().any()
+    blind = Keyframes.from_scans([LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.full(5, np.nan))], [SE2.identity()], [MOUNT])
+    assert not render([blind], MapConfig()).is_known().any()
+
+
+def test_a_grid_beyond_the_limit_is_drawn_coarser(drive, caplog):
+    fine, coarse = render([drive], MapConfig()), render([drive], MapConfig(max_cells=1000))
+    assert 500 < coarse.geometry.rows * coarse.geometry.cols <= 1000
+    times = coarse.geometry.resolution / 0.05
+    assert times == pytest.approx(round(times))
+    assert np.asarray(coarse.geometry.bounds()) == pytest.approx(fine.geometry.bounds(), abs=coarse.geometry.resolution)
+    (warning,) = caplog.messages
+    assert warning.endswith("instead of 0.05 m to keep within the 1000 cells of map.max_cells")
+
+
+def test_one_that_grows_beam_by_beam_is_refused_there(drive):
+    with pytest.raises(GridTooLargeError, match="more than the limit of 1000 cells"):
+        render([drive], MapConfig(max_cells=1000, insertion=InsertionConfig()))
+
+
+def test_scans_are_drawn_some_at_a_time(drive, monkeypatch):
+    at_once = render([drive, drive], MapConfig())
+    monkeypatch.setattr("tbmslam.map.rendering._SCANS_AT_ONCE", 4)
+    np.testing.assert_array_equal(render([drive, drive], MapConfig()).masses, at_once.masses)
+
+
+def test_scans_that_agree_leave_no_conflict_however_many():
+    """And those that do not, as of a door that was shut, do."""
+    open_door = LaserScan(0.0, -0.1, 0.02, 0.1, 9.0, np.full(11, 4.0))
+    shut_door = LaserScan(0.0, -0.1, 0.02, 0.1, 9.0, np.full(11, 2.0))
+    poses = [SE2(0.0, 0.0, 0.0)] * 400
+    grid = render([Keyframes.from_scans([open_door] * 400, poses, [MOUNT] * 400)], MapConfig(resolution=0.1))
+    assert grid.masses[..., CONFLICT].max() == 0.0
+    assert grid.masses[..., FREE].max() > 0.999
+    scans = [open_door] * 20 + [shut_door] * 5
+    grid = render([Keyframes.from_scans(scans, poses[:25], [MOUNT] * 25)], MapConfig(resolution=0.1))
+    assert grid.masses[..., CONFLICT].max() > 0.5

@@ -1,0 +1,155 @@
+"""Processes that share work, and how they end."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tbmslam.parallel.worker_pool import WorkerDiedError, worker_pool
+
+ROOT = Path(__file__).resolve().parents[3]
+
+WORK_FOR_EVER = """
+import sys, time
+from tbmslam.parallel.worker_pool import worker_pool
+if __name__ == "__main__":
+    with worker_pool(2) as pool:
+        waiting = [pool.submit(time.sleep, 600) for _ in range(9)]
+        try:
+            print("ready", flush=True)
+            pool.result(waiting[0])
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+            raise SystemExit(130)
+"""
+
+
+AS_IT_BEGINS_TO_WAIT = """
+import os, signal, sys, time
+from tbmslam.parallel.worker_pool import worker_pool
+
+def interrupt(frame, event, arg):
+    if event == "c_return" and frame.f_code.co_qualname == "Condition.__enter__":
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGINT)
+
+if __name__ == "__main__":
+    try:
+        with worker_pool(1) as pool:
+            work = pool.submit(time.sleep, 600)
+            sys.setprofile(interrupt)
+            work.result()
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
+"""
+
+
+TELLS_ITS_WORKER = """
+import os, time
+from tbmslam.parallel.worker_pool import worker_pool
+if __name__ == "__main__":
+    with worker_pool(1) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600).result()
+"""
+
+
+@pytest.fixture
+def on_a_terminal():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_work_is_done_in_other_processes():
+    with worker_pool(2) as pool:
+        assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
+        assert pool.submit(os.getpid).result() != os.getpid()
+    assert multiprocessing.active_children() == []
+
+
+def test_a_process_that_dies_is_told_in_one_line():
+    with pytest.raises(WorkerDiedError, match=r"a worker process died: .*fewer --workers"), worker_pool(1) as pool:
+        pool.submit(os._exit, 3).result()
+
+
+def test_what_fails_does_not_wait_for_the_rest():
+    began = time.monotonic()
+    with pytest.raises(TypeError, match="not callable"), worker_pool(1) as pool:
+        assert pool.submit(time.sleep, 600)()
+    assert time.monotonic() - began < 60
+    assert multiprocessing.active_children() == []
+
+
+def test_ctrl_c_before_there_is_a_worker_lets_none_begin(on_a_terminal):
+    taken = []
+
+    def work():
+        with worker_pool(1) as pool:
+            signal.raise_signal(signal.SIGINT)
+            taken.append(pool.submit(time.sleep, 0.0))
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert taken == []
+    assert multiprocessing.active_children() == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("after", [0.0, 0.1, 1.0])
+def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
+    """A shell sends it to every process; after no time the workers are still beginning."""
+    script = tmp_path / "work.py"
+    script.write_text(WORK_FOR_EVER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    child = subprocess.Popen(  # noqa: S603 - our own script
+        [sys.executable, script],
+        env=environment,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - a background shell ignores it
+        **pipes,
+    )
+    assert child.stdout is not None
+    child.stdout.readline()
+    time.sleep(after)
+    os.killpg(child.pid, signal.SIGINT)
+    said = child.communicate(timeout=60)
+    assert (child.returncode, *said) == (130, "interrupted\n", "")
+
+
+def test_ctrl_c_does_no_harm_where_a_lock_was_just_taken(tmp_path):
+    """The pool's own thread takes it too, and what ends the pool waits for that thread."""
+    script = tmp_path / "work.py"
+    script.write_text(AS_IT_BEGINS_TO_WAIT)
+    done = subprocess.run(  # noqa: S603 - our own script
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_when_who_began_them_is_killed(tmp_path, how):
+    """They hold the pipe open that they read from, so they would wait for ever."""
+    script = tmp_path / "work.py"
+    script.write_text(TELLS_ITS_WORKER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(  # noqa: S603 - our own script
+        [sys.executable, script], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert int(child.stdout.readline()) != child.pid
+        child.send_signal(how)
+        said, _ = child.communicate(timeout=60)  # which comes to an end with the last process that could write
+    assert (child.returncode, said) == (-how, "")

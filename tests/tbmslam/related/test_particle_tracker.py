@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from tbmslam.configuration.slam_config import config_from_dict, preset
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.related.tile_maps import TileMaps
+from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
+from tbmslam.slam import Slam
+from tbmslam.timed_slam import TimedSlam
+
+
+def config_of(**changes):
+    values = preset("particles").model_dump()
+    values["tracker"] |= {"particles": 6} | changes
+    return config_from_dict(values)
+
+
+def mapped(readings, config, kind=Slam):
+    slam = kind(config)
+    for reading in readings:
+        slam.process(reading)
+    return slam.finish()
+
+
+def test_particles_follow_poor_odometry(drive_in):
+    robot = drive_in("apartment", 30.0)
+    tbm_map = mapped(robot.readings, config_of())
+    drive = tbm_map.drives[0]
+    assert align_trajectories(robot.truth, drive.trajectory).ate_m < 0.06
+    assert len(drive.trajectory) == len(robot.readings)
+    assert 10 < len(drive.keyframes) < len(robot.readings) / 2
+
+
+def test_the_seed_decides(drive_in):
+    readings = drive_in("apartment", 15.0).readings
+    first, again = mapped(readings, config_of()), mapped(readings, config_of(), TimedSlam)
+    np.testing.assert_array_equal(first.drives[0].trajectory.poses, again.drives[0].trajectory.poses)
+    np.testing.assert_array_equal(first.grid.masses, again.grid.masses)
+    other = mapped(readings, config_of().model_copy(update={"seed": 1}))
+    assert (first.drives[0].trajectory.poses[-1] != other.drives[0].trajectory.poses[-1]).any()
+
+
+def test_resampling_keeps_the_pool_of_tiles_small(drive_in):
+    readings = drive_in("apartment", 30.0).readings
+    tiles = {}
+    for share in (0.0, 1.0):
+        slam = Slam(config_of(resample_below=share))
+        for reading in readings:
+            slam.process(reading)
+        tiles[share] = slam._tracker._maps.tiles_in_use
+        assert slam._tracker.revised_poses().shape == (len(slam._part), 3)
+    assert tiles[1.0] <= tiles[0.0]
+
+
+def test_maps_and_particles_must_be_as_many():
+    factors = beam_factors(SensorModelConfig(), 0.1, 1.0)
+    with pytest.raises(ValueError, match=r"maps must be one for each of 30 particles, got 2"):
+        ParticleTracker(ParticleTrackerConfig(), TileMaps(2, 0.1), factors, 0)

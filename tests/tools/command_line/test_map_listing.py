@@ -1,0 +1,16 @@
+from tools.command_line.map_listing import list_maps
+
+
+def test_a_folder_of_maps_stands_for_them_in_the_order_of_their_numbers(tmp_path):
+    for name in ("robot_10", "robot_9", "robot_0"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "map.npz").touch()
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "hall").mkdir()
+    (tmp_path / "hall" / "map.yaml").touch()
+    found = list_maps([tmp_path / "robot_9", tmp_path, tmp_path / "none.yaml"])
+    assert [path.name for path in found] == ["robot_9", "hall", "robot_0", "robot_9", "robot_10", "none.yaml"]
+
+
+def test_a_folder_without_maps_is_left_for_the_reader_to_refuse(tmp_path):
+    assert list_maps([tmp_path]) == [tmp_path]

@@ -1,0 +1,57 @@
+import json
+
+import pytest
+
+from tbmslam.geometry.se2 import SE2
+from tools.evaluation.truth_file import GIVEN, OWN_MAP, TruthFile, TruthFileError, read_truth_file
+
+SAID = {
+    "source": OWN_MAP,
+    "warnings": [
+        {"at_s": 0.0, "what": "no loop was closed", "all_along": True},
+        {"at_s": 10.2, "what": "the odometry jumps", "all_along": False},
+    ],
+    "robots": {"robot_0": {"T_reference_map": [1.0, 2.0, 0.5]}},
+}
+
+
+def read(folder, **other):
+    (folder / "truth.json").write_text(json.dumps({**SAID, **other}))
+    return read_truth_file(folder / "truth.json")
+
+
+def test_it_says_where_maps_lie_and_why_that_may_be_wrong(tmp_path):
+    found = read(tmp_path)
+    assert found.poses == {"robot_0": SE2(1.0, 2.0, 0.5)}
+    assert found.doubt() == (
+        "is tbmslam's own map of the whole recording, not ground truth, and may be wrong itself, as making it gave "
+        "warnings: no loop was closed, and 1 more"
+    )
+    late = TruthFile({}, OWN_MAP, tuple(SAID["warnings"][1:]))
+    assert late.doubt().endswith("gave warnings: at 10.2 s: the odometry jumps")
+
+
+def test_without_warnings_there_is_no_doubt(tmp_path):
+    assert read(tmp_path, source=GIVEN, warnings=[]).doubt() is None
+
+
+def test_a_file_from_before_it_said_what_it_is_is_read(tmp_path):
+    (tmp_path / "truth.json").write_text(json.dumps({"robots": SAID["robots"]}))
+    older = read_truth_file(tmp_path / "truth.json")
+    assert (older.source, older.doubt(), list(older.poses)) == ("", None, ["robot_0"])
+
+
+def test_the_truth_of_a_simulated_world_is_another_file(tmp_path):
+    with pytest.raises(TruthFileError, match=r"truth.json is 'the simulated world, ground truth' and no place of maps"):
+        read(tmp_path, source="the simulated world, ground truth", robots=[])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{}", '{"robots": []}', '{"robots": {"a": {"T_reference_map": 3}}}', '{"robots": {}, "warnings": 3}'],
+)
+def test_what_says_nothing_is_one_line(tmp_path, text):
+    (tmp_path / "truth.json").write_text(text)
+    with pytest.raises(TruthFileError, match=r"truth.json .*: make (it|them) with build_maps") as caught:
+        read_truth_file(tmp_path / "truth.json")
+    assert "\n" not in str(caught.value)

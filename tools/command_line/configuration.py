@@ -1,0 +1,94 @@
+"""The whole configuration of both programs: what a file says, what a preset says, and what the command line says."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Self
+
+from datasets import RecordingOptions
+from merging.config import MergeConfig
+from tbmslam.configuration.parameters import changed, parse_setting
+from tbmslam.configuration.slam_config import ConfigError, SlamConfig, preset
+from tbmslam.configuration.toml_text import config_text
+from tbmslam.io.special_file import why_unreadable
+
+_HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
+
+
+class Configuration(SlamConfig):
+    """Everything that can be chosen: the SLAM's parameters, how recordings are read, and how maps are merged."""
+
+    recording: RecordingOptions = RecordingOptions()
+    merging: MergeConfig = MergeConfig()
+
+    @classmethod
+    def of_preset(cls, name: str) -> Self:
+        """Return a preset of the SLAM with the other parts' defaults."""
+        return cls.model_validate({key: value for key, value in preset(name) if key in SlamConfig.model_fields})
+
+    @property
+    def slam(self) -> SlamConfig:
+        """The SLAM's part."""
+        return SlamConfig.model_validate({key: getattr(self, key) for key in SlamConfig.model_fields})
+
+    def with_settings(self, settings: Iterable[str]) -> Self:
+        """Return it with changes like ``map.resolution=0.1``."""
+        config = self
+        for setting in settings:
+            change = parse_setting(setting)
+            if "preset" in change:
+                raise ConfigError("a preset is not set with --set: choose it with --preset")
+            config = changed(config, change, "--set")
+        return config
+
+
+def read_configuration(preset_name: str | None, file: Path | None) -> Configuration:
+    """Return a preset changed by a file.
+
+    Parameters
+    ----------
+    preset_name
+        The preset; None takes the one that the file names, or the default.
+    file
+        TOML, or a folder with a config.toml that a program wrote.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be read, holds what is no parameter, or began as another preset.
+    """
+    if file is None:
+        return Configuration.of_preset("default" if preset_name is None else preset_name)
+    path = file / "config.toml" if file.is_dir() else file
+    changes = _read(path)
+    named = changes.get("preset")
+    if preset_name is not None and named not in (None, preset_name):
+        raise ConfigError(f"{path}: holds the preset {named!r}: drop --preset {preset_name} or that line")
+    return changed(
+        Configuration.of_preset(str(named or ("default" if preset_name is None else preset_name))), changes, str(path)
+    )
+
+
+def whole_text(config: Configuration) -> str:
+    """Return every parameter as TOML."""
+    return config_text(config, _HEADING)
+
+
+def mapping_text(config: Configuration) -> str:
+    """Return what a map depends on, as TOML."""
+    return config_text(config, _HEADING, ["merging"])
+
+
+def merging_text(config: MergeConfig) -> str:
+    """Return what a merge depends on, as TOML."""
+    return config_text(Configuration(merging=config), _HEADING, [*SlamConfig.model_fields, "recording"])
+
+
+def _read(path: Path) -> Mapping[str, object]:
+    if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
+        raise ConfigError(f"{path}: cannot be read as TOML: it {why}")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:  # among the second are numbers of thousands of digits
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise ConfigError(f"{path}: cannot be read as TOML: {reason}") from None

@@ -1,0 +1,35 @@
+"""Command line options about parameters, shared by the programs that have any."""
+
+import argparse
+
+from tools.command_line.path_argument import path_argument
+
+
+def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> None:
+    """Add the options about parameters, in a group of their own.
+
+    Parameters
+    ----------
+    parser
+        Parser of the program.
+    example
+        A setting that makes sense there.
+    """
+    group = parser.add_argument_group("parameters")
+    group.add_argument(
+        "--preset", help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist, particles or odometry"
+    )
+    group.add_argument(
+        "--config",
+        type=path_argument,
+        metavar="TOML",
+        help="parameters that differ; also a folder with the config.toml of an earlier result",
+    )
+    group.add_argument(
+        "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
+    )
+    group.add_argument(
+        "--print-config",
+        action="store_true",
+        help="print every parameter with meaning, unit and value as TOML, and do nothing else",
+    )

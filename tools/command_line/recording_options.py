@@ -1,0 +1,124 @@
+"""Command line options about recordings, shared by the programs that read them."""
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from datasets.options import RecordingOptions
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options about recordings, in groups of their own.
+
+    Parameters
+    ----------
+    parser
+        Parser of the program.
+    """
+    scans = parser.add_argument_group("scans")
+    scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
+    scans.add_argument("--scan-topic", metavar="TOPIC", help="topic of the scans; in a CARMEN log FLASER ..")
+    scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
+    scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
+    scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
+    scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
+    scans.add_argument("--range-offset", type=float, metavar="M", help="added to every range that was measured (0)")
+    scans.add_argument(
+        "--no-return",
+        choices=("free", "drop"),
+        help="a beam without a return clears its way up to the range limit, or says nothing (as the preset has it)",
+    )
+    scans.add_argument(
+        "--no-return-code",
+        type=float,
+        action="append",
+        metavar="M",
+        help="a range by which the laser says that nothing came back; may be repeated",
+    )
+    scans.add_argument("--gap", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
+    _add_odometry_options(parser)
+
+
+def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options about odometry, frames and clocks."""
+    odometry = parser.add_argument_group("odometry and frames")
+    odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="where it is read from (auto)")
+    odometry.add_argument("--odometry-topic", metavar="TOPIC", help="topic of Odometry messages")
+    odometry.add_argument(
+        "--odometry-scale", type=float, metavar="F", help="its lengths are multiplied by this, millimetres by 0.001 (1)"
+    )
+    odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
+    odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
+    odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
+    odometry.add_argument(
+        "--sensor-pose",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "DEG"),
+        help="place of the laser on the robot [m, m, degrees] instead of the recorded one",
+    )
+    odometry.add_argument(
+        "--upside-down",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="whether the laser hangs upside down, instead of what tf says",
+    )
+    odometry.add_argument(
+        "--clock-offset",
+        type=float,
+        metavar="S",
+        help="added to a scan's stamp to find its odometry (detected)",
+    )
+    odometry.add_argument(
+        "--max-odometry-gap", type=float, metavar="S", help="odometry is not interpolated over more (5)"
+    )
+
+
+def options_from(args: argparse.Namespace) -> "RecordingOptions":
+    """Return the options about recordings among parsed arguments, the others as the library has them.
+
+    Parameters
+    ----------
+    args
+        Result of a parser that `add_recording_options` was used on.
+
+    Raises
+    ------
+    ValueError
+        A value cannot be meant, such as a negative range.
+    """
+    # Only a program that does something needs the rest: --help must be quick.
+    from datasets.options import RecordingOptions
+
+    return RecordingOptions(**given_options(args))
+
+
+def given_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what was asked for about recordings, by the names that `RecordingOptions` has."""
+    from tbmslam.geometry.se2 import SE2
+
+    pose = args.sensor_pose
+    values = {
+        "profile": args.profile,
+        "scan_topic": args.scan_topic,
+        "laser_frame": args.laser_frame,
+        "odometry": args.odometry,
+        "odometry_topic": args.odometry_topic,
+        "tf_topics": tuple(args.tf_topic) if args.tf_topic else None,
+        "odom_frame": args.odom_frame,
+        "robot_frame": args.robot_frame,
+        "sensor_pose": SE2(pose[0], pose[1], math.radians(pose[2])) if pose else None,
+        "upside_down": args.upside_down,
+        "angle_step_deg": args.angle_step_deg,
+        "range_min": args.range_min,
+        "range_max": args.range_max,
+        "range_offset": args.range_offset,
+        "no_return": args.no_return,
+        "no_return_codes": tuple(args.no_return_code) if args.no_return_code else None,
+        "odometry_scale": args.odometry_scale,
+        "clock_offset": args.clock_offset,
+        "gap_s": args.gap,
+        "max_odometry_gap_s": args.max_odometry_gap,
+    }
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,206 @@
+"""What evaluate does: read, measure, draw, and put the figures together."""
+
+import argparse
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from datasets.synthetic.world.world import World, WorldError, load_world
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
+from tbmslam.evaluation.error_statistics import ErrorStatistics
+from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement
+from tbmslam.evaluation.map_refinement import refine_map_transform
+from tbmslam.evaluation.relations import read_relations, relation_errors
+from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.atomic_file import write_bytes
+from tbmslam.io.map_check import MapFileError
+from tbmslam.io.map_folder import load_map
+from tbmslam.io.png import encode_png
+from tbmslam.io.tum import read_tum
+
+
+class EvaluationError(TbmSlamError):
+    """Estimate and truth have nothing in common."""
+
+
+def evaluate_trajectory(args: argparse.Namespace) -> dict[str, object]:
+    """Judge a trajectory as the arguments ask; return the figures."""
+    estimate = read_tum(args.estimate)
+    if args.relations:
+        return _against_relations(args, estimate)
+    return _against_truth(args, estimate)
+
+
+def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, object]:
+    truth = read_tum(args.truth)
+    tolerance = 0.01 if args.max_stamp_difference is None else args.max_stamp_difference
+    absolute = absolute_errors(truth, estimate, tolerance)
+    step_m = args.step_m or (None if args.step_s else 1.0)
+    relative = relative_errors(truth, estimate, distance=step_m, seconds=args.step_s, max_stamp_difference=tolerance)
+    if args.picture:
+        beneath = _backdrop(args.map, absolute.T_truth_estimate) if args.map else None
+        picture = draw_trajectory_errors(absolute.points, absolute.errors_m, "m", beneath)
+        write_bytes(args.picture, encode_png(picture))
+    return {
+        "estimate": str(args.estimate),
+        "truth": str(args.truth),
+        "poses": len(estimate),
+        "unmatched": absolute.unmatched,
+        "T_truth_estimate": _pose(absolute.T_truth_estimate),
+        "ate_m": _statistics(absolute.errors_m),
+        "rpe": {
+            "step": f"{step_m:g} m" if step_m else f"{args.step_s:g} s",
+            "steps": len(relative.translations_m),
+            "translation_m": _statistics(relative.translations_m),
+            "rotation_deg": _statistics(relative.rotations_deg),
+        },
+    }
+
+
+def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[str, object]:
+    tolerance = 0.001 if args.max_stamp_difference is None else args.max_stamp_difference
+    errors = relation_errors(read_relations(args.relations), estimate, tolerance)
+    if not len(errors.translations_m):
+        raise EvaluationError(
+            f"{args.estimate}: none of the {errors.unmatched} relations of {args.relations} has poses at both of its "
+            "stamps: check that both are of the same recording, or raise --max-stamp-difference"
+        )
+    if args.picture:
+        beneath = _backdrop(args.map, SE2.identity()) if args.map else None
+        points = estimate.poses[errors.pairs[:, 1], :2]
+        picture = draw_trajectory_errors(points, errors.translations_m, "m", beneath)
+        write_bytes(args.picture, encode_png(picture))
+    return {
+        "estimate": str(args.estimate),
+        "relations": str(args.relations),
+        "poses": len(estimate),
+        "checked": len(errors.translations_m),
+        "unmatched": errors.unmatched,
+        "translation_m": _statistics(errors.translations_m),
+        "rotation_deg": _statistics(errors.rotations_deg),
+    }
+
+
+def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
+    """Judge a map as the arguments ask; return the figures."""
+    grid = load_map(args.map).grid
+    truth = _load_truth(args.truth)
+    labels = cell_labels(grid, args.min_evidence)
+    T_truth_map = _given_transform(args)
+    if args.refine:
+        true_labels, true_geometry = _own_labels(truth, grid.geometry.resolution, args.min_evidence)
+        T_truth_map = refine_map_transform(labels, grid.geometry, true_labels, true_geometry, T_truth_map)
+    true_labels = _labels_at(truth, grid.geometry, T_truth_map, args.min_evidence)
+    agreement = map_agreement(labels, true_labels)
+    if not agreement.known_both:
+        raise EvaluationError(
+            f"{args.map} and {args.truth} know no cell in common: say where the map lies with --transform X Y DEG"
+        )
+    if args.picture:
+        write_bytes(args.picture, encode_png(draw_map_errors(labels, true_labels)))
+    figures = dataclasses.asdict(agreement)
+    wall_distance = figures.pop("wall_distance")
+    return {
+        "map": str(args.map),
+        "truth": str(args.truth),
+        "T_truth_map": _pose(T_truth_map),
+        "refined": args.refine,
+        **{name: None if math.isnan(value) else value for name, value in figures.items()},
+        "wall_distance_m": None if math.isnan(wall_distance) else wall_distance * grid.geometry.resolution,
+    }
+
+
+def print_report(report: Mapping[str, object], *, as_json: bool) -> None:
+    """Print figures for a program or for people."""
+    if as_json:
+        print(json.dumps(report, indent=2))
+        return
+    for line in _lines(report, ""):
+        print(line)
+
+
+def _lines(values: Mapping[str, object], indent: str) -> list[str]:
+    lines = []
+    for name, value in values.items():
+        if isinstance(value, Mapping) and all(isinstance(inner, float) for inner in value.values()):
+            lines.append(f"{indent}{name}: " + ", ".join(f"{key} {number:.4f}" for key, number in value.items()))
+        elif isinstance(value, Mapping):
+            lines += [f"{indent}{name}:", *_lines(value, indent + "  ")]
+        else:
+            lines.append(f"{indent}{name}: {value:.4f}" if isinstance(value, float) else f"{indent}{name}: {value}")
+    return lines
+
+
+def _statistics(errors: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> dict[str, float]:
+    return dataclasses.asdict(ErrorStatistics.of(errors))
+
+
+def _pose(pose: SE2) -> dict[str, float]:
+    return {"x_m": pose.x, "y_m": pose.y, "theta_deg": math.degrees(pose.theta)}
+
+
+def _given_transform(args: argparse.Namespace) -> SE2:
+    if args.transform:
+        x, y, degrees = args.transform
+        return SE2(x, y, math.radians(degrees))
+    if args.trajectories:
+        estimate, truth = (read_tum(path) for path in args.trajectories)
+        return align_trajectories(truth, estimate).T_reference_estimate
+    return SE2.identity()
+
+
+def _load_truth(path: Path) -> World | TbmGrid:
+    """Read a world or a map: both may be .npz."""
+    if path.suffix == ".npz" and path.is_file():
+        try:
+            return load_world(path)
+        except WorldError as error:
+            no_world = error
+        try:
+            return load_map(path).grid
+        except MapFileError as error:
+            raise EvaluationError(f"{error}; and {no_world}") from None
+    return load_map(path).grid
+
+
+def _own_labels(truth: World | TbmGrid, resolution: float, min_evidence: float) -> tuple[Labels, GridGeometry]:
+    """Return what the truth says on its own cells; a world has cells as fine as asked."""
+    if isinstance(truth, TbmGrid):
+        return cell_labels(truth, min_evidence), truth.geometry
+    geometry = truth.grid(resolution)
+    return truth.occupancy(geometry), geometry
+
+
+def _labels_at(truth: World | TbmGrid, geometry: GridGeometry, T_truth_map: SE2, min_evidence: float) -> Labels:
+    """Return what the truth says on the cells of a map that lies at T_truth_map."""
+    if isinstance(truth, TbmGrid):
+        return cell_labels(resample(truth, T_truth_map.inverse(), geometry), min_evidence)
+    return truth.occupancy(geometry, T_truth_map)
+
+
+def _backdrop(path: Path, T_drawn_map: SE2) -> Backdrop:
+    """Return walls to draw a trajectory in; a world lies in the truth's frame already."""
+    truth = _load_truth(path)
+    if isinstance(truth, World):
+        return Backdrop(*_own_labels(truth, 0.05, 0.0))
+    grid = resample(truth, T_drawn_map, _covering(truth.geometry, T_drawn_map))
+    return Backdrop(cell_labels(grid), grid.geometry)
+
+
+def _covering(geometry: GridGeometry, T_drawn_map: SE2) -> GridGeometry:
+    """Return upright cells that hold a grid turned and shifted."""
+    min_x, min_y, max_x, max_y = geometry.bounds()
+    corners = T_drawn_map.apply([(min_x, min_y), (min_x, max_y), (max_x, min_y), (max_x, max_y)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    cols, rows = (math.ceil(side) for side in (high - low) / geometry.resolution)
+    return GridGeometry(geometry.resolution, float(low[0]), float(low[1]), rows, cols)

@@ -1,0 +1,1 @@
+"""Files of map pairs, and the floors they are cut from."""
