@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
+from tbmslam.back_end import OptimisedDrive
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.configuration.slam_config import SlamConfig
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
-from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracker import Tracker
@@ -57,8 +57,8 @@ class TimedSlam(Slam):
     def _make_tracker(self) -> Tracker:
         return _TimedTracker(super()._make_tracker(), self.clock)
 
-    def _close_loops(self, poses: FloatArray, part: DriveMemory, keyframes: Keyframes) -> FloatArray:
-        return self.clock.timed("closing", super()._close_loops, poses, part, keyframes)
+    def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
+        return self.clock.timed("closing", super()._optimised, keyframes)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         return self.clock.timed("rendering", super()._rendered, keyframes)

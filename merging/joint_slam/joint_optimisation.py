@@ -19,7 +19,7 @@ from merging.joint_slam.inter_robot_closures import Track, find_closures
 from merging.joint_slam.rendering import redraw
 from tbmslam.evaluation.rigid_fit import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
-from tbmslam.map.local_frame import NearFrame
+from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.map.trajectory_correction import with_keyframes_at
 from tbmslam.optimisation.bundle_adjustment import adjust
@@ -78,7 +78,7 @@ def refine_jointly(
     if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):
         return None
     # Where the first map has its frame's origin must not matter.
-    frame = NearFrame.around(poses[drives[0][0]] @ drives[0][1].keyframes.pose(0))
+    frame = LocalFrame.around(poses[drives[0][0]] @ drives[0][1].keyframes.pose(0))
     poses = {name: frame.T_far_near.inverse() @ pose for name, pose in poses.items()}
     tracks = [Track(name, drive, poses[name], config.submap) for name, drive in drives]
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))

@@ -17,7 +17,7 @@ FAR_M = 1000.0
 
 
 @dataclass(frozen=True)
-class NearFrame:
+class LocalFrame:
     """Where a near frame has its origin in a far one: shifted by whole metres and not turned.
 
     Parameters
@@ -35,7 +35,7 @@ class NearFrame:
         object.__setattr__(self, "is_far", self.T_far_near != SE2.identity())
 
     @classmethod
-    def around(cls, T_far_robot: SE2 | None) -> "NearFrame":
+    def around(cls, T_far_robot: SE2 | None) -> "LocalFrame":
         """Return the frame near a pose; the far one itself where its origin is, or where there is no pose."""
         if T_far_robot is None or max(abs(T_far_robot.x), abs(T_far_robot.y)) <= FAR_M:
             return cls()

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
@@ -15,6 +15,7 @@ from tbmslam.monitoring.view_change import agreeing_share
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 logger = logging.getLogger(__name__)
 
@@ -81,13 +82,13 @@ class DriveMonitor:
         if self._view is not None:
             self._view.look(reading.T_odom_robot or T_map_robot)
 
-    def has_blocked_beams(self) -> bool:
-        """Tell whether any beam was blocked at any time."""
-        return self._view is not None and self._view.were_any_blocked()
-
-    def cleared(self, scan: LaserScan) -> LaserScan:
-        """Return an earlier scan without the beams that turned out to be blocked."""
-        return scan if self._view is None else self._view.cleared(scan)
+    def cleared_keyframes(self, keyframes: Sequence[TrackedKeyframe]) -> Sequence[TrackedKeyframe]:
+        """Return earlier keyframes without the beams that turned out to be blocked."""
+        view = self._view
+        if view is None or not view.were_any_blocked():
+            return keyframes
+        cleared = ((keyframe, scan, view.cleared(scan)) for keyframe in keyframes for scan in [keyframe.scan])
+        return [keyframe if after is before else keyframe.with_scan(after) for keyframe, before, after in cleared]
 
     def warn_of_whole_drive(self, subject: str, what: str, start: float) -> None:
         """Note what holds for the whole drive since a stamp [s], once for each subject."""

@@ -134,3 +134,8 @@ def chain(measured: DriveMotions, first: int = 0) -> list[MotionEdge]:
         MotionEdge(first + number, first + number + 1, SE2(*step), information)
         for number, (step, information) in enumerate(zip(measured.steps.tolist(), measured.informations, strict=True))
     ]
+
+
+def poses_of_sensor(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
+    """Return the poses (K, 3) of the laser as the tracker has them."""
+    return np.array([k.match.T_map_sensor for k in keyframes]).reshape(-1, 3)

@@ -242,6 +242,7 @@ def _noted(recording: Recording, span: Span | None, slam: Slam) -> dict[str, obj
     """Return what is odd about a part of a recording and its drive, in sentences, and when what went wrong."""
     incidents = in_order([*recording.counts.incidents_in(span), *slam.incidents])
     return {
-        "warnings": recording_warnings(recording, span) + [incident.text(slam.started) for incident in slam.incidents],
-        "incidents": [incident.as_dict(slam.started) for incident in incidents],
+        "warnings": recording_warnings(recording, span)
+        + [incident.text(slam.start_stamp) for incident in slam.incidents],
+        "incidents": [incident.as_dict(slam.start_stamp) for incident in incidents],
     }

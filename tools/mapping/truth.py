@@ -115,5 +115,5 @@ def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch
         slam.process(reading)
     trajectory = slam.finish().drives[0].trajectory
     whose = {"recording": task.files[0]["name"]}
-    warnings = tuple(whose | incident.as_dict(slam.started) for incident in slam.incidents)
+    warnings = tuple(whose | incident.as_dict(slam.start_stamp) for incident in slam.incidents)
     return _Reference("default SLAM on the whole recording", trajectory, warnings)

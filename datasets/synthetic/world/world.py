@@ -76,7 +76,7 @@ class World:
         Returns
         -------
         labels
-            (rows, cols), the constants of `tbmslam.belief.masses`: OCCUPIED where a surface passes through the cell, FREE
+            (rows, cols), as in `tbmslam.belief.masses`: OCCUPIED where a surface passes through the cell, FREE
             in the rest of the inside, UNKNOWN elsewhere.
 
         Raises

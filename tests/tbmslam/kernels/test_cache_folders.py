@@ -94,7 +94,7 @@ def test_a_folder_in_which_no_one_can_write_is_done_without(tmp_path, monkeypatc
         raise PermissionError
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    assert cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path) is None
+    assert cache_folder(PACKAGE / "kernels" / "rays" / "hits.py", tmp_path) is None
     assert cache_folder(tmp_path / "archive.zip" / "hits.py", tmp_path) is None
 
 
@@ -112,15 +112,15 @@ def test_old_folders_go_when_a_new_one_is_made(tmp_path):
         (tmp_path / name).mkdir()
         used = time.time() - (age if age < 25 else 31 * 86400)
         os.utime(tmp_path / name, (used, used))
-    folder = cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path)
+    folder = cache_folder(PACKAGE / "kernels" / "rays" / "hits.py", tmp_path)
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {folder.name, *names[:19], "not-ours", "old-not-ours"}
 
 
 def test_a_folder_in_use_is_marked_as_used(tmp_path):
-    folder = cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path)
+    folder = cache_folder(PACKAGE / "kernels" / "rays" / "hits.py", tmp_path)
     os.utime(folder, (0, 0))
-    assert cache_folder(PACKAGE / "kernels" / "hits.py", tmp_path) == folder
+    assert cache_folder(PACKAGE / "kernels" / "rays" / "hits.py", tmp_path) == folder
     assert time.time() - folder.stat().st_mtime < 60.0
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.local_frame import FAR_M, NearFrame
+from tbmslam.map.local_frame import FAR_M, LocalFrame
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 
@@ -14,7 +14,7 @@ BARE = TbmMap(TbmGrid.unknown(GridGeometry(0.05, 1.0, -2.0, 4, 4)))
 
 @pytest.mark.parametrize("pose", [None, SE2(FAR_M, -FAR_M, 1.0)])
 def test_a_frame_near_by_stays(pose):
-    frame = NearFrame.around(pose)
+    frame = LocalFrame.around(pose)
     reading = Reading(SCAN, pose, SE2.identity())
     assert not frame.is_far
     assert frame.reading(reading) is reading
@@ -23,7 +23,7 @@ def test_a_frame_near_by_stays(pose):
 
 
 def test_a_far_frame_is_shifted_by_whole_metres_there_and_back():
-    frame = NearFrame.around(FAR)
+    frame = LocalFrame.around(FAR)
     assert frame.T_far_near == SE2(512_345.0, -4_600_001.0, 0.0)
     near = frame.reading(Reading(SCAN, FAR, SE2.identity())).T_odom_robot
     assert near == pytest.approx(SE2(0.4, 0.3, 1.0), abs=1e-6)

@@ -13,7 +13,7 @@ def mapped(readings):
 
 
 def said(slam):
-    return [incident.text(slam.started) for incident in slam.incidents]
+    return [incident.text(slam.start_stamp) for incident in slam.incidents]
 
 
 def carried(robot, begin, end):

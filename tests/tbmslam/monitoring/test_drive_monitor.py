@@ -51,7 +51,7 @@ def test_a_drive_may_be_finished_again_and_go_on(robot):
 
 def test_times_are_told_from_where_the_recording_began(robot):
     readings = carried(robot, 60, 120)
-    slam = Slam(started=readings[0].scan.stamp - 100.0)
+    slam = Slam(start_stamp=readings[0].scan.stamp - 100.0)
     for reading in readings:
         slam.process(reading)
     slam.finish()

@@ -48,8 +48,8 @@ def test_resampling_keeps_the_pool_of_tiles_small(drive_in):
         slam = Slam(config_of(resample_below=share))
         for reading in readings:
             slam.process(reading)
-        tiles[share] = slam._tracker._maps.tiles_in_use
-        assert slam._tracker.revised_poses().shape == (len(slam._part), 3)
+        tiles[share] = slam._front_end._tracker._maps.tiles_in_use
+        assert slam._front_end.revised_poses().shape == (len(slam._buffer), 3)
     assert tiles[1.0] <= tiles[0.0]
 
 

@@ -9,8 +9,8 @@ from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
-from tbmslam.tracking.drive_memory import DriveMemory
 from tbmslam.tracking.forgetting import ForgettingConfig
+from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
 
@@ -39,7 +39,7 @@ def rounds():
 def memory(rounds):
     """A memory of these rounds, a keyframe every third reading, that has forgotten what was too much."""
     true, tracked, closures = rounds
-    memory = DriveMemory(0, ForgettingConfig(limit=5 * ROUND, enough=9))
+    memory = KeyframeBuffer(ForgettingConfig(limit=5 * ROUND, enough=9))
     for number, pose in enumerate(tracked):
         assert not memory.is_full()
         match = ScanMatch(SE2.from_array(pose), 0.9, moved=True, information=np.diag([1e4, 1e2, 1e4]))

@@ -1,4 +1,4 @@
-"""What is kept of a drive while it lasts: keyframes where it is new, and where it was in between."""
+"""The keyframes of the running drive, and where the robot was between them."""
 
 import logging
 from array import array
@@ -23,27 +23,24 @@ _GAP = np.diag([0.05**-2.0, 0.05**-2.0, 0.01**-2.0])
 """Information of the motion over what was forgotten: closures on both sides know better."""
 
 
-class DriveMemory:
-    """The keyframes of a part of a drive that hangs together.
+class KeyframeBuffer:
+    """The keyframes of a drive.
 
     Once there are many, those of places shown often enough are forgotten, so that memory grows with what is explored.
     The drive then goes on as if it had not gone there; where it was is remembered as seen from keyframes kept.
 
     Parameters
     ----------
-    start
-        First reading of the part.
     config
         What is kept.
 
     Attributes
     ----------
     keyframes
-        Those kept; their indices count the part's readings.
+        Those kept; their indices count the drive's readings.
     """
 
-    def __init__(self, start: int, config: ForgettingConfig) -> None:
-        self.start = start
+    def __init__(self, config: ForgettingConfig) -> None:
         self.keyframes: list[TrackedKeyframe] = []
         self._config = config
         self._limit = config.limit

@@ -1,0 +1,91 @@
+"""The back end: loop closures and bundle adjustment move the keyframes of a whole drive."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.loop_closure.loop_closer import LoopCloser
+from tbmslam.map.drive_motions import DriveMotions
+from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_hits import ScanHits
+from tbmslam.optimisation.bundle_adjustment import adjust
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.parallel.progress import Watch
+from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, poses_of_sensor
+
+
+class OptimisedDrive(NamedTuple):
+    """A drive after optimisation.
+
+    Attributes
+    ----------
+    poses
+        (K, 3), of the laser at keyframes.
+    motions
+        What odometry and scans measured between keyframes.
+    steps
+        The same, as edges.
+    closures
+        The loop closures.
+    """
+
+    poses: FloatArray
+    motions: DriveMotions
+    steps: list[MotionEdge]
+    closures: list[MotionEdge]
+
+    def closed_pairs(self) -> npt.NDArray[np.int64]:
+        """Return the keyframes (C, 2) between which loops were closed."""
+        return np.array([(edge.source, edge.target) for edge in self.closures], dtype=np.int64).reshape(-1, 2)
+
+
+class BackEnd:
+    """Closes loops and adjusts.
+
+    Parameters
+    ----------
+    config
+        Every parameter.
+    """
+
+    def __init__(self, config: SlamConfig) -> None:
+        self._closing, self._adjustment = config.loop_closing, config.adjustment
+        self._closer: LoopCloser | None = None
+        if config.loop_closing.enabled and isinstance(config.tracker, SurfelTrackerConfig):
+            self._closer = LoopCloser(config.loop_closing, config.tracker.surfels)
+
+    def closed(self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, watch: Watch) -> OptimisedDrive | None:
+        """Return the drive after closing loops; None where loops are not to be closed, or there are none.
+
+        Parameters
+        ----------
+        tracked
+            Keyframes as they were tracked.
+        keyframes
+            The same, with the scans to believe.
+        watch
+            Sees the progress.
+        """
+        if self._closer is None or len(keyframes) < 2:
+            return None
+        measured = motions(tracked)
+        steps = chain(measured)
+        poses, closures = self._closer.close(poses_of_sensor(tracked), self._hits(keyframes), steps, watch)
+        return OptimisedDrive(poses, measured, steps, closures)
+
+    def adjusted(self, drive: OptimisedDrive, keyframes: Keyframes, watch: Watch) -> OptimisedDrive:
+        """Return the drive after poses and wall lines were optimised together."""
+        if not self._adjustment.enabled:
+            return drive
+        with watch.during("adjusting"):
+            scans, width = [self._hits(keyframes)], self._closing.robust_width
+            poses = adjust(drive.poses, scans, drive.steps, drive.closures, width, self._adjustment)
+        return drive._replace(poses=poses)
+
+    def _hits(self, keyframes: Keyframes) -> ScanHits:
+        return ScanHits.of(keyframes, self._closing.submap.max_range)

@@ -1,0 +1,155 @@
+"""The front end: odometry and a scan place the robot; scans that show something new become keyframes."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.kernels.surfels.determined import prior_information
+from tbmslam.map.scan_inserter import ScanInserter
+from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig
+from tbmslam.related.tile_maps import TileMaps
+from tbmslam.sensing.laser_scan import LaserScan, Reading
+from tbmslam.sensing.sensor_model import beam_factors
+from tbmslam.tracking.deskew import deskewed
+from tbmslam.tracking.motion_model import MotionModel
+from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.surfel_tracker import SurfelTracker
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
+from tbmslam.tracking.tracker import Tracker
+from tbmslam.vinyslam.grid_tracker import GridTracker, GridTrackerConfig
+
+_AT_START = 1e8 * np.eye(3)
+"""Information of the motion to the first keyframe: the drive begins where it begins."""
+
+
+class Placement(NamedTuple):
+    """A reading with its pose.
+
+    Attributes
+    ----------
+    reading
+        As it was measured.
+    scan
+        Its scan, without the motion of the robot while the laser turned.
+    prior
+        The pose by odometry, with its noise.
+    match
+        The pose by odometry and scan.
+    T_map_robot
+        The same, of the robot.
+    """
+
+    reading: Reading
+    scan: LaserScan
+    prior: PosePrior
+    match: ScanMatch
+    T_map_robot: SE2
+
+
+class FrontEnd:
+    """Predicts, compensates the motion, registers, and chooses keyframes.
+
+    Parameters
+    ----------
+    config
+        Every parameter.
+    tracker
+        What registers scans, see `make_tracker`.
+    """
+
+    def __init__(self, config: SlamConfig, tracker: Tracker) -> None:
+        self._motion = MotionModel(config.motion)
+        self._tracker = tracker
+        self._deskew, self._limits = config.deskew, config.keyframes
+        self._keep_conflict = config.map.keep_conflict
+        self._mount = SE2.identity(), SE2.identity()  # T_robot_sensor and its inverse
+        self._T_map_keyframe: SE2 | None = None
+
+    def place(self, reading: Reading) -> Placement:
+        """Return the reading with the pose that maximises the posterior of odometry and scan."""
+        prior = self._motion.predict(reading)
+        T_robot_sensor, T_sensor_robot = self._mounted(reading)
+        sweep = reading.scan.sweep() if self._deskew.enabled else 0.0
+        scan = reading.scan
+        if sweep > 0.0:
+            scan = deskewed(scan, self._motion.motion_after(reading, sweep), T_robot_sensor, self._deskew)
+        match = self._tracker.match(scan, prior, T_robot_sensor)
+        if reading.T_odom_robot is None and sweep > 0.0:
+            # Only poses determine the motion then, and that of the scan before would feed its error into the next.
+            T_map_robot = match.T_map_sensor @ T_sensor_robot
+            motion = self._motion.motion_to(reading, T_map_robot, sweep)
+            scan = deskewed(reading.scan, motion, T_robot_sensor, self._deskew)
+            match = self._tracker.match(scan, prior._replace(start=T_map_robot), T_robot_sensor)
+        T_map_robot = match.T_map_sensor @ T_sensor_robot
+        self._motion.correct(reading, T_map_robot)
+        return Placement(reading, scan, prior, match, T_map_robot)
+
+    def is_keyframe(self, placement: Placement) -> bool:
+        """Tell whether a scan shows something new, or the robot is far enough from its last keyframe."""
+        return self._tracker.is_novel(placement.match) or self._has_moved_to(placement.T_map_robot)
+
+    def learn(self, placement: Placement, index: int) -> TrackedKeyframe:
+        """Insert a scan into the tracker's map, learn the odometry's noise, and return the keyframe.
+
+        Parameters
+        ----------
+        placement
+            The scan and its pose.
+        index
+            How many readings there were before.
+        """
+        reading, scan, prior, match, T_map_robot = placement
+        self._tracker.learn(scan, match)
+        motion = self._information_since_keyframe(placement) if index else _AT_START
+        keyframe = TrackedKeyframe.of(index, scan, reading.T_robot_sensor, match, motion, reading.T_odom_robot)
+        self._motion.learn(prior, T_map_robot, match.information, reading.T_robot_sensor)
+        self._motion.begin_at_keyframe(reading, T_map_robot)
+        self._T_map_keyframe = T_map_robot
+        return keyframe
+
+    def revised_poses(self) -> FloatArray | None:
+        """Return the poses (K, 3) of the laser at keyframes where the tracker revised them itself."""
+        return self._tracker.revised_poses()
+
+    def grid(self) -> TbmGrid | None:
+        """Return the grid where the tracker wrote one."""
+        grid = self._tracker.grid
+        return None if grid is None else grid.to_tbm_grid(self._keep_conflict).cropped_to_known()
+
+    def _information_since_keyframe(self, placement: Placement) -> FloatArray:
+        """Return the information (3, 3) of the odometry since the last keyframe."""
+        deviations = self._motion.deviations_since_keyframe(placement.prior)
+        mount, heading = (*placement.reading.T_robot_sensor,), placement.prior.mean.theta
+        return placement.match.trust * prior_information(deviations, heading, mount)
+
+    def _mounted(self, reading: Reading) -> tuple[SE2, SE2]:
+        """Return T_robot_sensor and T_sensor_robot; lasers hardly ever move on their robots."""
+        if self._mount[0] is not reading.T_robot_sensor and self._mount[0] != reading.T_robot_sensor:
+            self._mount = reading.T_robot_sensor, reading.T_robot_sensor.inverse()
+        return self._mount
+
+    def _has_moved_to(self, T_map_robot: SE2) -> bool:
+        last, limits = self._T_map_keyframe, self._limits
+        if last is None:
+            return True
+        distance = math.hypot(T_map_robot.x - last.x, T_map_robot.y - last.y)
+        return distance >= limits.distance or abs(wrap_angle(T_map_robot.theta - last.theta)) >= limits.angle
+
+
+def make_tracker(config: SlamConfig) -> Tracker:
+    """Return the tracker that a configuration names: surfels, vinySLAM's grid, or particles."""
+    tracker, cells = config.tracker, config.map
+    if isinstance(tracker, GridTrackerConfig):
+        inserter = ScanInserter(cells.sensor_model, cells.insertion)
+        return GridTracker(tracker, EvidenceGrid(cells.resolution, cells.max_cells), inserter, config.seed)
+    if isinstance(tracker, ParticleTrackerConfig):
+        maps = TileMaps(tracker.particles, cells.resolution, cells.max_cells)
+        factors = beam_factors(cells.sensor_model, cells.resolution, scan_quality=1.0)
+        return ParticleTracker(tracker, maps, factors, config.seed)
+    return SurfelTracker(tracker)
