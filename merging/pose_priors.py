@@ -121,13 +121,13 @@ def align_near(
         empty = "target" if target is None else "source"
         return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
     place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
-    enough = evidence.agreed_wall_m >= config.known.min_wall_m
+    enough = evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     bare = without_walls(target.structure, source.structure)
     how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
     answer = Alignment("told", accepted=True, reason=f"{how}; {format_evidence(evidence)}")
     limits = config.verification.limits()
-    told = {"place_m": 0.5 * config.known.reach_m, "turn_rad": 0.5 * config.known.reach_rad}
-    exactness = config.exactness.model_copy(update=told)  # where no wall says more, as whoever told
+    told = {"place_m": 0.5 * config.pose_priors.reach_m, "turn_rad": 0.5 * config.pose_priors.reach_rad}
+    exactness = config.covariance.model_copy(update=told)  # where no wall says more, as whoever told
     covariance = covariance_of(target.structure, source.structure, place, limits, exactness)
     answer = answer.matched_by_walls(evidence, target.structure.geometry.resolution)
     return answer.at(place, evidence, confidence, covariance)
@@ -136,11 +136,11 @@ def align_near(
 def _likeliest(target: WallMap, source: WallMap, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
     """Return the place near the told one that walls and the one who told speak for, and its share of all places."""
     near, elsewhere = _places_near(target, source, told, config), find_candidates(target, source, config)
-    elsewhere = [one for one in elsewhere if not _is_near(one[0], told, source, config.known)]
+    elsewhere = [one for one in elsewhere if not _is_near(one[0], told, source, config.pose_priors)]
     decoys = find_decoys(target, source, config)
     likely = confidences([evidence for _, evidence in near], decoys)
     # Walls along a corridor say nothing of where along it: there whoever told does.
-    surprise = [0.5 * (2.0 * _apart(motion, told, source)[0] / config.known.reach_m) ** 2 for motion, _ in near]
+    surprise = [0.5 * (2.0 * _apart(motion, told, source)[0] / config.pose_priors.reach_m) ** 2 for motion, _ in near]
     best = max(range(len(near)), key=lambda index: math.log(max(likely[index], _NEVER)) - surprise[index])
     place, evidence = near[best]
     return place, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
@@ -153,9 +153,10 @@ def _places_near(target: WallMap, source: WallMap, told: SE2, config: MergeConfi
     """
     found = [
         (motion, evidence)
-        for starts in ([told], _starts(told, source, config.known))
+        for starts in ([told], _starts(told, source, config.pose_priors))
         for motion, evidence in best_of(starts, target, source, config)
-        if _is_near(motion, told, source, config.known) and evidence.agreed_wall_m >= config.known.min_wall_m
+        if _is_near(motion, told, source, config.pose_priors)
+        and evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     ]
     return found or [(told, examine(target, source, told, config.verification))]
 

@@ -151,7 +151,7 @@ def _judged(
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [
-        Alternative(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.exactness))
+        Alternative(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.covariance))
         for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
         if p >= min(_WORTH_NAMING, limits.ambiguous_share * confidence)
     ]
@@ -159,7 +159,7 @@ def _judged(
         found = found.matched_by_walls(evidence, maps[0].geometry.resolution)
     accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
     ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
-    covariance = covariance_of(*maps, motion, limits.limits(), config.exactness)
+    covariance = covariance_of(*maps, motion, limits.limits(), config.covariance)
     mirrored = 0.0 if accepted else max(confidences(decoys, [evidence for _, evidence in candidates]), default=0.0)
     reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)
     return replace(

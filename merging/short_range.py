@@ -30,9 +30,9 @@ def with_short_range_alignments(found: MergeState, config: MergeConfig, executor
         What aligns them.
     """
     pairs = [pair for pair in found.apart() if all(found.maps[name].drives for name in pair)]
-    if not (pairs and config.near.enabled and config.method == "correlation"):
+    if not (pairs and config.short_range.enabled and config.method == "correlation"):
         return found
-    limit = config.near.range_m
+    limit = config.short_range.range_m
     apart = {name for pair in pairs for name in pair}
     maps = {name: short_range_map(tbm_map, limit) for name, tbm_map in found.maps.items() if name in apart}
     again = align_all(maps, config, executor, pairs)

@@ -257,7 +257,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "reliability": dict(options.reliability) or None,
         "known_poses": _known_poses(parser, options.pose) or None,
         "joint": {"enabled": False} if options.rigid else None,
-        "bent": {"enabled": False} if options.rigid else None,
+        "nonrigid": {"enabled": False} if options.rigid else None,
         "resolution": options.compare_at,
         "merged_resolution": options.resolution,
         "features": _given(keypoints=options.keypoints, ratio=options.ratio, descriptor=options.descriptor),

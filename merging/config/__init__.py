@@ -1,5 +1,7 @@
 """Every number a merge depends on, with its default."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from merging.config.baselines import BaselinesConfig
@@ -26,7 +28,7 @@ class MergeConfig(FrozenConfig):
     Parameters
     ----------
     method
-        How two maps find each other: `correlation` tries every rotation and shift, `features` is the paper's, and the
+        How two maps are aligned: `correlation` tries every rotation and shift, `features` is the paper's, and the
         others are `merging.baselines`.
     rule
         How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
@@ -48,6 +50,8 @@ class MergeConfig(FrozenConfig):
         The first glance at the places of the source's mirror image, which tell what chance achieves; where it leaves
         doubt they are searched as `correlation` says. See `merging.scoring.hypothesis_scoring`.
     """
+
+    PUBLIC: ClassVar = ("method", "rule", "coverage", "reliability", "known_poses", "resolution", "merged_resolution")
 
     method: Method = "correlation"
     rule: Rule | None = None
@@ -72,10 +76,10 @@ class MergeConfig(FrozenConfig):
     )
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
-    exactness: ExactnessConfig = ExactnessConfig()
+    covariance: ExactnessConfig = ExactnessConfig()
     graph: GraphConfig = GraphConfig()
-    known: KnownPoseConfig = KnownPoseConfig()
-    bent: NonrigidConfig = NonrigidConfig()
-    near: ShortRangeConfig = ShortRangeConfig()
+    pose_priors: KnownPoseConfig = KnownPoseConfig()
+    nonrigid: NonrigidConfig = NonrigidConfig()
+    short_range: ShortRangeConfig = ShortRangeConfig()
     joint: JointConfig = JointConfig()
     baselines: BaselinesConfig = BaselinesConfig()

@@ -1,6 +1,6 @@
 """Every number of the joint optimisation of drives."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -10,7 +10,7 @@ from tbmslam.optimisation.config import AdjustmentConfig
 
 
 class JointConfig(FrozenConfig):
-    """How drives of several robots are straightened together.
+    """Joint optimisation of the drives of several robots.
 
     Parameters
     ----------
@@ -52,8 +52,10 @@ class JointConfig(FrozenConfig):
     robust_width
         Deviations at which a closure begins to lose its say.
     adjustment
-        How drives and walls are adjusted to each other in the end.
+        The joint optimisation of poses and wall lines at the end.
     """
+
+    PUBLIC: ClassVar = ("enabled",)
 
     enabled: bool = True
     submap: SubmapConfig = SubmapConfig()

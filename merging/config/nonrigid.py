@@ -1,6 +1,6 @@
 """Every number of the registration of a map that is deformed."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -8,12 +8,12 @@ from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 
 
 class NonrigidConfig(FrozenConfig):
-    """How two maps that fit nowhere as they are get another look, one of them bent; see `merging.nonrigid.search`.
+    """Non-rigid registration of pairs that no rigid transform aligns; see `merging.nonrigid.search`.
 
     Parameters
     ----------
     enabled
-        Whether they do.
+        Whether refused pairs are registered non-rigidly.
     side_m
         Side of the tiles that slide at first, about [m]; later ones have half of it.
     most
@@ -27,6 +27,8 @@ class NonrigidConfig(FrozenConfig):
     farthest_m
         How far a tile may slide from where its neighbours have it [m].
     """
+
+    PUBLIC: ClassVar = ("enabled",)
 
     enabled: bool = True
     side_m: Metres = 16.0

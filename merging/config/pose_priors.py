@@ -1,6 +1,6 @@
 """Poses that somebody knows, and how maps are laid near them."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -13,15 +13,17 @@ KnownPose = tuple[Coordinate, Coordinate, Angle]
 
 
 class KnownPoseConfig(FrozenConfig):
-    """How a map is laid near a pose that somebody knows.
+    """How a map is placed near its known pose.
 
     Parameters
     ----------
     reach_m, reach_rad
-        How far from the told pose it is looked for, at the middle of its walls [m], and how far turned [rad].
+        How far from the known pose the map is searched, at the middle of its walls [m], and how far turned [rad].
     min_wall_m
         With less agreeing wall than this it is laid exactly as told [m].
     """
+
+    PUBLIC: ClassVar = ("reach_m", "reach_rad")
 
     reach_m: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     reach_rad: Annotated[float, Field(ge=1e-3, le=3.2)] = 0.18

@@ -1,6 +1,6 @@
 """Every number of the judgement of a hypothesis, and of how exact it is."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -32,6 +32,8 @@ class VerificationConfig(FrozenConfig):
         Refused maps are called ambiguous, and not foreign, where the best place has so much agreeing wall, such a share
         of the compared walls agrees, and another place is at least so likely, as a share of the best one's.
     """
+
+    PUBLIC: ClassVar = ("min_confidence", "min_overlap_m2")
 
     agreement_distance_m: Metres = 0.15
     conflict_distance_m: Metres = 0.3

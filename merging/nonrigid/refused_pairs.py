@@ -36,7 +36,7 @@ def register_refused_pairs(
         Who bends them.
     """
     pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
-    if not (pairs and config.bent.enabled and config.method == "correlation"):
+    if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}
     grids = {name: TbmMap(found.maps[name].grid) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
     workers, watch = min(executor.workers, len(pairs)), executor.watch

@@ -71,7 +71,7 @@ def first_apart(places: list[SE2], source: WallMap, count: int) -> list[SE2]:
 def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
     """Return the places that look best from afar, and those that fit best as they are."""
     fitting = [place for place, _ in best_of(proposals, target, source.structure, config)]
-    some = [*first_apart(proposals, source.structure, config.bent.rivals), *fitting[: config.bent.rivals]]
+    some = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
     return first_apart(some, source.structure, len(some))
 
 

@@ -54,7 +54,7 @@ def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> No
         How it is bent and believed.
     """
     both = target, source
-    wanted = config.bent.enabled and config.method == "correlation"
+    wanted = config.nonrigid.enabled and config.method == "correlation"
     if not (wanted and all(one.grid.is_known().any() for one in both)):
         return None
     resolution = comparison_resolution([one.grid for one in both], config)
@@ -77,7 +77,7 @@ def _bent_onto(
 ) -> NonrigidRegistration | None:
     """Deform a map at the places that look best, until it is aligned at one."""
     proposals = propose(fixed, source.structure, config.correlation)
-    for place in first_apart(proposals, source.structure, config.bent.places):
+    for place in first_apart(proposals, source.structure, config.nonrigid.places):
         laid = deform(fixed, source, place, config)
         if laid is None:
             continue

@@ -39,7 +39,7 @@ class DeformableMap:
     @classmethod
     def of(cls, grid: TbmGrid, config: MergeConfig, structure: WallMap | None = None) -> "DeformableMap":
         """Cut a grid into tiles; its structure is found where it is not given."""
-        how = config.bent
+        how = config.nonrigid
         large = tiles_of(grid, how.side_m, how.most, config.structure)
         small = tiles_of(grid, how.side_m / 2.0, 4 * how.most, config.structure)
         rounds = (large, small, small) if len(large) > 1 else (small, small)
@@ -97,7 +97,7 @@ def _slid(
     target: WallMap, tiles: Sequence[WallMap], bend: Deformation, config: MergeConfig
 ) -> list[tuple[WallMap, SE2]]:
     """Let tiles slide from where a bent map has them; return those that fit near there, and where."""
-    how, laid = config.bent, list[tuple[WallMap, SE2]]()
+    how, laid = config.nonrigid, list[tuple[WallMap, SE2]]()
     for tile in tiles:
         middle = middle_of(tile)
         start = bend.motion_at(middle)

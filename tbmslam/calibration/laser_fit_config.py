@@ -1,14 +1,18 @@
 """Every number of the fit of a laser's description to the walls that it saw."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 
 
 class LaserFitConfig(FrozenConfig):
-    """How the angle between beams, and the zero of ranges, are sought that fit walls best."""
+    """Search for the angle between beams and the range offset that fit walls best."""
 
-    enabled: bool = Field(True, description="seek them at all, after adjusting drive and walls")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="search for them after the adjustment")
     most_parts: int = Field(6, ge=2, description="parts of a drive that tell them each by itself, at the most")
     least_parts: int = Field(4, ge=2, description="and at the least, or else nothing is told")
     shortest: float = Field(5.0, gt=0, description="travelled length of a part at the least [m]")

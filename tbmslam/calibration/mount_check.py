@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -13,9 +14,11 @@ from tbmslam.map.keyframes import Keyframes
 
 
 class MountCheckConfig(FrozenConfig):
-    """When odometry and scans contradict where the laser is said to sit."""
+    """When odometry and scans contradict the stated mount of the laser."""
 
-    enabled: bool = Field(True, description="compare them at all")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="compare odometry and scans with the stated mount")
     parts: int = Field(6, ge=2, description="parts of a drive that tell it each by itself")
     motions: int = Field(8, ge=2, description="motions of half a metre that each of them must have")
     distance: float = Field(

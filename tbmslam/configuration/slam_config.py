@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -32,17 +32,21 @@ __all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "config_fro
 
 
 class KeyframeConfig(FrozenConfig):
-    """When a scan is worth keeping."""
+    """When a scan becomes a keyframe."""
 
-    distance: float = Field(0.25, ge=0, description="travelled since the last one [m]")
-    angle: float = Field(0.25, ge=0, description="turned since the last one [rad]")
+    PUBLIC: ClassVar = ("distance", "angle")
+
+    distance: float = Field(0.25, ge=0, description="distance travelled since the last keyframe [m]")
+    angle: float = Field(0.25, ge=0, description="turn since the last keyframe [rad]")
 
 
 class SlamConfig(FrozenConfig):
     """The whole configuration of one SLAM run."""
 
-    preset: str = Field("default", description="what the values below began as; --preset chooses another")
-    seed: int = Field(0, ge=0, description="of the random numbers that a matcher draws")
+    PUBLIC: ClassVar = ("preset", "seed")
+
+    preset: str = Field("default", description="preset from which the values below differ; --preset chooses another")
+    seed: int = Field(0, ge=0, description="seed of the random numbers that a matcher draws")
     motion: MotionConfig = MotionConfig()
     deskew: DeskewConfig = DeskewConfig()
     tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (

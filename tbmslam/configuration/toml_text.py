@@ -13,11 +13,14 @@ from pydantic.fields import FieldInfo
 from tomlkit.items import Table
 
 from tbmslam.configuration.parameters import fields_of, is_table
+from tbmslam.frozen_config import FrozenConfig
 
 _WIDTH = 100
 
 
-def config_text(config: object, heading: str = "", leave_out: Collection[str] = ()) -> str:
+def config_text(
+    config: object, heading: str = "", leave_out: Collection[str] = (), reference: object | None = None
+) -> str:
     """Return a configuration as TOML with a comment for each parameter.
 
     What is not set, which TOML cannot say, stands there as a comment.
@@ -31,13 +34,16 @@ def config_text(config: object, heading: str = "", leave_out: Collection[str] = 
         Comment at the top.
     leave_out
         Names at the top that are not wanted.
+    reference
+        A configuration of the same type. Constants (see `FrozenConfig.PUBLIC`) are left out where they have its values;
+        None leaves nothing out.
     """
     document = tomlkit.document()
     for line in textwrap.wrap(heading, _WIDTH):
         document.add(tomlkit.comment(line))
     if heading:
         document.add(tomlkit.nl())
-    _fill(document, config, leave_out)
+    _fill(document, config, reference, leave_out)
     return tomlkit.dumps(document)
 
 
@@ -54,10 +60,12 @@ def descriptions_of(table: object) -> dict[str, str]:
     return described
 
 
-def _fill(container: tomlkit.TOMLDocument | Table, table: object, leave_out: Collection[str] = ()) -> None:
+def _fill(
+    container: tomlkit.TOMLDocument | Table, table: object, reference: object | None, leave_out: Collection[str] = ()
+) -> None:
     """Write a table's parameters, then the tables in it."""
     described = descriptions_of(table)
-    values = {name: value for name, value in fields_of(table).items() if name not in leave_out}
+    values = {name: value for name, value in _shown(table, reference).items() if name not in leave_out}
     limits = _limits(table)
     before = ""
     for name, value in values.items():
@@ -78,9 +86,34 @@ def _fill(container: tomlkit.TOMLDocument | Table, table: object, leave_out: Col
             below = tomlkit.table()
             summary = inspect.getdoc(type(value)) or ""
             _comment(below, described.get(name) or summary.partition("\n")[0])
-            _fill(below, value)
+            _fill(below, value, _counterpart(reference, name, value))
             container.add(tomlkit.nl())
             container.add(name, below)
+
+
+def _shown(table: object, reference: object | None) -> dict[str, object]:
+    """Return what a table shows: what is public, what differs from the reference, and tables that show something."""
+    values = fields_of(table)
+    if reference is None or not isinstance(table, FrozenConfig):
+        return values
+    return {
+        name: value
+        for name, value in values.items()
+        if name in table.PUBLIC
+        or (
+            _shown(value, _counterpart(reference, name, value))
+            if is_table(value)
+            else value != fields_of(reference)[name]
+        )
+    }
+
+
+def _counterpart(reference: object | None, name: str, value: object) -> object | None:
+    """Return the reference's table of a name; where it is of another kind, that kind's defaults, as when it is read."""
+    if reference is None:
+        return None
+    below = fields_of(reference)[name]
+    return below if type(below) is type(value) else type(value)()
 
 
 def _comment(container: tomlkit.TOMLDocument | Table, text: str) -> None:

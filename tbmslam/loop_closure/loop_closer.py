@@ -11,6 +11,7 @@ import logging
 import math
 from collections.abc import Sequence
 from itertools import compress
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -59,9 +60,11 @@ _ROUGHLY = 0.01  # precision of poses that the next search begins from
 
 
 class LoopClosingConfig(FrozenConfig):
-    """When a place is taken for one seen before."""
+    """When a place counts as visited before."""
 
-    enabled: bool = Field(True, description="close loops at all")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="close loops")
     submap: SubmapConfig = SubmapConfig()
     min_gap: float = Field(12.0, gt=0, description="travelled length between two visits to a place [m]")
     reach: float = Field(4.0, gt=0, description="how near a keyframe must be to a submap's way [m]")

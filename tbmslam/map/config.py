@@ -1,6 +1,6 @@
 """Parameters of the grid."""
 
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -12,12 +12,14 @@ from tbmslam.sensing.sensor_model import SensorModelConfig
 class MapConfig(FrozenConfig):
     """The grid and what beams write into it."""
 
+    PUBLIC: ClassVar = ("resolution", "max_cells", "keep_conflict")
+
     resolution: float = Field(0.05, ge=0.001, le=10.0, description="side of a cell [m]")
     max_cells: int = Field(
         60_000_000,
         ge=1000,
-        description="limit on the grid's size: a map drawn at the end gets coarser cells instead, one that grows while "
-        "it is written ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
+        description="limit on the number of cells; a larger map gets coarser cells, and a grid that grows during the "
+        "drive ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
     )
     # A beam that speaks a little for both contradicts itself, and many that agree would fill a cell with conflict.
     sensor_model: SensorModelConfig = SensorModelConfig(

@@ -1,6 +1,6 @@
 """Writes scans into a grid of evidence."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -15,9 +15,13 @@ from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 class InsertionConfig(FrozenConfig):
     """Which beams enter the map."""
 
-    max_range: float = Field(float("inf"), gt=0, description="a hit beyond this only clears the way up to it [m]")
+    PUBLIC: ClassVar = ("max_range", "no_return")
+
+    max_range: float = Field(
+        float("inf"), gt=0, description="a hit beyond this range marks free space up to it, and no obstacle [m]"
+    )
     no_return: Literal["free", "ignore"] = Field(
-        "ignore", description="a beam that met nothing clears the way up to its range limit, or says nothing"
+        "ignore", description="a beam without a return marks free space up to its range limit, or nothing"
     )
     once_per_scan: bool = Field(
         False,

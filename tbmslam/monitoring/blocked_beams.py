@@ -1,6 +1,7 @@
 """Beams blocked by something on the robot: they end at the same near distance wherever it drives and how it turns."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,9 @@ from tbmslam.sensing.laser_scan import LaserScan
 class BlockedBeamsConfig(FrozenConfig):
     """When a beam counts as blocked by the robot itself."""
 
-    enabled: bool = Field(True, description="look for beams that something on the robot blocks")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="detect beams that a part of the robot blocks, and leave them out")
     spread: float = Field(0.02, gt=0, description="how far the ranges of such a beam differ, at the most [m]")
     near: float = Field(1.0, gt=0, description="they end within this [m]")
     travelled: float = Field(2.0, gt=0, description="after such a way and turn constant ranges are suspicious [m]")

@@ -1,14 +1,18 @@
 """Every number of the adjustment of drives and walls to each other."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 
 
 class AdjustmentConfig(FrozenConfig):
-    """How drives and walls are adjusted to each other."""
+    """Joint optimisation of poses and wall lines."""
 
-    enabled: bool = Field(True, description="adjust at all")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="optimise poses and wall lines after loop closure")
     quick_rounds: int = Field(5, ge=0, description="how often a third of the hits is assigned to pieces of wall")
     rounds: int = Field(2, ge=1, description="how often all hits are, after that")
     stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")

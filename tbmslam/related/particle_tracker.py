@@ -6,7 +6,7 @@ efficient FastSLAM algorithm for generating maps of large-scale cyclic environme
 IROS 2003 (scan-matched motion as the filter's odometry).
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,6 +25,8 @@ from tbmslam.tracking.scan_match import ScanMatch
 
 class ParticleTrackerConfig(FrozenConfig):
     """A Rao-Blackwellised particle filter: many hypotheses about the drive, each with a map of its own."""
+
+    PUBLIC: ClassVar = ("kind", "particles")
 
     kind: Literal["particles"] = "particles"
     particles: int = Field(30, ge=1, description="hypotheses")

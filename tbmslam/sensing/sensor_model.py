@@ -5,7 +5,7 @@ Transferable Belief Model", IROS 2017) with the constants of its program. The me
 (after Steux and El Hamzaoui, "tinySLAM: a SLAM algorithm in less than 200 lines", 2010).
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +17,8 @@ from tbmslam.kernels.rays.insertion import BeamFactors
 
 class SensorModelConfig(FrozenConfig):
     """How much a beam is believed; qualities count where evidence is combined conjunctively."""
+
+    PUBLIC: ClassVar = ("hit_quality", "miss_quality")
 
     hit_probability: float = Field(0.95, gt=0, le=1, description="probability of occupied in the cell a beam ends in")
     hit_quality: float = Field(0.04, gt=0, lt=1, description="mass that one hit commits; the rest stays unknown")

@@ -6,6 +6,7 @@ turns. Over a scan's tenth of a second the twist of a robot hardly changes, so o
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -15,9 +16,11 @@ from tbmslam.sensing.laser_scan import LaserScan
 
 
 class DeskewConfig(FrozenConfig):
-    """When the motion during a scan is taken out."""
+    """Compensation of the robot's motion during a scan."""
 
-    enabled: bool = Field(True, description="use the time between beams, where the recording tells it")
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="compensate, where the recording holds the time between beams")
     max_speed: float = Field(10.0, gt=0, description="a faster motion during a scan is a jump of the odometry [m/s]")
     max_turn_rate: float = Field(10.0, gt=0, description="as max_speed, for turns [rad/s]")
 

@@ -1,6 +1,7 @@
 """Which keyframes of a long drive may be forgotten, as others show the same."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +14,11 @@ from tbmslam.optimisation.pose_graph import MotionEdge
 
 
 class ForgettingConfig(FrozenConfig):
-    """What is kept of a drive that comes to the same places again and again."""
+    """Which keyframes are kept of a drive that visits the same places again and again."""
 
-    limit: int = Field(
-        5000, ge=100, description="keyframes from which on those are forgotten that show what enough others do"
-    )
+    PUBLIC: ClassVar = ("limit",)
+
+    limit: int = Field(5000, ge=100, description="number of keyframes from which on redundant ones are dropped")
     enough: int = Field(20, ge=1, description="keyframes of a place that are kept")
     reach: float = Field(1.0, gt=0, description="how near those of one place are [m]")
     turn: float = Field(0.5, gt=0, description="how far those of one place are turned to each other at most [rad]")

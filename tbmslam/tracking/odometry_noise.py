@@ -8,6 +8,7 @@ distribution and count little.
 """
 
 import math
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -26,12 +27,14 @@ _LEAST, _MOST = 0.05, 20.0
 class OdometryNoiseConfig(FrozenConfig):
     """Standard deviations of odometry before anything is learnt, and how they are learnt."""
 
+    PUBLIC: ClassVar = ("position_per_metre", "heading_per_metre", "heading_per_radian")
+
     position_floor: float = Field(0.005, gt=0, description="position deviation of any motion [m]")
-    position_per_metre: float = Field(0.05, ge=0, description="more of it per travelled metre [m/m]")
-    position_per_radian: float = Field(0.05, ge=0, description="more of it per turned radian [m/rad]")
+    position_per_metre: float = Field(0.05, ge=0, description="position deviation per travelled metre [m/m]")
+    position_per_radian: float = Field(0.05, ge=0, description="position deviation per turned radian [m/rad]")
     heading_floor: float = Field(0.005, gt=0, description="heading deviation of any motion [rad]")
-    heading_per_metre: float = Field(0.05, ge=0, description="more of it per travelled metre [rad/m]")
-    heading_per_radian: float = Field(0.1, ge=0, description="more of it per turned radian [rad/rad]")
+    heading_per_metre: float = Field(0.05, ge=0, description="heading deviation per travelled metre [rad/m]")
+    heading_per_radian: float = Field(0.1, ge=0, description="heading deviation per turned radian [rad/rad]")
     learning: bool = Field(True, description="learn from scans by which factor the deviations differ")
     memory: float = Field(100.0, gt=0, description="number of keyframes that are looked back at")
     certainty: float = Field(3.0, gt=0, description="keyframes that the stated deviations count for")

@@ -1,7 +1,7 @@
-"""Our way to follow the robot: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
+"""Registration of each scan to surfels of earlier keyframes, more exact than a cell."""
 
 import math
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -42,12 +42,14 @@ _WORTHWHILE = 1.0
 
 
 class SurfelTrackerConfig(FrozenConfig):
-    """Our way: lay each scan onto the surfaces of earlier keyframes, below the size of a cell."""
+    """Registration of each scan to surfels of earlier keyframes, more exact than a cell."""
+
+    PUBLIC: ClassVar = ("kind", "max_range")
 
     kind: Literal["surfels"] = "surfels"
     surfels: SurfelConfig = SurfelConfig()
     max_points: int = Field(400, ge=10, description="hits of a scan that are matched, evenly chosen")
-    max_range: float = Field(40.0, gt=0, description="hits beyond this are neither matched nor learnt [m]")
+    max_range: float = Field(40.0, gt=0, description="hits beyond this range are neither registered nor learnt [m]")
     correlation_length: float = Field(
         0.1, gt=0, description="length of surface within which hits err alike and count as one [m]"
     )

@@ -1,6 +1,6 @@
 """vinySLAM's way to follow the robot: match in the belief grid, write every scan into it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -17,6 +17,8 @@ from tbmslam.vinyslam.monte_carlo import MonteCarloConfig, MonteCarloMatcher
 
 class GridTrackerConfig(FrozenConfig):
     """vinySLAM's way: match in the belief grid, write every scan into it."""
+
+    PUBLIC: ClassVar = ("kind",)
 
     kind: Literal["grid"] = "grid"
     matcher: Annotated[MonteCarloConfig | HillClimbingConfig, Field(discriminator="method")] = MonteCarloConfig()

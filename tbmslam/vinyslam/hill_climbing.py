@@ -1,6 +1,6 @@
 """vinySLAM's deterministic matcher: steps along the axes, halved when none helps."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -15,6 +15,8 @@ from tbmslam.vinyslam.beam_weights import BeamWeighting, CellScore, beam_weights
 
 class HillClimbingConfig(FrozenConfig):
     """The original's constants."""
+
+    PUBLIC: ClassVar = ("method",)
 
     method: Literal["hill_climbing"] = "hill_climbing"
     position_step: float = Field(0.1, gt=0, description="first step along x and y [m]")

@@ -1,7 +1,7 @@
 """vinySLAM's default matcher: random poses around the best one so far."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,6 +20,8 @@ DrawNormals = Callable[[int], FloatArray]
 
 class MonteCarloConfig(FrozenConfig):
     """The original's constants."""
+
+    PUBLIC: ClassVar = ("method",)
 
     method: Literal["monte_carlo"] = "monte_carlo"
     position_deviation: float = Field(0.2, gt=0, description="standard deviation of a candidate's x and y [m]")

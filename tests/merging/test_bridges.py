@@ -14,7 +14,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 
-CONFIG = MergeConfig.model_validate({"bent": {"enabled": False}})
+CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 NOT_FITTING = "groups of 2 and 2 maps, which it alone joins, do not fit so (0.05): looks good"
 

@@ -174,7 +174,7 @@ def test_where_accepted_alignments_outweigh_each_other_that_is_said(rooms, monke
         ("a", "d"): Alignment("correlation", accepted=False, reason="too little"),
     }
     monkeypatch.setattr("merging.merger.align_all", lambda *_: found)
-    as_they_are = MergeConfig.model_validate({"bent": {"enabled": False}})
+    as_they_are = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
     result = merge(dict.fromkeys("abcd", TbmMap(rooms(1))), as_they_are)
     assert result.merged is None
     why = "too much speaks against what was accepted of its alignments: accepted ones contradict each other"

@@ -20,7 +20,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tests.merging.driven_map import map_of
 
 CONFIG = MergeConfig()
-NEAR = CONFIG.near.range_m
+NEAR = CONFIG.short_range.range_m
 T_WORLD_B = SE2(3.0, -2.0, 0.7)
 
 
@@ -79,7 +79,7 @@ def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
 
 
 def test_it_can_be_switched_off(halls):
-    off = CONFIG.model_validate({**CONFIG.model_dump(), "near": {"enabled": False}})
+    off = CONFIG.model_validate({**CONFIG.model_dump(), "short_range": {"enabled": False}})
     result = merge(halls, off)
     assert result.merged is None
     assert result.judged_by == {}

@@ -122,7 +122,7 @@ def test_the_options_reach_the_merge(folders, tmp_path):
 def test_maps_laid_rigidly_are_not_bent_either(folders, tmp_path):
     merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), "--rigid"])
     config = json.loads((tmp_path / "report.json").read_text())["config"]
-    assert not config["bent"]["enabled"]
+    assert not config["nonrigid"]["enabled"]
     assert not config["joint"]["enabled"]
 
 

@@ -1,7 +1,7 @@
 """The whole configuration of both programs: what a file says, what a preset says, and what the command line says."""
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Self
 
@@ -70,18 +70,22 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
 
 
 def whole_text(config: Configuration) -> str:
-    """Return every parameter as TOML."""
-    return config_text(config, _HEADING)
+    """Return the public parameters, and constants that differ from the preset's, as TOML."""
+    return _text(config)
 
 
 def mapping_text(config: Configuration) -> str:
-    """Return what a map depends on, as TOML."""
-    return config_text(config, _HEADING, ["merging"])
+    """Return those that a map depends on, as TOML."""
+    return _text(config, ["merging"])
 
 
 def merging_text(config: MergeConfig) -> str:
-    """Return what a merge depends on, as TOML."""
-    return config_text(Configuration(merging=config), _HEADING, [*SlamConfig.model_fields, "recording"])
+    """Return those that a merge depends on, as TOML."""
+    return _text(Configuration(merging=config), [*SlamConfig.model_fields, "recording"])
+
+
+def _text(config: Configuration, leave_out: Collection[str] = ()) -> str:
+    return config_text(config, _HEADING, leave_out, Configuration.of_preset(config.preset))
 
 
 def _read(path: Path) -> Mapping[str, object]:

@@ -31,5 +31,5 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
     group.add_argument(
         "--print-config",
         action="store_true",
-        help="print every parameter with meaning, unit and value as TOML, and do nothing else",
+        help="print the parameters with meaning, unit and value as TOML, and do nothing else",
     )

@@ -25,7 +25,7 @@ from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
 
 REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere")
-OFF = MergeConfig.model_validate({"bent": {"enabled": False}})
+OFF = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 
 
 def errors(motion, true, one):

@@ -10,7 +10,7 @@ from merging.walls.wall_map import WallMap
 from tbmslam.geometry.se2 import SE2
 from tests.merging.bent_floor import bent_maps
 
-CONFIG = MergeConfig.model_validate({"bent": {"side_m": 8.0}})
+CONFIG = MergeConfig.model_validate({"nonrigid": {"side_m": 8.0}})
 
 
 def agreement(target, grid, motion):
@@ -48,7 +48,7 @@ def test_where_hardly_any_of_it_fits_it_is_not_bent(rooms, elsewhere):
 
 def test_a_map_no_larger_than_a_tile_slides_in_halves_at_once(rooms):
     large, small = (
-        DeformableMap.of(rooms(1), MergeConfig.model_validate({"bent": {"side_m": side}})) for side in (8.0, 20.0)
+        DeformableMap.of(rooms(1), MergeConfig.model_validate({"nonrigid": {"side_m": side}})) for side in (8.0, 20.0)
     )
     assert [len(tiles) for tiles in large.rounds] == [4, 12, 12]
     assert [len(tiles) for tiles in small.rounds] == [4, 4]

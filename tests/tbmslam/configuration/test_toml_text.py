@@ -32,3 +32,23 @@ def test_the_docstring_describes_what_the_fields_do_not():
         """
 
     assert descriptions_of(Table()) == dict.fromkeys(("near_m", "far_m"), "How near and how far it may be [m]")
+
+
+def test_constants_are_printed_where_they_differ():
+    reference = PRESETS["default"]
+    assert "novel" not in config_text(reference, reference=reference)
+    text = config_text(config_from_dict({"tracker": {"novel": 0.3}}), reference=reference)
+    assert tomllib.loads(text)["tracker"]["novel"] == 0.3
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_a_user_sees_of_a_preset_is_read_back(name):
+    text = config_text(PRESETS[name], reference=PRESETS[name])
+    assert config_from_dict(tomllib.loads(text)) == PRESETS[name]
+    assert len(text.splitlines()) < 120
+
+
+def test_another_kind_of_table_is_printed_and_read_back():
+    config = config_from_dict({"tracker": {"kind": "grid"}, "loop_closing": {"enabled": False}})
+    text = config_text(config, reference=PRESETS["default"])
+    assert config_from_dict(tomllib.loads(text)) == config

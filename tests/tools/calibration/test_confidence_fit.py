@@ -58,7 +58,7 @@ def test_a_pair_of_bent_maps_is_judged_once_one_is_bent(swapped):
     assert bent.near[0]
     assert bent.near.sum() == 1
     assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
-    assert len(bent.candidates) <= 1 + 2 * MergeConfig().bent.rivals
+    assert len(bent.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
     assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
 
 
