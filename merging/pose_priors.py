@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.alignment import Alignment, Pair
+from merging.alignment import Alignment, Pair, format_evidence
 from merging.config import MergeConfig
 from merging.config.pose_priors import KnownPoseConfig
-from merging.formatting import format_evidence
 from merging.fusion.warping import corners_of
 from merging.pairwise.prepared_maps import PreparedMaps
 from merging.registration.hypotheses import Candidate, best_of, find_candidates

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, Alternative, format_evidence
 from merging.baselines.methods import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
-from merging.formatting import format_evidence
 from merging.fusion.warping import at_resolution, check_cell_size
 from merging.registration.features import Features, describe, match
 from merging.registration.hypotheses import Candidate, find_candidates, refine_all

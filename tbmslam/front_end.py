@@ -17,11 +17,9 @@ from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.sensor_model import beam_factors
 from tbmslam.tracking.deskew import deskewed
 from tbmslam.tracking.motion_model import MotionModel
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.surfel_tracker import SurfelTracker
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
-from tbmslam.tracking.tracker import Tracker
+from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
 from tbmslam.vinyslam.grid_tracker import GridTracker, GridTrackerConfig
 
 _AT_START = 1e8 * np.eye(3)

@@ -22,8 +22,7 @@ from tbmslam.map.tbm_map import Drive, TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview
 from tbmslam.parallel.progress import Watch
-from tbmslam.sensing.corrections import Corrections
-from tbmslam.sensing.laser_scan import Reading
+from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.tracked_keyframe import packed
 from tbmslam.tracking.tracker import Tracker

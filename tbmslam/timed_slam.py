@@ -15,9 +15,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
-from tbmslam.tracking.tracker import Tracker
+from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

@@ -20,9 +20,8 @@ import sys
 from typing import Any
 
 from tools.build_maps import MOST_ROBOTS
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -222,7 +221,7 @@ def _numbers(option: str, text: str) -> list[float]:
 
 def _check_split(args: argparse.Namespace) -> None:
     """Turn the texts of `split` into what they mean; see `_check`."""
-    from tools.benchmarks.recording_spec import parse_recording_spec
+    from tools.benchmarks.simulated_recording import parse_recording_spec
 
     counts = args.robots.split(",")
     if not all(count.isdecimal() and len(count) < 9 and 2 <= int(count) <= MOST_ROBOTS for count in counts):
@@ -234,7 +233,7 @@ def _check_split(args: argparse.Namespace) -> None:
 
 def _check_perturb(args: argparse.Namespace) -> None:
     """Turn the texts of `perturb` into what they mean; see `_check`."""
-    from tools.benchmarks.recording_spec import parse_recording_spec
+    from tools.benchmarks.simulated_recording import parse_recording_spec
 
     if args.jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
@@ -244,8 +243,7 @@ def _check_perturb(args: argparse.Namespace) -> None:
 def _check_drives(args: argparse.Namespace) -> None:
     """Turn the texts of `slam` and `scaling` into what they mean; see `_check`."""
     from tbmslam.configuration.slam_config import PRESETS
-    from tools.benchmarks.recording_spec import parse_recording_spec
-    from tools.benchmarks.simulated_recording import SimulatedRecording
+    from tools.benchmarks.simulated_recording import SimulatedRecording, parse_recording_spec
 
     args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
     for name in args.preset:

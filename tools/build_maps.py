@@ -16,11 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.configuration_options import add_configuration_options
-from tools.command_line.ending import ended
-from tools.command_line.extra_files import add_extra_files
-from tools.command_line.grammar import Grammar
 from tools.command_line.loading import loading
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import add_extra_files, path_argument
+from tools.command_line.program import Grammar, ended
 from tools.command_line.recording_options import add_recording_options, given_options
 from tools.mapping.viewer_option import add_viewer_option
 
@@ -124,7 +122,7 @@ def main(argv: list[str] | None = None) -> int:
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None) -> None:
     with loading():
         from tools.command_line.configuration import whole_text
-        from tools.command_line.typed_command import typed_command
+        from tools.command_line.program import typed_command
         from tools.mapping.run import build_maps
 
     _check_recording_options(grammar, args)

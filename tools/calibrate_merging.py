@@ -17,9 +17,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -85,8 +84,7 @@ def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.io.atomic_file import write_bytes, write_text
     from tbmslam.parallel.worker_pool import worker_pool
-    from tools.calibration.calibration_plot import draw_calibration
-    from tools.calibration.calibration_table import BINS, calibration_table, worth
+    from tools.calibration.calibration_table import BINS, calibration_table, draw_calibration, worth
     from tools.calibration.confidence_fit import fit_model, held_out
 
     config = MergeConfig()
@@ -134,8 +132,7 @@ def trials_of(
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
     from tools.calibration.confidence_fit import Trial
-    from tools.map_pairs.files import load_pair
-    from tools.map_pairs.floors import shows_part
+    from tools.map_pairs.files import load_pair, shows_part
 
     pair = load_pair(path)
     of = Trial.of_bent if bent else Trial.of

@@ -14,12 +14,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
-    from datasets.known_recordings import KnownRecording
+    from datasets.downloading import KnownRecording
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --list
@@ -57,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
-    from datasets.known_recordings import known_recording
+    from datasets.downloading import known_recording
     from tools.command_line.output_folder import output_folder
 
     if args.list:
@@ -69,7 +68,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _list() -> None:
-    from datasets.known_recordings import known_recordings
+    from datasets.downloading import known_recordings
 
     said = ""
     for recording in known_recordings().values():

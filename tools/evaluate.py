@@ -13,10 +13,9 @@ import argparse
 import sys
 from typing import Any
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
 from tools.command_line.loading import loading
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png

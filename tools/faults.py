@@ -15,8 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
+from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
     from tools.fault_cases.fault_case import FaultCase, Outcome

@@ -24,9 +24,8 @@ from typing import Any
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 ROOT = Path(__file__).resolve().parents[1]
 

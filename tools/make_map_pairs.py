@@ -12,9 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
     from datasets.synthetic.map_pairs.pairs import Building

@@ -15,9 +15,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -153,10 +152,9 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.robot.drives import plan_drives
     from datasets.synthetic.robot.faults import Fault, inject
     from datasets.synthetic.robot.odometry_noise import OdometryNoise
-    from datasets.synthetic.robot.simulation import simulate
-    from datasets.synthetic.robot.truth import write_truth
+    from datasets.synthetic.robot.simulation import simulate, write_truth
     from tbmslam.io.atomic_file import write_bytes
-    from tbmslam.io.png import encode_png
+    from tbmslam.io.pictures import encode_png
     from tools.command_line.progress import ProgressBars
     from tools.world_picture import draw_world
 

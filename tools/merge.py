@@ -15,19 +15,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.configuration_options import add_configuration_options
-from tools.command_line.ending import DONE, ended
-from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
-from tools.command_line.grammar import Grammar
 from tools.command_line.loading import loading
-from tools.command_line.map_listing import holds_map, list_maps
-from tools.command_line.path_argument import path_argument
-from tools.command_line.typed_command import typed_command
+from tools.command_line.paths import (
+    add_extra_files,
+    check_extra_files,
+    holds_map,
+    list_maps,
+    path_argument,
+    write_extra_files,
+)
+from tools.command_line.program import DONE, Grammar, ended, typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from merging.merger import Merge
     from tbmslam.map.tbm_map import TbmMap
-    from tbmslam.report.making import Making
+    from tbmslam.report.page import Making
     from tools.command_line.configuration import Configuration
 
 logger = logging.getLogger("merge")
@@ -293,10 +296,10 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     with loading():
         from merging.merger import merge
-        from merging.report.shared_scans import drives_given_twice
+        from merging.report.provenance import drives_given_twice
         from tbmslam.configuration.parameters import ConfigError
         from tbmslam.io.map_folder import load_map
-        from tbmslam.report.making import Making
+        from tbmslam.report.page import Making
         from tools.command_line.output_folder import output_folder
         from tools.command_line.progress import ProgressBars
 
@@ -357,9 +360,9 @@ def _save(
     from merging.report.json_report import write_report
     from tbmslam.io.atomic_file import write_text
     from tbmslam.io.map_folder import remove_map, save_map
-    from tools.command_line.checksums import NAME as CHECKSUMS
-    from tools.command_line.checksums import write_checksums
     from tools.command_line.configuration import merging_text
+    from tools.command_line.output_folder import NAME as CHECKSUMS
+    from tools.command_line.output_folder import write_checksums
 
     (options.out / CHECKSUMS).unlink(missing_ok=True)
     if result.merged is not None:

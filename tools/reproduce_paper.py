@@ -15,9 +15,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 from tools.make_world import WORLDS
 
 if TYPE_CHECKING:
@@ -179,7 +178,7 @@ def _report(
     settings: "PaperSettings",
     results: "PaperResults",
 ) -> str:
-    from tools.command_line.machine import describe_machine
+    from tools.command_line.text_table import describe_machine
     from tools.paper.feature_sections import curve_section, detector_section, modification_section
     from tools.paper.merge_sections import duration_section, halves_section, map_section, transform_section
     from tools.paper.page import PaperTable, Section, paper_page

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tbmslam.io.atomic_file import write_bytes
-from tools.command_line.ending import ended
-from tools.command_line.grammar import Grammar
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
+from tools.command_line.program import Grammar, ended
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from datasets.synthetic.world.world import World
-from tbmslam.io.png import Picture
+from tbmslam.io.pictures import Picture
 
 _PIXELS_PER_METRE = 25
 _SIXTEENTHS = _PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel

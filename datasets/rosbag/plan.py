@@ -12,8 +12,7 @@ from datasets.profiles import STATA_SENSOR_POSE, with_profile
 from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.message_types import TF_TYPES
 from datasets.rosbag.messages import FramedScan
-from datasets.rosbag.survey import Survey
-from datasets.rosbag.surveyed_laser import SurveyedLaser
+from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import ChosenTopics, choose_topics, is_static
 from datasets.scans.beam_angles import angle_warning
 from datasets.scans.clocks import ClockFinding, compare_clocks, lags_of_unset

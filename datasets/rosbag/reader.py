@@ -18,7 +18,7 @@ from datasets.rosbag.messages import FramedScan
 from datasets.rosbag.plan import Plan, plan_reading
 from datasets.salvage.salvaged_bag import UNTOLD
 from datasets.scans.beam_angles import angle_warning
-from datasets.scans.clock_steps import ClockSteps
+from datasets.scans.clocks import ClockSteps
 from datasets.scans.intake import CleanScan, ScanIntake
 from tbmslam.sensing.laser_scan import Reading
 

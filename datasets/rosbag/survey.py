@@ -2,12 +2,93 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
 
 from datasets.odometry.frames import FrameGraph, Frames, choose_frames, plain
 from datasets.options import RecordingOptions
-from datasets.rosbag.surveyed_laser import SurveyedLaser
+from datasets.scans.cleaning import FATES, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
 from datasets.scans.intake import RawScan
+
+_KEPT_SCANS = 200
+_RANGES_NEEDED = 100
+_SWEEP_SLACK = 1.1  # stamps jitter
+
+
+@dataclass
+class SurveyedLaser:
+    """Facts from the first scans of a laser.
+
+    Parameters
+    ----------
+    frame
+        Its frame.
+    first_scan
+        The first of its scans.
+    options
+        The choices already made.
+    scans
+        How many were seen.
+    usable
+        How many of them hold hits within the limits.
+    ranges
+        Ranges (N,) of the first ones [m].
+    stamps, lags
+        Their stamps, where these are unset bag times, and bag times minus stamps, where these are set [s].
+    """
+
+    frame: str
+    first_scan: RawScan
+    options: RecordingOptions
+    scans: int = 0
+    usable: int = 0
+    ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)
+    lags: list[float] = field(default_factory=list)
+
+    def add(self, scan: RawScan, bag_time: float) -> None:
+        """Take in a scan; its stamp is nan where it is unset."""
+        rules = _stated_rules(self.options)
+        clean = clean_ranges(scan.ranges[None], *rules.limits(scan.range_min, scan.range_max), rules)
+        self.scans += 1
+        self.usable += bool(clean.beams[0, FATES.index("hit")])
+        if len(self.ranges) < _KEPT_SCANS:
+            self.ranges.append(np.array(scan.ranges))
+            is_set = math.isfinite(scan.stamp)
+            self.lags += [bag_time - scan.stamp] * is_set
+            self.stamps.append(scan.stamp if is_set else bag_time)
+
+    def longest_sweep(self) -> float:
+        """Return how long a scan can take from its first beam to its last [s]: not much longer than the next is away.
+
+        A laser that is read out more often than it turns states a time between beams that does not say when a beam
+        was sent.
+        """
+        steps = np.diff(self.stamps)
+        steps = steps[steps > 0.0]
+        return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
+
+    def nearest_usual(self) -> float:
+        """Return the length [m] that nine of ten ranges exceed, each counted once as it may be a code; 0: unknown."""
+        values = np.unique(np.concatenate([scan[np.isfinite(scan) & (scan > 0.0)] for scan in self.ranges]))
+        return float(np.percentile(values, 10)) if len(values) >= _RANGES_NEEDED else 0.0
+
+    def range_rules(self) -> RangeRules:
+        """Return how ranges are to be read, with a no-return code found in the data."""
+        rules = _stated_rules(self.options)
+        codes = rules.no_return_codes
+        _, high = rules.limits(self.first_scan.range_min, self.first_scan.range_max)
+        found = find_no_return_code([scan[scan < high] for scan in self.ranges], codes)
+        return rules if found is None else replace(rules, no_return_codes=(*codes, found))
+
+
+def _stated_rules(options: RecordingOptions) -> RangeRules:
+    """Return how ranges are to be read as far as is known beforehand."""
+    codes = (*KNOWN_CODES, *options.no_return_codes)
+    return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
+
 
 _SCANS_NEEDED = 40
 _POSES_NEEDED = 10

@@ -8,10 +8,9 @@ import numpy.typing as npt
 
 from merging.config.joint_slam import JointConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.loop_closure.drive_hits import DriveHits
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.map.tbm_map import Drive
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.parallel.progress import Watch

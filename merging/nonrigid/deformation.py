@@ -12,7 +12,7 @@ from merging.nonrigid.tiles import middle_of
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import UNKNOWN
-from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.evaluation.trajectory_alignment import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _STEP = 8

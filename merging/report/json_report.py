@@ -18,10 +18,10 @@ from merging.report.contradictions import without_rounding
 from merging.report.page import merge_page
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.io.atomic_file import write_bytes
-from tbmslam.io.png import encode_png
+from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
+from tbmslam.report.page import Making
 
 _UNKNOWN_GREY = 205
 _AREAS_TOLD = {

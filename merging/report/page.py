@@ -2,17 +2,16 @@
 
 from collections.abc import Mapping
 
+from merging.alignment import format_confidence, format_pose
 from merging.config import MergeConfig
-from merging.formatting import format_confidence, format_pose
 from merging.fusion.conflict_places import conflict_places
 from merging.merger import Merge
 from merging.report.layers import colours_of, merged_sheet, single_sheet
 from merging.report.pair_cards import pair_cards
 from merging.report.provenance import warnings_of
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.making import Making, versions
-from tbmslam.report.page import Page, Table
-from tbmslam.report.shared_warnings import by_whom
+from tbmslam.report.maps_page import by_whom
+from tbmslam.report.page import Making, Page, Table, versions
 from tbmslam.report.sheet import Sheet
 
 _DOUBTFUL = 0.9

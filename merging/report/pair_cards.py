@@ -3,9 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from merging.alignment import Alignment, Alternative, Pair
+from merging.alignment import Alignment, Alternative, Pair, format_confidence, format_covariance, format_pose
 from merging.config import MergeConfig
-from merging.formatting import format_confidence, format_covariance, format_pose
 from merging.merger import Merge
 from merging.pairwise.prepared_maps import PreparedMaps
 from merging.report.pair_pictures import CAPTION, draw_alone, draw_pair

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from tbmslam.calibration.cluster_deviation import deviations_of_parts
 from tbmslam.geometry.se2 import FloatArray, compose, inverse
-from tbmslam.geometry.speeds import drive_speeds, turn_rates
+from tbmslam.geometry.trajectory import drive_speeds, turn_rates
 
 _LENGTH, _TURN = 0.5, 0.3
 """Way [m] or turn [rad] of a motion: over less, scans err by as much, and over more the odometry does."""

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 from pydantic import Field
 
+from tbmslam.calibration.laser_fit import LaserErrors
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.sensing.laser_errors import LaserErrors
 
 _USUAL_STEPS_DEG = (2.0, 1.0, 0.5, 0.36, 360.0 / 1024.0, 1.0 / 3.0, 0.25, 0.225, 0.2, 0.125, 0.1)
 _NEARLY = 0.002

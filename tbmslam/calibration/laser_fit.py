@@ -1,27 +1,34 @@
-"""Whether walls fit better where the laser is another than it is described.
-
-A scan whose angles are wrong by a share bends walls, and each wall differently as it is seen ahead or aside; ranges
-that are all too long move a wall less where it is seen at a slant. So single scans of a drive, poses and walls being
-free, tell both (self-calibration in bundle adjustment: Triggs et al., 2000, section 7). Parts of the drive tell it each
-by itself, and how far they differ is how well it is known.
-"""
+"""Fit of the laser's angle step and range offset to the walls that it saw."""
 
 import logging
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.calibration.cluster_deviation import deviations_of_parts
-from tbmslam.calibration.laser_fit_config import LaserFitConfig
-from tbmslam.calibration.self_calibration import SelfCalibration
+from tbmslam.calibration.self_calibration import LaserFitConfig, SelfCalibration
 from tbmslam.geometry.se2 import FloatArray, way_lengths
-from tbmslam.geometry.speeds import turn_rates
+from tbmslam.geometry.trajectory import turn_rates
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.config import AdjustmentConfig
 from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.optimisation.trajectory_segments import stretch_begins
-from tbmslam.sensing.laser_errors import LaserErrors
+
+
+class LaserErrors(NamedTuple):
+    """Errors of a laser's description, and how well they are known."""
+
+    scale: float
+    """Share by which the angles between beams are larger than stated."""
+    scale_deviation: float
+    """Standard deviation of `scale`."""
+    offset: float
+    """What is to be added to every range [m]."""
+    offset_deviation: float
+    """Standard deviation of `offset` [m]."""
+
 
 logger = logging.getLogger(__name__)
 

@@ -1,11 +1,13 @@
 """The laser's numbers as one part of a drive tells them, poses and walls being free."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
-from tbmslam.calibration.laser_fit_config import LaserFitConfig
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.kernels.adjustment.laser_slopes import (
     NUMBERS,
@@ -20,11 +22,9 @@ from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.config import AdjustmentConfig
-from tbmslam.optimisation.drive_bends import bends_of
-from tbmslam.optimisation.motion_equations import motions_of
 from tbmslam.optimisation.pose_chain import MotionChain
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver
+from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 from tbmslam.optimisation.wall_lines import WallLines
 
 _GAUGE = 1e8
@@ -35,6 +35,35 @@ _PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
 """Information of the numbers without any wall: no laser is wrong by more."""
 _SHIFT = 0.382
 """Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
+
+
+class LaserFitConfig(FrozenConfig):
+    """Search for the angle between beams and the range offset that fit walls best."""
+
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = Field(True, description="search for them after the adjustment")
+    most_parts: int = Field(6, ge=2, description="parts of a drive that tell them each by itself, at the most")
+    least_parts: int = Field(4, ge=2, description="and at the least, or else nothing is told")
+    shortest: float = Field(5.0, gt=0, description="travelled length of a part at the least [m]")
+    longest: float = Field(40.0, gt=0, description="and at the most, the rest of the drive not being looked at [m]")
+    least_fan: float = Field(
+        1.75, gt=0, description="from the first beam to the last [rad]: narrower ones fit best with all hits in a heap"
+    )
+    max_range: float = Field(12.0, gt=0, description="hits beyond this are not used [m]")
+    hits: int = Field(180, ge=10, description="hits of a scan that are used, about")
+    deviation: float = Field(0.03, gt=0, description="of a hit from its wall [m]")
+    trust: float = Field(
+        0.01,
+        gt=0,
+        le=1,
+        description="share of the tracked motions' information that counts: they err as the laser does",
+    )
+    notable_scale: float = Field(
+        0.002, gt=0, description="share by which angles must be wrong at first sight for more rounds"
+    )
+    notable_offset: float = Field(0.02, gt=0, description="offset of ranges that does, too [m]")
+    rounds: int = Field(12, ge=1, description="rounds at the most")
 
 
 class SelfCalibration:

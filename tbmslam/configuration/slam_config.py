@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from tbmslam.calibration.laser_check import LaserCheckConfig
-from tbmslam.calibration.laser_fit_config import LaserFitConfig
 from tbmslam.calibration.mount_check import MountCheckConfig
+from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.configuration.parameters import ConfigError, changed
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig

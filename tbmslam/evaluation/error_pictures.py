@@ -8,7 +8,7 @@ from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.map_agreement import Labels
 from tbmslam.geometry.se2 import FloatArray
-from tbmslam.io.png import Picture
+from tbmslam.io.pictures import Picture
 
 # Colours as OpenCV orders them: blue, green, red.
 _SAME_FREE, _SAME_OCCUPIED = (255, 255, 255), (0, 0, 0)

@@ -31,9 +31,8 @@ from tbmslam.io.keyframe_indices import indices_by_stamp
 from tbmslam.io.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.io.npz import Array, ArrayZip, NpzError, write_npz
 from tbmslam.io.special_file import why_unreadable
-from tbmslam.map.drive_motions import DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import Drive, DriveMotions, TbmMap
 
 FORMAT_VERSION = 1
 _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64

@@ -6,10 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.loop_closure.chain_drift import ChainDrift
-from tbmslam.loop_closure.closing_targets import ClosingTargets
-from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.place_index import PlaceIndex, place_signature
+from tbmslam.map.scan_hits import DriveHits
 from tbmslam.optimisation.pose_graph import relative_pose
 from tbmslam.sensing.laser_scan import Hits
 

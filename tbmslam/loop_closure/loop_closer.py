@@ -19,13 +19,11 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.loop_closure.chain_drift import ChainDrift
-from tbmslam.loop_closure.closing_targets import ClosingTargets
-from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.far_search import FarSearch
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig
-from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.map.trajectory_correction import spread_corrections
 from tbmslam.optimisation.pose_chain import MotionChain
 from tbmslam.optimisation.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose

@@ -21,7 +21,7 @@ from tbmslam.kernels.search.correlation import (
     top_places,
 )
 from tbmslam.kernels.surfels.surfels import extent
-from tbmslam.loop_closure.drive_hits import DriveHits
+from tbmslam.map.scan_hits import DriveHits
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 

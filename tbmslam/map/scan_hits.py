@@ -1,12 +1,15 @@
 """What the scans of a drive hit, made once for all that go over it."""
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels.rays.hits import hits_of_scans
+from tbmslam.geometry.se2 import SE2, FloatArray, way_lengths
+from tbmslam.kernels.rays.hits import hits_of_scans, place_hits
 from tbmslam.map.keyframes import Keyframes
+from tbmslam.sensing.laser_scan import Hits
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +38,69 @@ class ScanHits:
     def __len__(self) -> int:
         """Return the number of scans."""
         return len(self.offsets) - 1
+
+
+class DriveHits:
+    """The hits of all keyframes of a drive and their poses.
+
+    Parameters
+    ----------
+    scans
+        What they hit.
+    poses
+        Poses (K, 3) of the laser as tracked: x [m], y [m], theta [rad].
+
+    Attributes
+    ----------
+    scans, poses
+        As given.
+    travelled
+        Length of the way up to each keyframe (K,) [m].
+    """
+
+    def __init__(self, scans: ScanHits, poses: FloatArray) -> None:
+        if len(scans) != len(poses):
+            raise ValueError(f"scans must be as many as poses, got {len(scans)} and {len(poses)}")
+        self.scans, self.poses = scans, poses
+        self.travelled = way_lengths(poses)
+        self._way = self.travelled.tolist()
+
+    def count(self, chosen: npt.NDArray[np.int64]) -> int:
+        """Return how many hits some keyframes have."""
+        return int((self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]).sum())
+
+    def begins(self, chosen: npt.NDArray[np.int64], at_least: int | None = None) -> npt.NDArray[np.int64]:
+        """Return where the hits of each of some keyframes begin in what `placed` returns, and where the last ones end.
+
+        Parameters are those of `placed`.
+        """
+        counts = self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]
+        return -(-np.concatenate(([0], np.cumsum(counts))) // self._step(chosen, at_least))
+
+    def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int | None = None) -> Hits:
+        """Return hits of some keyframes in the frame of one.
+
+        Parameters
+        ----------
+        chosen
+            Indices of the keyframes.
+        frame
+            Index of the one.
+        at_least
+            Every n-th hit is enough, as long as this many are left, where there are as many; None for all.
+        """
+        step = self._step(chosen, at_least)
+        pose = SE2.from_array(self.poses[frame])
+        points, normals, offsets = self.scans.points, self.scans.normals, self.scans.offsets
+        return Hits(*place_hits(points, normals, offsets, chosen, self.poses, pose, step))
+
+    def _step(self, chosen: npt.NDArray[np.int64], at_least: int | None) -> int:
+        """Return which n it is that every n-th hit is enough."""
+        return 1 if at_least is None else max(self.count(chosen) // at_least, 1)
+
+    def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
+        """Return hits of a keyframe and some within a travelled length before and after, in its frame."""
+        here = self._way[keyframe]
+        first, stop = bisect_left(self._way, here - reach), bisect_left(self._way, here + reach + 1e-9)
+        chosen = np.array([keyframe, *range(first, stop, max((stop - first) // 8, 1))])
+        return self.placed(chosen, keyframe, at_least)

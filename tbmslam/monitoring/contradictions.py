@@ -7,8 +7,7 @@ slip take that weight from single scans, which is no news.
 import math
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 _CONTRADICTED = 0.02
 """Trust below which a scan contradicts the odometry: 18 deviations off."""

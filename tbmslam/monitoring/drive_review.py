@@ -8,10 +8,9 @@ from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.monitoring.end_warnings import EndWarning
 from tbmslam.monitoring.impossible_speed import impossible_speed
-from tbmslam.monitoring.odometry_check import OdometryCheckConfig
-from tbmslam.monitoring.odometry_scale import odometry_scale
+from tbmslam.monitoring.incidents import EndWarning
+from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scale
 from tbmslam.monitoring.undetermined_motion import undetermined_motion
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels import BoolArray
-from tbmslam.monitoring.end_warnings import EndWarning
+from tbmslam.monitoring.incidents import EndWarning
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 
 _LEAST_S = 2.0

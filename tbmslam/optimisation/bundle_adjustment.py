@@ -16,10 +16,8 @@ from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.config import AdjustmentConfig
-from tbmslam.optimisation.drive_bends import bends_of
-from tbmslam.optimisation.motion_equations import motions_of
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver
+from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 from tbmslam.optimisation.trajectory_segments import RigidStretches
 from tbmslam.optimisation.wall_lines import WallLines
 

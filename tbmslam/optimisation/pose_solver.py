@@ -1,11 +1,17 @@
-"""Solves the equations of poses by conjugate gradients, for one right side after the other."""
+"""Motion factors, and the solver of pose equations: preconditioned conjugate gradients."""
+
+import itertools
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse.linalg import LinearOperator, cg
 
 from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
 from tbmslam.kernels.adjustment.two_levels import Bends, factors_of, precondition
+from tbmslam.optimisation.pose_graph import MotionEdge
 
 _MOST_STEPS = 1000
 
@@ -46,3 +52,63 @@ class PoseSolver:
         known, nearly = (LinearOperator(shape, matvec=part, dtype=np.float64) for part in (curved, near))
         changes, _ = cg(known, gradient.ravel(), rtol=self._precision, maxiter=_MOST_STEPS, M=nearly)
         return np.asarray(changes, dtype=np.float64).reshape(-1, 3)
+
+
+_APART = 8
+"""Poses between knots: farther apart they leave more to be done pose by pose, and nearer they cost more themselves."""
+_MOST_KNOTS = 250
+
+
+def bends_of(ends: Sequence[int]) -> Bends:
+    """Return knots for drives whose poses come one drive after the other.
+
+    Parameters
+    ----------
+    ends
+        Where each drive begins, and where the last one ends (D + 1,); each has a pose at least.
+    """
+    apart = max(_APART, -(-ends[-1] // _MOST_KNOTS))
+    knots, sides, shares = list[npt.NDArray[np.int64]](), list[npt.NDArray[np.int64]](), list[npt.NDArray[np.float64]]()
+    count = 0
+    for first, last in itertools.pairwise(ends):
+        own = np.round(np.linspace(first, last - 1, -(-(last - 1 - first) // apart) + 1)).astype(np.int64)
+        poses = np.arange(first, last)
+        before = np.clip(np.searchsorted(own, poses, side="right") - 1, 0, max(len(own) - 2, 0))
+        after = np.minimum(before + 1, len(own) - 1)
+        share = (poses - own[before]) / np.maximum(own[after] - own[before], 1)
+        knots.append(own)
+        sides.append(count + np.column_stack((before, after)))
+        shares.append(np.column_stack((1.0 - share, share)))
+        count += len(own)
+    return Bends(np.concatenate(knots), np.vstack(sides), np.vstack(shares))
+
+
+def motions_of(
+    believed: Sequence[MotionEdge],
+    doubted: Sequence[MotionEdge],
+    width: float,
+    owners: npt.NDArray[np.int64],
+    places: FloatArray,
+) -> Motions:
+    """Return the motions between points of view that belong to poses, for `motion_systems.motion_equations`.
+
+    Parameters
+    ----------
+    believed, doubted
+        Motions between points of view.
+    width
+        Standard deviations at which a doubted one begins to lose its say (Cauchy).
+    owners
+        The pose (K,) that each point of view hangs on.
+    places
+        Where on it (K, 3).
+    """
+    edges = [*believed, *doubted]
+    ends = np.array([(edge.source, edge.target) for edge in edges], dtype=np.int64).reshape(-1, 2)
+    return Motions(
+        ends=owners[ends],
+        levers=places[ends],
+        measured=np.array([edge.T_source_target for edge in edges], dtype=np.float64).reshape(-1, 3),
+        informations=np.array([edge.information for edge in edges], dtype=np.float64).reshape(-1, 3, 3),
+        widths=np.repeat([np.inf, width], [len(believed), len(doubted)]),
+    )

@@ -19,8 +19,7 @@ from tbmslam.kernels.rays.insertion import BeamFactors, touched_cells
 from tbmslam.related.ancestry import Ancestry
 from tbmslam.related.tile_maps import TileMaps
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 
 class ParticleTrackerConfig(FrozenConfig):

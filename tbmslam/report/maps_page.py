@@ -1,14 +1,36 @@
 """The report of robots that were mapped, each in a frame of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from tbmslam.map.tbm_map import Drive, TbmMap
-from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
-from tbmslam.report.page import Page, Table
-from tbmslam.report.shared_warnings import by_whom
+from tbmslam.report.page import Making, Page, Table
 from tbmslam.report.sheet import Sheet
+
+_MOST_NAMES = 5
+"""So many robots are named where several are told the same."""
+
+
+def by_whom(told: Mapping[str, Iterable[str]]) -> list[str]:
+    """Return every warning once, with the names of those that it is told of: one recording's are those of all.
+
+    Parameters
+    ----------
+    told
+        What each robot is told, by name. What names a time is alike only where that is the same.
+    """
+    whose: dict[str, list[str]] = {}
+    for name, warnings in told.items():
+        for warning in dict.fromkeys(warnings):
+            whose.setdefault(warning, []).append(name)
+    return [f"{_listed(names)}: {warning}" for warning, names in whose.items()]
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
+
 
 _LARGE_CORRECTION_M = 1.0
 MOST_SHEETS = 30

@@ -2,7 +2,9 @@
 
 import base64
 import hashlib
+import importlib.metadata
 import json
+import platform
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -175,3 +177,33 @@ def _flat(config: Mapping[str, object], before: str = "") -> list[tuple[str, str
         else:
             lines.append((f"{before}{name}", json.dumps(value)))
     return lines
+
+
+_NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "gtsam", "rosbags")
+
+
+@dataclass(frozen=True)
+class Making:
+    """What a report says of the run that it reports.
+
+    Parameters
+    ----------
+    command
+        What was typed.
+    seconds
+        How long each step took [s].
+    """
+
+    command: str = ""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of what results depend on, as far as it is installed."""
+    found = {"python": platform.python_version()}
+    for name in _NAMED:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.io.map_pictures import draw_grid
+from tbmslam.io.pictures import draw_grid
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import Reading
 

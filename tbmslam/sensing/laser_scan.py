@@ -189,3 +189,18 @@ def _check_pose(name: str, pose: SE2 | None) -> None:
         # This way round, since nothing is true of not-a-number.
         if not abs(x) + abs(y) + abs(theta) <= FARTHEST_PLACE:
             raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
+
+
+class Corrections(NamedTuple):
+    """What somebody had changed, so that a warning can name what is to be done instead.
+
+    Parameters
+    ----------
+    range_offset
+        Added to every range that was measured [m].
+    odometry_scale
+        What the odometry's lengths were multiplied by.
+    """
+
+    range_offset: float = 0.0
+    odometry_scale: float = 1.0

@@ -10,7 +10,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import determined_shares, seen_by_robot
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryNoiseConfig
-from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.tracker import PosePrior
 
 _JUMP = 2.0
 """A step of the odometry beyond what the speed explains by more than this is no motion [m]."""

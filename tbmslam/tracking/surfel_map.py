@@ -18,7 +18,7 @@ from tbmslam.kernels.surfels.surfel_alignment import Search, SurfelArrays, align
 from tbmslam.kernels.surfels.surfel_search import search
 from tbmslam.kernels.surfels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
 from tbmslam.sensing.laser_scan import Hits, LaserScan
-from tbmslam.tracking.pose_prior import PosePrior
+from tbmslam.tracking.tracker import PosePrior
 
 
 class SurfelConfig(FrozenConfig):

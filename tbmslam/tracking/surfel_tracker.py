@@ -12,9 +12,8 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_noise import FREEDOM
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 _STRAY = 4.0
 """Log-odds of a thing to lie on a known surface where the pose is right: one of fifty does not. With 3, intel with

@@ -1,12 +1,83 @@
-"""Following the robot: placing each scan in what was learnt from earlier ones."""
+"""Tracking: a prior and a scan give a pose in what was learnt from earlier scans."""
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.odometry_noise import Deviations
+
+
+class ScanMatch(NamedTuple):
+    """Where a scan was taken, as far as the map can tell.
+
+    Parameters
+    ----------
+    T_map_sensor
+        Pose of the laser.
+    score
+        How well the scan agrees with the map there; its scale is the matcher's own.
+    moved
+        Whether the map was able to correct the initial guess at all.
+    information
+        Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say.
+    trust
+        Weight of the prior's information beside it: near 0 where the prior was far off, as where wheels slipped.
+    is_lost
+        Whether the scan sees much and hardly anything of it was seen before.
+    """
+
+    T_map_sensor: SE2
+    score: float
+    moved: bool
+    information: FloatArray | None = None
+    trust: float = 1.0
+    is_lost: bool = False
+
+
+class ScanMatcher(Protocol):
+    """Places a scan in a map."""
+
+    def match(self, scan: LaserScan, grid: EvidenceGrid, initial_guess: SE2) -> ScanMatch:
+        """Return where the laser was, searching from `initial_guess` (T_map_sensor)."""
+        ...
+
+
+def moved_from(initial_guess: SE2, pose: SE2) -> bool:
+    """Tell whether a match moved its guess by more than rounding."""
+    return max(abs(a - b) for a, b in zip(initial_guess, pose, strict=True)) > 1e-7
+
+
+class PosePrior(NamedTuple):
+    """A prior on the robot's pose, of Student's t distribution.
+
+    Parameters
+    ----------
+    mean
+        T_map_robot: by odometry since the last keyframe or, without odometry, by the last motion.
+    deviations
+        Of the mean in its own frame, those of the last keyframe's pose and of the motion since then together; all zero
+        for the first pose of a drive, which is where it is.
+    motion
+        Of the motion alone.
+    start
+        T_map_robot: where the search for the scan's place begins, by odometry since the last scan.
+    coasting
+        Returns T_map_robot where the robot would be if it had gone on as before: another start where odometry slips.
+    jump
+        How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0.
+    by_odometry
+        Whether the mean comes from odometry.
+    """
+
+    mean: SE2
+    deviations: Deviations
+    motion: Deviations
+    start: SE2
+    coasting: Callable[[], SE2]
+    jump: float = 0.0
+    by_odometry: bool = False
 
 
 class Tracker(Protocol):

@@ -9,8 +9,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.map.scan_inserter import ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch, ScanMatcher
+from tbmslam.tracking.tracker import PosePrior, ScanMatch, ScanMatcher
 from tbmslam.vinyslam.hill_climbing import HillClimbingConfig, HillClimbingMatcher
 from tbmslam.vinyslam.monte_carlo import MonteCarloConfig, MonteCarloMatcher
 

@@ -9,7 +9,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.search.scoring import climb_hill
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.scan_match import ScanMatch, moved_from
+from tbmslam.tracking.tracker import ScanMatch, moved_from
 from tbmslam.vinyslam.beam_weights import BeamWeighting, CellScore, beam_weights
 
 

@@ -11,7 +11,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.search.scoring import search_monte_carlo, weighted_impact
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.scan_match import ScanMatch, moved_from
+from tbmslam.tracking.tracker import ScanMatch, moved_from
 from tbmslam.vinyslam.beam_weights import BeamWeighting, CellScore, beam_weights
 
 DrawNormals = Callable[[int], FloatArray]

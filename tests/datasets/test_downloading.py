@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from datasets.downloading import DownloadError, download
+from datasets.downloading import DownloadError, download, known_recording, known_recordings
+from datasets.errors import DatasetError
 
 CONTENT = bytes(range(256)) * 4000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -145,3 +146,30 @@ def test_a_full_disk_is_told_with_the_file(server, tmp_path):
     (tmp_path / "a.bag.part").symlink_to("/dev/full")
     with pytest.raises(DownloadError, match=r"a\.bag\.part: cannot be written \(No space left on device\): make room"):
         download(server.address, tmp_path / "a.bag")
+
+
+def test_each_says_where_it_is_and_what_it_may_be_used_for():
+    known = known_recordings()
+    assert {"stata/2011-01-24-06-18-27", "freiburg/intel"} <= known.keys()
+    addresses = [address for recording in known.values() for address in recording.addresses]
+    assert len(set(addresses)) == len(addresses)
+    for recording in known.values():
+        assert all(address.startswith("http") for address in recording.addresses)
+        assert all((recording.license, recording.citation, recording.page, recording.about))
+
+
+def test_the_profile_goes_with_it():
+    assert known_recording("stata/2011-01-24-06-18-27").options == "--profile stata"
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("stata/2011-01-24-06-18-72", "did you mean stata/2011-01-24"),
+        ("intel", "freiburg/intel"),
+        ("x", "--list"),
+    ],
+)
+def test_an_unknown_name(name, meant):
+    with pytest.raises(DatasetError, match=rf"there is no known recording '{name}': .*{meant}"):
+        known_recording(name)

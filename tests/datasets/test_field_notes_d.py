@@ -10,7 +10,7 @@ from datasets.counts import ReadingCounts
 from datasets.odometry.se3 import SE3
 from datasets.scans.cleaning import RangeRules
 from datasets.scans.intake import RawScan, ScanIntake
-from datasets.synthetic.messages import Messages
+from datasets.synthetic.bag_writing import Messages
 from tbmslam.geometry.se2 import SE2
 
 

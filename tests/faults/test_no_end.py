@@ -23,8 +23,8 @@ from tbmslam.io.tbm_dump import read_tbm_dump
 from tbmslam.io.tum import TumError, read_tum
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
-from tools.command_line.checksums import NAME, changed_files
 from tools.command_line.configuration import read_configuration
+from tools.command_line.output_folder import NAME, changed_files
 from tools.evaluation.truth_file import TruthFileError
 from tools.map_pairs.files import PairFileError, load_pair
 from tools.paper.maps import load_pairs

@@ -11,8 +11,8 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 
-from datasets.salvage.ros1_records import record_at
-from datasets.synthetic.messages import Messages
+from datasets.salvage.ros1 import record_at
+from datasets.synthetic.bag_writing import Messages
 from tbmslam.geometry.se2 import SE2
 
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"

@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from datasets import downloading, known_recordings
+from datasets import downloading
 from tools import build_maps, download
 from tools.command_line.output_folder import output_folder
 
@@ -37,10 +37,8 @@ def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatc
 
 
 def test_a_server_that_does_not_answer_is_one_line_that_names_the_page(tmp_path, monkeypatch, capsys):
-    recording = dataclasses.replace(
-        known_recordings.known_recording("freiburg/intel"), addresses=("http://127.0.0.1:1/x",)
-    )
-    monkeypatch.setattr(known_recordings, "known_recordings", lambda: {"freiburg/intel": recording})
+    recording = dataclasses.replace(downloading.known_recording("freiburg/intel"), addresses=("http://127.0.0.1:1/x",))
+    monkeypatch.setattr(downloading, "known_recordings", lambda: {"freiburg/intel": recording})
     assert download.main(["freiburg/intel", "-o", str(tmp_path)]) == 1
     error = capsys.readouterr().err
     assert error.startswith("download: http://127.0.0.1:1/x: the connection failed after 0 bytes")

@@ -15,8 +15,7 @@ import numpy as np
 
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.calibration.calibration_table import BINS, calibration_table
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
@@ -102,7 +101,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
         record = {"machine": machine, "methods": pairs}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
     if args.plot:
-        from tools.calibration.calibration_plot import draw_calibration
+        from tools.calibration.calibration_table import draw_calibration
 
         write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in first], BINS))
 

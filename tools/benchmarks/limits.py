@@ -11,8 +11,7 @@ from tbmslam.io.atomic_file import write_text
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.scaling import ScalingRun, run_scaling
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 HEAD = ("what", "drive", "scans", "seen m2", "box m2", "CPU s", "peak MB", "ATE m", "within 2000 MB")
 

@@ -26,8 +26,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.map_pairs.files import KnownPair, grid_of
 
 HEAD = (

@@ -16,8 +16,7 @@ from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.perturbation import UNPERTURBED, Perturbation, perturbations
 from tools.benchmarks.perturbed_run import config_with, run_perturbed
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.machine import describe_machine
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, number, text_table
 
 OVERVIEW_HEAD = ("recording", "error m", "perturbed runs", "misses", "lost or failed", "worst ratio")
 

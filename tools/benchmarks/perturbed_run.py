@@ -16,7 +16,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.slam import Slam
 from tools.benchmarks.drive_errors import DriveErrors, drive_errors, truth_beside
 from tools.benchmarks.perturbation import Perturbation
-from tools.benchmarks.recording_spec import RecordingSpec
+from tools.benchmarks.simulated_recording import RecordingSpec
 
 
 def config_with(setting: str | None) -> SlamConfig:

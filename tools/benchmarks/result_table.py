@@ -29,7 +29,7 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
     path
         The file; None writes nothing.
     machine
-        See `tools.command_line.machine.describe_machine`.
+        See `tools.command_line.text_table.describe_machine`.
     tables
         Tables by name; those without rows are left out.
     """

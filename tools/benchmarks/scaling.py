@@ -16,10 +16,8 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.benchmarks.slam_run import CpuClock
-from tools.benchmarks.warm_up import warm_up
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.benchmarks.slam_run import CpuClock, warm_up
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 HEAD = (
     *(

@@ -13,12 +13,10 @@ from typing import Any
 
 from tbmslam.io.atomic_file import write_text
 from tools.benchmarks.measured_process import in_fresh_process
-from tools.benchmarks.recording_spec import RecordingSpec
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.benchmarks.slam_run import SlamRun, run_slam
-from tools.benchmarks.warm_up import WARM_UP_SCANS
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.benchmarks.simulated_recording import RecordingSpec
+from tools.benchmarks.slam_run import WARM_UP_SCANS, SlamRun, run_slam
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 LOST_M = 0.5
 """A drive with a larger error is lost."""

@@ -20,20 +20,18 @@ from merging import merge
 from merging.joint_slam.rendering import redraw
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
-from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement
-from tbmslam.evaluation.map_refinement import refine_map_transform
+from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.pose_matching import matching_poses
-from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.evaluation.trajectory_alignment import fit_rigid
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
-from tools.benchmarks.recording_spec import as_words
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.benchmarks.simulated_recording import as_words
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.evaluation.truth_file import NAME as TRUTH_FILE
 from tools.evaluation.truth_file import read_truth_file
 

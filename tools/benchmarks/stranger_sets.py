@@ -23,8 +23,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.worker_pool import worker_pool
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of, some_part
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.map_pairs.files import KnownPair, grid_of
 
 MAPS = 6

@@ -31,8 +31,7 @@ from tbmslam.io.special_file import why_unreadable
 from tbmslam.parallel.code_digest import code_digest
 from tbmslam.parallel.worker_pool import worker_pool
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.machine import describe_machine, machine_line
-from tools.command_line.text_table import number, text_table
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.map_pairs.files import KnownPair
 
 KINDS = {

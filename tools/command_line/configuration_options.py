@@ -2,7 +2,7 @@
 
 import argparse
 
-from tools.command_line.path_argument import path_argument
+from tools.command_line.paths import path_argument
 
 
 def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> None:

@@ -14,18 +14,16 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
-from tbmslam.evaluation.error_statistics import ErrorStatistics
-from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement
-from tbmslam.evaluation.map_refinement import refine_map_transform
+from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, relative_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.png import encode_png
+from tbmslam.io.pictures import encode_png
 from tbmslam.io.tum import read_tum
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.rosbag.source import BagSource
-from datasets.salvage.ros1_records import INDEX, next_record, record_at
+from datasets.salvage.ros1 import INDEX, next_record, record_at
 
 
 def cut(path: Path, share: float) -> None:

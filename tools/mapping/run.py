@@ -11,13 +11,12 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.io.tum import read_tum
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
-from tbmslam.report.making import Making
 from tbmslam.report.maps_page import MappedRobot, maps_page
+from tbmslam.report.page import Making
 from tbmslam.report.rerun_viewer import RerunViewer
-from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration
-from tools.command_line.extra_files import check_extra_files, write_extra_files
-from tools.command_line.output_folder import OutputError, output_folder
+from tools.command_line.output_folder import OutputError, changed_files, output_folder, write_checksums
+from tools.command_line.paths import check_extra_files, write_extra_files
 from tools.command_line.progress import ProgressBars
 from tools.evaluation.truth_file import NAME, read_truth_file
 from tools.mapping.crew import map_all

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
-from datasets.cached import cached
+from datasets.buffering import cached, read_ahead
 from datasets.counts import Span
-from datasets.read_ahead import read_ahead
 from datasets.recording_warnings import recording_warnings
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
@@ -27,15 +26,14 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
 from tbmslam.parallel.code_digest import code_digest
 from tbmslam.parallel.progress import Watch
-from tbmslam.report.making import versions
-from tbmslam.sensing.corrections import Corrections
-from tbmslam.sensing.laser_scan import Reading
+from tbmslam.report.page import versions
+from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.sensing.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
-from tools.command_line.checksums import NAME as CHECKSUMS
-from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration, mapping_text
 from tools.command_line.loading import loading
+from tools.command_line.output_folder import NAME as CHECKSUMS
+from tools.command_line.output_folder import changed_files, write_checksums
 
 
 class EmptyMapError(TbmSlamError):

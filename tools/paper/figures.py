@@ -10,7 +10,7 @@ from merging.experiments.published import TABLE_2, table_2
 from merging.experiments.significance import half_interval, half_width
 from merging.registration.channels import Channels
 from tbmslam.belief.grid import TbmGrid
-from tbmslam.io.png import encode_png
+from tbmslam.io.pictures import encode_png
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10

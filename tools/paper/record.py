@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from tools.command_line.machine import describe_machine
+from tools.command_line.text_table import describe_machine
 from tools.paper.experiments import PaperResults, PaperSettings
 
 

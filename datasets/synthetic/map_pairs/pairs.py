@@ -18,7 +18,7 @@ from datasets.synthetic.map_pairs.distortion import Distortion, Draw, Spoilt
 from datasets.synthetic.world.corridor_lattice import CorridorLattice
 from datasets.synthetic.world.world import World
 from tbmslam.belief.masses import FREE, OCCUPIED
-from tbmslam.evaluation.rigid_fit import fit_rigid
+from tbmslam.evaluation.trajectory_alignment import fit_rigid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import replacing
 

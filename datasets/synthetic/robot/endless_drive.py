@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from datasets.synthetic.robot.drives import START_STAMP
-from datasets.synthetic.robot.driving import drive_along
+from datasets.synthetic.robot.drives import START_STAMP, drive_along
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.robot.simulation import poses_at

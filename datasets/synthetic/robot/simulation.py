@@ -1,7 +1,10 @@
-"""Robots in a world: what their lasers and wheels say, and where they truly were."""
+"""Robots in a world: what their lasers and wheels measure, and their true poses."""
 
-from collections.abc import Sequence
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +13,7 @@ from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.world.world import World
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.progress import Watch
 from tbmslam.sensing.laser_scan import Reading
 
@@ -114,3 +118,55 @@ def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
         for index, fraction in zip(after.tolist(), fractions, strict=True)
     ]
     return np.array(poses).reshape(-1, 3)
+
+
+_SOURCE = "the simulated world, ground truth"
+"""What the file is, and those of build_maps, which have the same name, are not."""
+
+
+def write_truth(
+    folder: Path, world: World, robots: Sequence[SimulatedRobot], bags: Sequence[str], run: Mapping[str, object]
+) -> None:
+    """Write `world.npz`, `<bag stem>.truth.tum` a robot and `truth.json` into a folder, each whole or not at all.
+
+    Parameters
+    ----------
+    bags
+        Name of each robot's bag in the folder.
+    run
+        What made the recording: seed, odometry noise and the like; anything that JSON can hold.
+    """
+    world.save(folder / "world.npz")
+    entries = []
+    for robot, bag in zip(robots, bags, strict=True):
+        tum = f"{Path(bag).stem}.truth.tum"
+        write_text(folder / tum, tum_text(robot.truth))
+        entries.append(
+            {
+                "name": robot.name,
+                "bag": bag,
+                "trajectory": tum,
+                "T_world_robot": list(robot.truth.pose(0)),
+                "scans": len(robot.readings),
+                "length_m": robot.truth.length(),
+                "duration_s": float(robot.truth.stamps[-1] - robot.truth.stamps[0]),
+            }
+        )
+    laser = robots[0].laser
+    truth = {
+        **run,
+        "source": _SOURCE,
+        "world": {"name": world.name, "seed": world.seed, "file": "world.npz"},
+        "laser": {**vars(laser), "T_robot_sensor": list(laser.T_robot_sensor)},
+        "robots": entries,
+    }
+    write_text(folder / "truth.json", json.dumps(truth, indent=2, sort_keys=True) + "\n")
+
+
+def tum_text(trajectory: Trajectory) -> str:
+    """Return a trajectory as TUM text: stamp x y z qx qy qz qw a line."""
+    lines = (
+        f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2.0):.9f} {math.cos(theta / 2.0):.9f}\n"
+        for stamp, (x, y, theta) in zip(trajectory.stamps, trajectory.poses, strict=True)
+    )
+    return "".join(lines)

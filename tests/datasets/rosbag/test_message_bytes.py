@@ -10,7 +10,14 @@ from hypothesis.extra.numpy import arrays
 
 from datasets.rosbag.message_bytes import NotAsUsualError, reader_of
 from datasets.rosbag.message_decoder import MessageDecoder
-from datasets.rosbag.message_types import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, standard_types
+from datasets.rosbag.message_types import (
+    ECHOES_TYPE,
+    ODOMETRY_TYPE,
+    POSE_TYPE,
+    SCAN_TYPE,
+    TF_TYPES,
+    standard_types,
+)
 from datasets.rosbag.messages import FramedScan, poses_of, scan_of, transforms_of
 
 KINDS = (SCAN_TYPE, ODOMETRY_TYPE, *TF_TYPES)

@@ -12,7 +12,7 @@ from rosbags import rosbag1
 
 from datasets import DatasetError, open_recording
 from datasets.rosbag.source import BagSource
-from datasets.salvage.bag_announcement import BagAnnouncement, announced_by
+from datasets.salvage.salvaged_bag import BagAnnouncement, announced_by
 
 SCANS = 300
 COMPRESSIONS = ("none", "bz2", "lz4")

@@ -12,8 +12,8 @@ from merging.report.json_report import as_json, draw_conflict, draw_overlay, wri
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import FileNotWrittenError
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
+from tbmslam.report.page import Making
 
 CONFIG = MergeConfig(method="features")
 DESCRIPTION = Path(__file__).resolve().parents[3] / "docs/report-json.md"

@@ -13,8 +13,8 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import Drive, TbmMap
-from tbmslam.report.making import Making
 from tbmslam.report.map_layers import ROBOT_COLOURS
+from tbmslam.report.page import Making
 
 CONFIG = MergeConfig(method="features")
 PROVENANCE = {

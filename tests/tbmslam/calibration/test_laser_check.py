@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tbmslam.calibration.laser_check import LaserCheckConfig, laser_doubts
+from tbmslam.calibration.laser_fit import LaserErrors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.sensing.laser_errors import LaserErrors
 from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = LaserCheckConfig()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.calibration.laser_fit import fit_laser
-from tbmslam.calibration.laser_fit_config import LaserFitConfig
+from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.config import AdjustmentConfig

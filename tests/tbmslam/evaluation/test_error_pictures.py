@@ -5,7 +5,7 @@ import pytest
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
-from tbmslam.io.png import encode_png
+from tbmslam.io.pictures import encode_png
 
 LINE = np.column_stack((np.linspace(0.0, 10.0, 200), np.zeros(200)))
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from tbmslam.evaluation.error_statistics import ErrorStatistics
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
-from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, relative_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.tum import write_tum
@@ -127,3 +126,17 @@ def test_a_drive_shorter_than_a_step():
         relative_errors(winding(), winding(), distance=50.0)
     with pytest.raises(TrajectoryAlignmentError, match=r"the 0 poses that both trajectories have reach over 0 s"):
         relative_errors(winding(), Trajectory(np.zeros(1), np.zeros((1, 3))), seconds=1.0)
+
+
+def test_figures_of_a_known_set():
+    statistics = ErrorStatistics.of(np.array([0.0, 3.0, 4.0, 1.0]))
+    assert statistics.rmse == pytest.approx(np.sqrt(26 / 4))
+    assert statistics.mean == pytest.approx(2.0)
+    assert statistics.standard_deviation == pytest.approx(np.sqrt(26 / 4 - 4))
+    assert statistics.median == pytest.approx(2.0)
+    assert statistics.maximum == pytest.approx(4.0)
+
+
+def test_nothing_cannot_be_summed_up():
+    with pytest.raises(ValueError, match="errors must hold at least one value, got none"):
+        ErrorStatistics.of(np.zeros(0))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.geometry.trajectory import Trajectory, drive_speeds, turn_rates
 
 
 def square():
@@ -52,3 +52,58 @@ def test_what_is_no_number_is_refused(value):
         Trajectory(np.array([0.0]), np.array([[0.0, value, 0.0]]))
     with pytest.raises(ValueError, match="stamps and poses must be finite"):
         Trajectory(np.array([value]), np.zeros((1, 3)))
+
+
+STAMPS = 1000.0 + 0.2 * np.arange(11)
+
+
+def arc(speed, rate):
+    """Return poses (11, 3) of a robot that drives and turns steadily."""
+    times = STAMPS - STAMPS[0]
+    return np.column_stack(
+        (speed / rate * np.sin(rate * times), speed / rate * (1.0 - np.cos(rate * times)), rate * times)
+    )
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(0.5, 0.3), (-0.4, 0.1), (1.0, -0.8)])
+def test_speed_and_turn_rate_of_a_steady_arc(speed, rate):
+    poses = arc(speed, rate)
+    np.testing.assert_allclose(turn_rates(STAMPS, poses[:, 2]), rate)
+    np.testing.assert_allclose(drive_speeds(STAMPS, poses)[1:-1], speed, rtol=0.01)
+
+
+def test_a_heading_that_goes_over_half_a_turn_is_no_spin():
+    headings = np.remainder(np.linspace(3.0, 3.5, 11) + np.pi, 2.0 * np.pi) - np.pi
+    np.testing.assert_allclose(turn_rates(STAMPS, headings), 0.25)
+
+
+@pytest.mark.parametrize("jump", [0.0, -30.0, -1e6])
+def test_where_the_clock_stands_or_steps_back_nothing_is_known(jump):
+    """At both sides of a step back, and all along where stamps are the same."""
+    poses, stamps = arc(0.5, 0.3), STAMPS.copy()
+    if jump:
+        stamps[5:] += jump
+        unknown = [4, 5]
+    else:
+        stamps[:] = stamps[0]
+        unknown = list(range(11))
+    known = np.setdiff1d(np.arange(11), unknown)
+    rates, speeds = turn_rates(stamps, poses[:, 2]), drive_speeds(stamps, poses)
+    np.testing.assert_array_equal(rates[unknown], 0.0)
+    np.testing.assert_array_equal(speeds[unknown], 0.0)
+    np.testing.assert_allclose(rates[known], 0.3)
+
+
+def test_no_robot_is_faster_than_robots_are():
+    poses = arc(0.5, 0.3) * [1e3, 1e3, 1.0]
+    poses[5:, 2] += 1.5
+    assert np.abs(drive_speeds(STAMPS, poses)).max() == 5.0
+    assert turn_rates(STAMPS, poses[:, 2]).max() == 2.0
+
+
+def test_where_there_was_no_odometry_the_speed_is_unknown():
+    poses = arc(0.5, 0.3)
+    poses[:3] = np.nan
+    speeds = drive_speeds(STAMPS, poses)
+    assert np.isnan(speeds[:4]).all()
+    assert np.isfinite(speeds[4:]).all()

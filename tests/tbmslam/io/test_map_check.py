@@ -1,8 +1,11 @@
 import math
+import os
+import sys
 
 import pytest
 
 from tbmslam.belief.grid import GridGeometry
+from tbmslam.io import map_check
 from tbmslam.io.map_check import MAX_CELLS, MapFileError, check_geometry, check_size
 
 GOOD = GridGeometry(0.05, -1.0, 2.0, 20000, 20000)
@@ -40,3 +43,29 @@ def test_others_are_not(change, message):
 def test_a_product_that_would_overflow_is_refused():
     with pytest.raises(MapFileError, match="are more than"):
         check_size("a.map", 2**32, 2**32)
+
+
+def test_a_machine_has_memory_and_not_endlessly_much():
+    assert 1e8 < map_check.machine_memory() < 1e15
+
+
+def test_a_container_may_have_less(tmp_path, monkeypatch):
+    for name, text in (("max", "max\n"), ("small", "12345678\n")):
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", [str(tmp_path / name) for name in ("max", "none", "small")])
+    assert map_check.machine_memory.__wrapped__() == 12345678
+
+
+def test_what_nobody_knows_is_no_limit(monkeypatch):
+    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", ("/none",) * 2)
+    monkeypatch.delattr(os, "sysconf")
+    assert map_check.machine_memory.__wrapped__() == sys.maxsize
+
+
+def test_a_map_too_large_for_the_machine_is_refused(monkeypatch):
+    monkeypatch.setattr(map_check, "machine_memory", lambda: 1_900_000_000)
+    check_size("m.yaml", 9000, 10000)
+    with pytest.raises(
+        MapFileError, match=r"^m\.yaml: 10000 x 10000 cells take 2\.0 GB of memory, and there are 1\.9: "
+    ):
+        check_size("m.yaml", 10000, 10000)

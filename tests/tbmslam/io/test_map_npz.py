@@ -10,9 +10,8 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_npz import read_map_file, write_map_file
 from tbmslam.io.npz import ArrayZip, write_npz
-from tbmslam.map.drive_motions import DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import Drive, DriveMotions, TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 
 

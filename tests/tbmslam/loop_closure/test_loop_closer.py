@@ -53,7 +53,7 @@ def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
     for reading in robot.readings:
         slam.process(reading)
     expected = slam.finish().drives[0]
-    monkeypatch.setattr("tbmslam.loop_closure.closing_targets._SUBMAPS_KEPT", 1)
+    monkeypatch.setattr("tbmslam.loop_closure.candidates._SUBMAPS_KEPT", 1)
     found = slam.finish().drives[0]
     assert len(expected.closures) > 0
     np.testing.assert_array_equal(found.closures, expected.closures)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.loop_closure.drive_hits import DriveHits
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.scan_hits import ScanHits
+from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.tracking.surfel_map import SurfelConfig
 
 

@@ -1,9 +1,11 @@
 import numpy as np
+import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.scan_hits import ScanHits
-from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.map.scan_hits import DriveHits, ScanHits
+from tbmslam.optimisation.pose_graph import relative_pose
+from tbmslam.sensing.laser_scan import Hits, LaserScan
 
 
 def test_they_are_the_hits_of_each_scan(generator):
@@ -18,3 +20,43 @@ def test_they_are_the_hits_of_each_scan(generator):
         np.testing.assert_allclose(hits.points[own], expected.points, atol=1e-5)
         np.testing.assert_allclose(hits.normals[own], expected.normals, atol=1e-4)
     assert hits.offsets[-1] == len(hits.points) == len(hits.normals)
+
+
+@pytest.fixture
+def scans(generator):
+    ranges = generator.uniform(1.0, 6.0, (30, 50))
+    ranges[generator.random((30, 50)) < 0.2] = np.nan
+    return [LaserScan(float(k), -1.0, 0.04, 0.1, 10.0, row) for k, row in enumerate(ranges)]
+
+
+@pytest.fixture
+def poses(generator):
+    return np.cumsum(generator.uniform(0.0, 0.3, (30, 3)), axis=0)
+
+
+def packed(scans):
+    return ScanHits.of(Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2), 5.0)
+
+
+def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
+    drive = DriveHits(packed(scans), poses)
+    near = np.flatnonzero(np.abs(drive.travelled - drive.travelled[12]) <= 1.0)
+    expected = Hits.joined([scans[k].hits(5.0).placed(relative_pose(poses, 12, k)) for k in (12, *near)])
+    bundle = drive.bundle(12, 1.0, 10_000)
+    np.testing.assert_allclose(bundle.points, expected.points, atol=1e-5)
+    np.testing.assert_allclose(bundle.normals, expected.normals, atol=1e-5)
+    assert 60 <= len(drive.bundle(12, 1.0, 60).points) < 120
+
+
+def test_begins_are_where_each_keyframe_begins(scans, poses):
+    drive = DriveHits(packed(scans), poses)
+    chosen = np.array([3, 9])
+    begins = drive.begins(chosen)
+    assert begins.tolist() == [0, len(scans[3].hits(5.0).points), drive.count(chosen)]
+    alone = drive.placed(chosen[1:], 3)
+    np.testing.assert_array_equal(drive.placed(chosen, 3).points[begins[1] :], alone.points)
+
+
+def test_scans_and_poses_must_agree(scans, poses):
+    with pytest.raises(ValueError, match="scans must be as many as poses, got 30 and 29"):
+        DriveHits(packed(scans), poses[1:])

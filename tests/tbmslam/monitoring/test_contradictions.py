@@ -4,8 +4,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.contradictions import DISAGREE, ELSEWHERE, Contradictions
-from tbmslam.tracking.pose_prior import PosePrior
-from tbmslam.tracking.scan_match import ScanMatch
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 DEVIATIONS = (0.01, 0.01, 0.01)
 

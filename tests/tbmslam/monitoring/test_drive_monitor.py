@@ -10,8 +10,7 @@ from datasets.synthetic.robot.simulation import poses_at
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.drive_monitor import LOST
-from tbmslam.sensing.corrections import Corrections
-from tbmslam.sensing.laser_scan import Reading
+from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.slam import Slam
 from tests.tbmslam.monitoring.monitored import carried, mapped, said
 

@@ -12,8 +12,8 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.drive_review import DriveReview
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
+from tbmslam.tracking.tracker import ScanMatch
 
 MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 ROOM = np.diag([4e4, 4e4, 1e5])

@@ -6,8 +6,8 @@ import pytest
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.undetermined_motion import undetermined_motion
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
+from tbmslam.tracking.tracker import ScanMatch
 
 WALL = np.diag([0.0, 4e4, 1e5])
 """Information of a scan along a bare wall."""

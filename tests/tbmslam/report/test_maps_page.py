@@ -4,8 +4,8 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import Drive, TbmMap
-from tbmslam.report.making import Making
-from tbmslam.report.maps_page import MappedRobot, maps_page
+from tbmslam.report.maps_page import MappedRobot, by_whom, maps_page
+from tbmslam.report.page import Making
 
 
 def robot(run=None):
@@ -63,3 +63,14 @@ def test_of_very_many_maps_the_first_are_shown_and_all_are_told():
 def test_a_run_that_says_something_else_spoils_nothing():
     odd = robot({"warnings": 3, "counts": "many", "result": None, "versions": [], "config": 1})
     assert "1 map was made" in maps_page({"a": odd}, Making()).to_html()
+
+
+def test_what_several_are_told_alike_is_said_once_with_their_names():
+    told = {"a": ["at 1.0 s: jumps", "odd"], "b": ["at 2.0 s: jumps"], "c": ["odd", "odd"]}
+    assert by_whom(told) == ["a: at 1.0 s: jumps", "a, c: odd", "b: at 2.0 s: jumps"]
+    assert by_whom({"a": []}) == []
+
+
+def test_of_many_the_first_are_named():
+    assert by_whom({name: ["odd"] for name in "abcdefg"}) == ["a, b, c, d, e and 2 more: odd"]
+    assert by_whom({name: ["odd"] for name in "abcde"}) == ["a, b, c, d, e: odd"]

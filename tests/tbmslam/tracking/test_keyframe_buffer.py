@@ -11,8 +11,8 @@ from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.forgetting import ForgettingConfig
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, packed
+from tbmslam.tracking.tracker import ScanMatch
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 T_ROBOT_SENSOR = SE2(0.2, 0.1, 0.3)

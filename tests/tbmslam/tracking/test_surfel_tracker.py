@@ -5,8 +5,8 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.pose_prior import PosePrior
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
+from tbmslam.tracking.tracker import PosePrior
 
 BEAMS = 720
 DEVIATIONS = (0.02, 0.02, 0.015)

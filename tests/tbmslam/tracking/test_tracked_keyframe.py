@@ -5,8 +5,8 @@ import numpy as np
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.scan_match import ScanMatch
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, odometry, packed
+from tbmslam.tracking.tracker import ScanMatch
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3))
 

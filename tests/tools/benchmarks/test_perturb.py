@@ -8,8 +8,7 @@ from tools.benchmarks.drive_errors import DriveErrors
 from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.perturb import Score, score, summary
 from tools.benchmarks.perturbation import UNPERTURBED, Perturbation, perturbations
-from tools.benchmarks.recording_spec import parse_recording_spec
-from tools.benchmarks.simulated_recording import SimulatedRecording
+from tools.benchmarks.simulated_recording import SimulatedRecording, parse_recording_spec
 
 NAN = np.nan
 

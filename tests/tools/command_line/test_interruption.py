@@ -12,8 +12,8 @@ import pytest
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
-from tools.command_line.ending import ended
 from tools.command_line.interruption import Interruption, hear_interruption
+from tools.command_line.program import ended
 
 ROOT = Path(__file__).resolve().parents[3]
 

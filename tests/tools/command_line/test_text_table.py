@@ -1,4 +1,6 @@
-from tools.command_line.text_table import number, text_table
+import platform
+
+from tools.command_line.text_table import describe_machine, number, text_table
 
 
 def test_columns_are_as_wide_as_their_widest_cell():
@@ -14,3 +16,11 @@ def test_columns_are_as_wide_as_their_widest_cell():
 def test_nothing_is_a_dash():
     assert number(None, 3) == "-"
     assert number(1.23456, 3) == "1.235"
+
+
+def test_processor_and_versions_are_named():
+    machine = describe_machine()
+    assert machine["python"] == platform.python_version()
+    assert machine["cores"] >= 1
+    assert machine["processor"]
+    assert {"numpy", "numba", "tbmslam"} <= set(machine)

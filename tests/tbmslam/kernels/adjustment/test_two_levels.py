@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, MotionSystem, PoseSystem, times
 from tbmslam.kernels.adjustment.two_levels import factors_of, precondition
-from tbmslam.optimisation.drive_bends import bends_of
+from tbmslam.optimisation.pose_solver import bends_of
 
 COUNT = 30
 

@@ -1,0 +1,232 @@
+"""Submaps of a drive, and which of them a keyframe may see, by the drift between them."""
+
+from bisect import bisect, bisect_left
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import FloatArray, inverse
+from tbmslam.kernels.search.ways import nearest_stretches, shortest_ways
+from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.map.scan_hits import DriveHits
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.tracking.surfel_map import SurfelConfig
+
+_BRIDGE = 0.5
+"""What laying the robot onto a place adds to the way [m]."""
+
+
+class DriftGraph:
+    """Places joined by the stretches driven between them, the shortest of each pair of places only.
+
+    It therefore grows with what was explored and not with the drive. A place is passed once, and met again whenever
+    the robot is laid onto it.
+    """
+
+    def __init__(self) -> None:
+        self._places = 0
+        self._edges: dict[tuple[int, int], int] = {}
+        self._ends = np.zeros((64, 2), dtype=np.int64)
+        self._lengths = np.zeros(64)
+        # (travelled, place, what it adds) from the place passed last on, in the order of the drive.
+        self._meetings: list[tuple[float, int, float]] = []
+
+    def add_place(self, travelled: float) -> int:
+        """Add the place that was passed after some way [m], further along than those before; return its number."""
+        place, at = self._places, bisect(self._meetings, (travelled, -1, 0.0))
+        self._places += 1
+        for neighbour in self._meetings[max(at - 1, 0) : at + 1]:
+            self._join((travelled, place, 0.0), neighbour)
+        self._meetings.insert(at, (travelled, place, 0.0))
+        del self._meetings[:at]
+        return place
+
+    def meet(self, place: int, travelled: float) -> None:
+        """Note that the robot was laid onto a place after some way [m], further along than those before."""
+        if self._meetings:
+            self._join((travelled, place, _BRIDGE), self._meetings[-1])
+        self._meetings.append((travelled, place, _BRIDGE))
+
+    def ways_from(self, travelled: float) -> FloatArray:
+        """Return the shortest way (P,) to every place from where the robot is after some way [m]."""
+        since, place, bridge = self._meetings[-1]
+        used = len(self._edges)
+        return shortest_ways(self._places, self._ends[:used], self._lengths[:used], place) + travelled - since + bridge
+
+    def _join(self, one: tuple[float, int, float], other: tuple[float, int, float]) -> None:
+        """Let a way lead from one place to another."""
+        if one[1] == other[1]:
+            return
+        ends, length = (min(one[1], other[1]), max(one[1], other[1])), abs(one[0] - other[0]) + one[2] + other[2]
+        slot = self._edges.setdefault(ends, len(self._edges))
+        if slot == len(self._lengths):
+            self._ends = np.concatenate((self._ends, np.zeros_like(self._ends)))
+            self._lengths = np.concatenate((self._lengths, np.zeros_like(self._lengths)))
+        if self._lengths[slot] == 0.0 or length < self._lengths[slot]:
+            self._ends[slot], self._lengths[slot] = ends, length
+
+
+class ChainDrift:
+    """Sums of the covariances along a drive, so that the drift between two keyframes is one difference.
+
+    Parameters
+    ----------
+    poses
+        Poses (K, 3) of the keyframes as tracked.
+    chain
+        Motions from each to the next.
+    """
+
+    def __init__(self, poses: FloatArray, chain: Sequence[MotionEdge]) -> None:
+        self._poses = poses
+        informations = np.array([edge.information for edge in chain]).reshape(-1, 3, 3)
+        carried = _adjoints(poses[1:]) @ np.linalg.inv(informations) @ np.swapaxes(_adjoints(poses[1:]), 1, 2)
+        self._sums = np.zeros((len(poses), 3, 3))
+        np.cumsum(carried, axis=0, out=self._sums[1:])
+
+    def deviations(
+        self, sources: npt.NDArray[np.int64], targets: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the deviations of position (N,) [m], along its worst direction, and heading (N,) [rad].
+
+        They are those of targets as seen from sources, with nothing but the motions between them (first order; Sola et
+        al., eq. 54).
+        """
+        sums = self._sums[np.maximum(sources, targets)] - self._sums[np.minimum(sources, targets)]
+        to_target = _adjoints(inverse(self._poses[targets]))
+        covariances = to_target @ sums @ np.swapaxes(to_target, 1, 2)
+        xx, yy, xy = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
+        largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+        return np.sqrt(np.maximum(largest, 0.0)), np.sqrt(np.maximum(covariances[:, 2, 2], 0.0))
+
+
+def _adjoints(poses: FloatArray) -> FloatArray:
+    """Return the matrices (N, 3, 3) that carry errors in the frames of poses (N, 3) to that of the map; eq. 159."""
+    adjoints = np.zeros((len(poses), 3, 3))
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    adjoints[:, 0, 0], adjoints[:, 0, 1], adjoints[:, 0, 2] = cosine, -sine, poses[:, 1]
+    adjoints[:, 1, 0], adjoints[:, 1, 1], adjoints[:, 1, 2] = sine, cosine, -poses[:, 0]
+    adjoints[:, 2, 2] = 1.0
+    return adjoints
+
+
+_SUBMAPS_KEPT = 500
+
+
+class NearTargets(NamedTuple):
+    """Targets near a keyframe, the nearest first.
+
+    Parameters
+    ----------
+    targets
+        Their numbers (T,).
+    distances
+        How far the keyframe is from their ways (T,) [m].
+    """
+
+    targets: npt.NDArray[np.int64]
+    distances: FloatArray
+
+
+class ClosingTargets:
+    """Stretches of a drive that were new when the robot came through.
+
+    A stretch becomes a target some way after its end, unless it was itself laid onto older ones: what comes back to it
+    finds those as well. So a robot that goes round and round has targets on its first round only, and neither their
+    number nor what a search costs grows with the rounds. (Cartographer trims submaps by what they cover instead.)
+
+    Parameters
+    ----------
+    hits
+        What the drive's keyframes hit.
+    config
+        How submaps are made.
+    surfels
+        What makes a surface.
+    min_gap
+        Travelled length after which a stretch may be met again [m].
+    familiar
+        Share of a stretch's keyframes searched for, from which on it counts as laid onto older ones.
+
+    Attributes
+    ----------
+    length
+        Travelled length of a target [m].
+    last_met
+        Travelled length at which a keyframe was last laid onto a target [m].
+    """
+
+    def __init__(
+        self, hits: DriveHits, config: SubmapConfig, surfels: SurfelConfig, min_gap: float, familiar: float
+    ) -> None:
+        self._hits, self._config, self._surfels = hits, config, surfels
+        self._min_gap, self._familiar = min_gap, familiar
+        self._stretches = np.array(split_into_submaps(hits.poses, config.length))
+        self._decided = 0
+        # Of the targets, in the order of the drive: first and last keyframe.
+        self._firsts, self._lasts = np.zeros((2, len(self._stretches)), dtype=np.int64)
+        self._ends: list[float] = []  # where on the way they end [m]
+        self._graph = DriftGraph()
+        self._latest = np.zeros(len(self._stretches), dtype=np.int64)  # keyframes that were laid onto them last
+        self.length = config.length
+        self.last_met = 0.0
+        self._searched, self._laid = np.zeros((2, len(hits.poses)), dtype=np.bool_)
+        self._submaps: dict[int, Submap] = {}
+
+    def advance(self, keyframe: int) -> None:
+        """Let the drive have come to a keyframe: new stretches far enough behind it become targets."""
+        travelled = self._hits.travelled
+        while self._decided < len(self._stretches):
+            first, last = self._stretches[self._decided].tolist()
+            if travelled[last] >= travelled[keyframe] - self._min_gap:
+                break
+            self._decided += 1
+            laid, searched = self._laid[first : last + 1].sum(), self._searched[first : last + 1].sum()
+            if laid == 0 or laid < self._familiar * searched:
+                self._firsts[len(self._ends)], self._lasts[len(self._ends)] = first, last
+                self._latest[len(self._ends)] = (first + last) // 2
+                self._ends.append(float(travelled[last]))
+                self._graph.add_place(float(travelled[(first + last) // 2]))
+
+    def note(self, keyframe: int, targets: Sequence[int]) -> None:
+        """Note which targets a keyframe that was searched for was laid onto; keyframes come in the drive's order."""
+        self._searched[keyframe], self._laid[keyframe] = True, bool(targets)
+        for target in targets:
+            self._latest[target], self.last_met = keyframe, float(self._hits.travelled[keyframe])
+            self._graph.meet(target, self.last_met)
+
+    def near(self, keyframe: int, poses: FloatArray, limit: float) -> NearTargets:
+        """Return the targets of earlier visits whose ways, by the poses (K, 3), are within a limit [m]."""
+        travelled = self._hits.travelled
+        old = bisect_left(self._ends, travelled[keyframe] - self._min_gap)
+        firsts, lasts = self._firsts[:old], self._lasts[:old]
+        return NearTargets(*nearest_stretches(poses, keyframe, firsts, lasts, limit, self._config.length))
+
+    def ways(self, keyframe: int) -> FloatArray:
+        """Return the shortest way (T,), over all that was laid onto targets, from a keyframe to each of them [m]."""
+        return self._graph.ways_from(float(self._hits.travelled[keyframe]))
+
+    def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) that were last laid onto them.
+
+        Where none was laid, that is the middle one.
+        """
+        old = bisect_left(self._ends, self._hits.travelled[keyframe] - self._min_gap)
+        return (self._firsts[:old] + self._lasts[:old]) // 2, self._latest[:old]
+
+    def stretch(self, target: int) -> tuple[int, int]:
+        """Return the first and the last keyframe of a target."""
+        return int(self._firsts[target]), int(self._lasts[target])
+
+    def submap(self, target: int) -> Submap:
+        """Return a target as a submap; those used last are kept, however long the drive is."""
+        submap = self._submaps.pop(target, None)
+        if submap is None:
+            first, last = int(self._firsts[target]), int(self._lasts[target])
+            submap = Submap(first, last, self._hits, self._config, self._surfels)
+        self._submaps[target] = submap
+        if len(self._submaps) > _SUBMAPS_KEPT:
+            del self._submaps[next(iter(self._submaps))]
+        return submap

@@ -1,0 +1,175 @@
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.errors import TbmSlamError
+from tbmslam.io.map_folder import save_map
+from tbmslam.map.tbm_map import TbmMap
+from tools import evaluate, merge
+from tools.command_line.program import Grammar, ended, one_line, print_anything, typed_command
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def raising(error):
+    def work():
+        raise error
+
+    return work
+
+
+def test_what_a_program_returns_is_its_exit_code(capsys):
+    assert [ended("merge", lambda: 3), ended("merge", lambda: None)] == [3, 0]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (TbmSlamError("x.bag: is empty"), "merge: x.bag: is empty"),
+        (OSError(36, "File name too long", "x"), "merge: x: File name too long: check that name, or choose another"),
+        (MemoryError(), "merge: memory has run out: merge fewer maps"),
+    ],
+)
+def test_a_known_error_is_one_line_and_with_debug_an_error(capsys, error, line):
+    assert ended("merge", raising(error), out_of_memory="merge fewer maps") == 1
+    assert capsys.readouterr().err == f"{line}\n"
+    with pytest.raises(type(error)):
+        ended("merge", raising(error), debug=True)
+
+
+def test_with_debug_the_systems_error_of_something_else_is_shown_as_well():
+    with pytest.raises(BrokenPipeError):
+        ended("merge", raising(BrokenPipeError()), debug=True)
+
+
+def test_a_mistake_of_ours_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        ended("merge", raising(ZeroDivisionError()))
+
+
+def printed_into(place, *words):
+    """Run merge with its output going to a place; return its exit code and what it said."""
+    command = [sys.executable, str(ROOT / "tools/merge.py"), *words]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(  # noqa: S603 - a fixed command
+        command, stdout=place, stderr=subprocess.PIPE, text=True, env=environment, check=False
+    )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
+@pytest.mark.parametrize("words", [["--print-config"], ["--print-config", "--debug"], ["--help"]], ids=" ".join)
+def test_a_full_disk_for_what_is_printed_is_one_line(words):
+    with Path("/dev/full").open("w") as full:
+        done = printed_into(full, *words)
+    said = "merge: No space left on device: check what is read and printed\n"
+    assert (done.returncode, done.stderr) == (1, said)
+
+
+def test_a_reader_that_has_gone_is_one_line():
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = printed_into(writer, "--print-config")
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "merge: Broken pipe: check what is read and printed\n")
+
+
+def test_who_has_neither_output_nor_errors_gets_the_exit_code():
+    closing = "import os, sys; os.close(1); os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    words = [sys.executable, "-c", closing, str(ROOT / "tools/merge.py")]
+    for more, code in ((["--print-config"], 0), (["a.npz", "b.npz", "-o", "merged"], 1)):
+        assert subprocess.run([*words, *more], env=environment, check=False).returncode == code  # noqa: S603
+
+
+def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    monkeypatch.setattr(sys, "stdout", stream)
+    print_anything()
+    stream.write("drive \udcff\n")
+    stream.flush()
+    assert stream.buffer.getvalue() == b"drive \\udcff\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("a\nb"), "a b"),
+        (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check that name, or choose another"),
+        (OSError("odd"), "odd: check what is read and printed"),
+    ],
+)
+def test_an_error_is_one_line(error, said):
+    assert one_line(error) == said
+
+
+def test_a_name_too_long_is_one_line(tmp_path, capsys):
+    long, maps = str(tmp_path / ("x" * 300)), [tmp_path / "a", tmp_path / "b"]
+    for folder in maps:
+        save_map(folder, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
+    assert merge.main([*map(str, maps), "-o", long]) == 1
+    assert evaluate.main(["map", long, "--truth", long]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in said] == ["merge", "evaluate"]
+    assert "cannot be written into (File name too long): choose another folder with -o" in said[0]
+    assert "File name too long: check that name, or choose another" in said[1]
+
+
+def test_what_was_typed_in_a_shell_is_told_as_it_was(monkeypatch):
+    monkeypatch.setattr(sys, "orig_argv", ["python", "tools/merge.py", "a map", "-o", "out"])
+    assert typed_command("merge", None) == "python tools/merge.py 'a map' -o out"
+
+
+def test_a_call_from_python_is_told_by_the_program_s_name():
+    assert typed_command("merge", ["a", "b"]) == "merge a b"
+
+
+TOOLS = Path(__file__).resolve().parents[3] / "tools"
+
+
+class FullDisk(io.StringIO):
+    def flush(self):
+        raise OSError(28, "No space left on device")
+
+
+def test_help_that_cannot_be_printed_is_one_line(monkeypatch, capsys):
+    grammar = Grammar(prog="merge")
+    below = grammar.add_subparsers().add_parser("maps")
+    monkeypatch.setattr(sys, "stdout", FullDisk())
+    for one in (grammar, below):
+        with pytest.raises(SystemExit) as ended:
+            one.parse_args(["--help"])
+        assert ended.value.code == 1
+        assert capsys.readouterr().err == "merge: No space left on device: check what is read and printed\n"
+
+
+def test_help_is_printed_where_it_can(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as ended:
+        Grammar(prog="merge").parse_args(["--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("usage: merge")
+    monkeypatch.setattr(sys, "stdout", None)
+    with pytest.raises(SystemExit) as ended:
+        Grammar(prog="merge").parse_args(["--help"])
+    assert ended.value.code == 0
+    file = io.StringIO()
+    Grammar(prog="merge").print_help(file)
+    assert file.getvalue().startswith("usage: merge")
+
+
+def test_every_program_has_such_a_grammar():
+    sources = [path.read_text(encoding="utf-8") for path in TOOLS.glob("*.py")]
+    programs = [source for source in sources if "def main(" in source]
+    assert len(programs) > 5
+    assert not any("argparse.ArgumentParser(" in source for source in programs)
+
+
+def test_numbers_with_an_exponent_are_no_options():
+    parser = Grammar()
+    parser.add_argument("--pose", nargs=2, type=float)
+    assert parser.parse_args(["--pose", "-1e-05", "-2.5E+1"]).pose == [-1e-05, -25.0]

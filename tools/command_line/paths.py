@@ -1,0 +1,103 @@
+"""Paths on the command line: files and folders, lists of maps, extra files of a result."""
+
+import argparse
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tbmslam.map.tbm_map import TbmMap
+
+_BAGS = {"ros1": "map.bag", "mcap": "map.mcap"}
+
+
+def add_extra_files(grammar: argparse.ArgumentParser) -> None:
+    """Add the options that ask for them."""
+    files = grammar.add_argument_group("further files beside each map")
+    files.add_argument(
+        "--geotiff", action="store_true", help="map.tif for QGIS and others (needs the extra tbmslam[geotiff])"
+    )
+    files.add_argument(
+        "--occupancy-bag",
+        nargs="?",
+        const="ros1",
+        choices=tuple(_BAGS),
+        help="a bag with the map as nav_msgs/OccupancyGrid on /map: map.bag of ROS 1 (default) or map.mcap of ROS 2",
+    )
+
+
+def check_extra_files(options: argparse.Namespace) -> None:
+    """Check that what was asked for can be written.
+
+    Raises
+    ------
+    TbmSlamError
+        If what writes it is not installed.
+    """
+    if options.geotiff:
+        from tbmslam.io.geotiff import require_rasterio
+
+        require_rasterio()
+
+
+def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
+    """Write what was asked for; what was not, and any when there is no map, is removed as part of an older map.
+
+    Raises
+    ------
+    TbmSlamError
+        If a file cannot be written, or what writes it is not installed.
+    """
+    if options.geotiff and tbm_map is not None:
+        from tbmslam.io.geotiff import write_geotiff
+
+        write_geotiff(folder / "map.tif", tbm_map.grid)
+    else:
+        (folder / "map.tif").unlink(missing_ok=True)
+    for kind, name in _BAGS.items():
+        if options.occupancy_bag != kind or tbm_map is None:
+            (folder / name).unlink(missing_ok=True)
+    if options.occupancy_bag is not None and tbm_map is not None:
+        from datasets.rosbag.occupancy import write_occupancy_bag
+
+        stamps = [float(drive.trajectory.stamps.max()) for drive in tbm_map.drives if len(drive.trajectory)]
+        path = folder / _BAGS[options.occupancy_bag]
+        write_occupancy_bag(path, tbm_map.grid, max(stamps, default=0.0), options.occupancy_bag)
+
+
+def path_argument(text: str) -> Path:
+    """Return the path that a word of the command line names, as the `type` of an argument.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The word is empty, which `Path` takes for the folder that one is in.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError("an empty text names no file: is a variable of the shell unset?")
+    return Path(text)
+
+
+_MAPS = ("map.npz", "map.yaml")
+
+
+def list_maps(paths: Iterable[Path]) -> list[Path]:
+    """Return maps, and in the place of a folder that is none the map folders in it: robot_0, robot_1, ..."""
+    return [found for path in paths for found in (_maps_in(path) or [path])]
+
+
+def _maps_in(path: Path) -> list[Path]:
+    if not path.is_dir() or holds_map(path):
+        return []
+    return sorted((entry for entry in path.iterdir() if entry.is_dir() and holds_map(entry)), key=_by_number)
+
+
+def holds_map(folder: Path) -> bool:
+    """Tell whether a folder is a map's."""
+    return any((folder / name).is_file() for name in _MAPS)
+
+
+def _by_number(folder: Path) -> list[str | tuple[int, str]]:
+    """Return a key under which robot_10 comes after robot_9."""
+    return [(int(part), part) if index % 2 else part for index, part in enumerate(re.split(r"(\d+)", folder.name))]

@@ -1,0 +1,145 @@
+"""A program on the command line: how it was called, its line for an error, its exit code."""
+
+import argparse
+import io
+import os
+import re
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import IO, Any
+
+from tbmslam.errors import TbmSlamError
+from tools.command_line.interruption import forget_interruption, hear_interruption, heard_interruption
+
+
+def print_anything() -> None:
+    """Let names of files be printed that are no text, with their bytes written out; Python would fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def one_line(error: Exception) -> str:
+    """Return what an error says in one line; the system's errors, such as a name that is too long, with the name."""
+    if isinstance(error, OSError):
+        what = error.strerror or error
+        named = f"{error.filename}: {what}: check that name, or choose another"
+        said = f"{what}: check what is read and printed" if error.filename is None else named
+    else:
+        said = str(error)
+    return " ".join(said.splitlines())  # names of files may hold line ends
+
+
+DONE, FAILED = 0, 1
+
+
+def ended(
+    program: str,
+    work: Callable[[], int | None],
+    *,
+    debug: bool = False,
+    interrupted: str = "",
+    out_of_memory: str = "do less at once, or use a larger machine",
+) -> int:
+    """Do a program's work and return its exit code: what it returns, 1 for a known error, 130 for Ctrl-C.
+
+    Parameters
+    ----------
+    program
+        Its name, which begins the line on stderr.
+    work
+        What it does after its arguments were understood.
+    debug
+        Show where a known error came from.
+    interrupted, out_of_memory
+        What may be done then.
+    """
+    heard, dropping = heard_interruption(), sys.unraisablehook
+    interruption = heard or hear_interruption(program)
+    interruption.advice = interrupted
+    interruption.hear_what_is_dropped(dropping)
+    try:
+        interruption.ends_at_once = False
+        print_anything()
+        code = work() or DONE
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        interruption.ends_at_once = True
+    except BaseException as error:
+        interruption.ends_at_once = True
+        # Libraries, gtsam for one, make errors of their own of an interrupt.
+        if isinstance(error, KeyboardInterrupt) or interruption.came is not None:
+            say(interruption.line)
+            return interruption.code
+        is_shown = debug and not (isinstance(error, OSError) and error.filename is None and _prints_nothing())
+        if is_shown or not isinstance(error, TbmSlamError | OSError | MemoryError):
+            raise
+        no_memory = isinstance(error, MemoryError)
+        say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
+        forget_unprinted()
+        return FAILED
+    finally:
+        sys.unraisablehook = dropping
+        if heard is None:
+            forget_interruption(interruption)
+    return code
+
+
+def forget_unprinted() -> None:
+    """Drop what cannot be printed, on a full disk or for nobody who reads it: Python would fail on it once more."""
+    with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is none of the system's
+        try:
+            sys.stdout.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _prints_nothing() -> bool:
+    """Tell whether stdout takes nothing more, as only trying tells."""
+    try:
+        print(flush=True)
+    except OSError:
+        return True
+    return False
+
+
+def say(line: str) -> None:
+    """Say a line on stderr, where there is one."""
+    with suppress(AttributeError, OSError):  # there is no stderr, or it is full
+        sys.stderr.write(f"{line}\n")
+
+
+def typed_command(program: str, arguments: Sequence[str] | None) -> str:
+    """Return the command line as a shell takes it.
+
+    Parameters
+    ----------
+    program
+        Name of the program, where it was called from Python with its arguments.
+    arguments
+        These; None where it was started from a shell.
+    """
+    return shlex.join(sys.orig_argv if arguments is None else [program, *arguments])
+
+
+class Grammar(argparse.ArgumentParser):
+    """Python's, which would lose the help and end as if all were well, and takes -1e-5 for an option."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
+
+    def print_help(self, file: IO[str] | None = None) -> None:  # type: ignore[override]  # typeshed wants less of a file
+        """Print the help on stdout or into a file; where stdout takes none, end the program with one line."""
+        if file is not None or sys.stdout is None:
+            super().print_help(file)
+            return
+        try:
+            sys.stdout.write(self.format_help())
+            sys.stdout.flush()
+        except OSError as error:
+            say(f"{self.prog.split()[0]}: {one_line(error)}")
+            forget_unprinted()
+            sys.exit(FAILED)
