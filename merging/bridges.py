@@ -14,9 +14,9 @@ from merging.group_map import align_group_maps, group_maps_of
 from merging.map_graph.grouping import Group
 from merging.map_graph.hypothesis import is_same_place
 from merging.merge_state import MergeState
-from merging.pairwise.executor import Executor
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 
 logger = logging.getLogger(__name__)
 

@@ -12,11 +12,11 @@ from merging.fusion.warping import CellSizeError, corners_of
 from merging.map_graph.grouping import Group
 from merging.merged_group import merge_group
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Executor
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tbmslam.parallel.progress import Watch
 
 logger = logging.getLogger(__name__)

@@ -18,12 +18,12 @@ from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.refused_pairs import register_refused_pairs
 from merging.nonrigid.search import NonrigidRegistration
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Executor
 from merging.pose_priors import place_by_priors
 from merging.short_range import with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tbmslam.parallel.progress import Watch
 
 logger = logging.getLogger(__name__)

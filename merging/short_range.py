@@ -13,8 +13,8 @@ from merging.config import MergeConfig
 from merging.joint_slam.rendering import redraw
 from merging.merge_state import MergeState
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Executor
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 
 
 def with_short_range_alignments(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:

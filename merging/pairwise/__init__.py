@@ -1,1 +1,1 @@
-"""Pairs of maps aligned, serially, in processes or on a cluster."""
+"""Pairs of maps prepared and aligned."""

@@ -3,17 +3,15 @@
 import itertools
 import logging
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
-from merging.pairwise.cluster import align_on_cluster
-from merging.pairwise.executor import Executor
-from merging.pairwise.prepared_maps import PreparedMaps
-from merging.rigid_alignment import align_prepared
+from merging.pairwise.compressed_grid import CompressedGrid
+from merging.pairwise.prepared_maps import prepared_by_name
+from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.worker_pool import worker_pool
+from tbmslam.parallel.executor import Call, Executor
 
 logger = logging.getLogger(__name__)
 
@@ -45,33 +43,28 @@ def align_all(
         If a process of this machine died.
     """
     executor = executor or Executor()
-    watch = executor.watch
     grids = {name: one.grid for name, one in maps.items()}
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
-    workers = min(executor.workers, len(pairs))
-    if executor.scheduler is not None:
-        found = align_on_cluster(pairs, grids, config, executor.scheduler, watch)
-    elif workers <= 1:
-        views = PreparedMaps(grids, config)
-        found = [
-            align_prepared(*views.of_pair(pair), config) for pair in watch.each(pairs, "aligning", len(pairs), "pairs")
-        ]
-    else:
-        with worker_pool(workers, partial(_hire, grids, config)) as pool:
-            found = list(watch.each(pool.map(_align, pairs), "aligning", len(pairs), "pairs"))
+    found: list[Alignment] = executor.results(_calls(pairs, grids, config), "aligning", "pairs")
     for (target, source), one in zip(pairs, found, strict=True):
         logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
     return dict(zip(pairs, found, strict=True))
 
 
-_here: list[tuple[PreparedMaps, MergeConfig]] = []
-"""What this process has seen, where it is a worker, and how it aligns."""
+def _calls(pairs: Sequence[Pair], grids: Mapping[str, TbmGrid], config: MergeConfig) -> list[Call]:
+    """Return the calls that align pairs; each map is prepared once in each cell size, and shared by its pairs."""
+    sizes = [comparison_resolution([grids[name] for name in pair], config) for pair in pairs]
+    sent = {name: CompressedGrid(grid) for name, grid in grids.items()}
+    views = {
+        (name, size): Call(f"view {name} {size}", _prepared, (name, sent[name], size, config))
+        for pair, size in zip(pairs, sizes, strict=True)
+        for name in pair
+    }
+    return [
+        Call(f"{source} in {target}", align_prepared, (views[target, size], views[source, size], config))
+        for (target, source), size in zip(pairs, sizes, strict=True)
+    ]
 
 
-def _hire(grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
-    _here[:] = [(PreparedMaps(grids, config), config)]
-
-
-def _align(pair: Pair) -> Alignment:
-    views, config = _here[0]
-    return align_prepared(*views.of_pair(pair), config)
+def _prepared(name: str, sent: CompressedGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
+    return prepared_by_name(name, sent.grid, resolution, config)

@@ -41,8 +41,19 @@ class PreparedMaps:
     def _view(self, name: str, resolution: float) -> PreparedMap | None:
         look = name, resolution
         if look not in self._views:
-            try:
-                self._views[look] = prepared(self._grids[name], resolution, self._config)
-            except CellSizeError as error:
-                raise CellSizeError(f"{name}: {error}") from None
+            self._views[look] = prepared_by_name(name, self._grids[name], resolution, self._config)
         return self._views[look]
+
+
+def prepared_by_name(name: str, grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
+    """Return a map as `merging.rigid_alignment.prepared` does; an error says which map it is.
+
+    Raises
+    ------
+    CellSizeError
+        If the map is far too large for cells of that size.
+    """
+    try:
+        return prepared(grid, resolution, config)
+    except CellSizeError as error:
+        raise CellSizeError(f"{name}: {error}") from None

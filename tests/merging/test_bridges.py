@@ -9,10 +9,10 @@ from merging.bridges import refute_bridge
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
 from merging.merger import merge
-from merging.pairwise.executor import Executor
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 
 CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}

@@ -11,12 +11,12 @@ from merging.alignment import Alignment
 from merging.joint_slam.rendering import redraw
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.pairwise.executor import Executor
 from merging.report.pair_cards import pair_cards
 from merging.short_range import short_range_map, with_short_range_alignments
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tests.merging.driven_map import map_of
 
 CONFIG = MergeConfig()

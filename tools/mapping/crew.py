@@ -1,15 +1,13 @@
 """Who maps the robots: this process, several of them, or a cluster. The maps are the same."""
 
 import logging
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.parallel.cluster import Cluster
+from tbmslam.parallel.executor import Call, Executor
 from tbmslam.parallel.progress import Watch
-from tbmslam.parallel.worker_pool import worker_pool
 from tools.mapping.task import Mapped, MappingTask, Shelf, map_robot
 
 logger = logging.getLogger(__name__)
@@ -19,9 +17,7 @@ class MappingError(TbmSlamError):
     """Some of several robots could not be mapped."""
 
 
-def map_all(
-    tasks: Sequence[MappingTask], shelf: Shelf, workers: int, scheduler: str | None, watch: Watch
-) -> Iterator[tuple[MappingTask, Mapped]]:
+def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> Iterator[tuple[MappingTask, Mapped]]:
     """Map robots and yield each when it is done, in their order.
 
     What fails does not keep the others from being mapped.
@@ -32,12 +28,8 @@ def map_all(
         The robots.
     shelf
         Recordings that this process has at hand.
-    workers
-        Processes to share the work, where there is no scheduler.
-    scheduler
-        Address of a Dask scheduler; None for this machine.
-    watch
-        Who is told how far it is.
+    executor
+        What maps them.
 
     Raises
     ------
@@ -47,7 +39,8 @@ def map_all(
         How many of several robots failed, and the first reason, at the end.
     """
     failures: dict[str, TbmSlamError] = {}
-    with closing(_results(tasks, shelf, workers, scheduler, watch)) as results:
+    step = "" if executor.is_serial(len(tasks)) else "mapping"  # in this process each robot shows its own
+    with closing(executor.outcomes(_calls(tasks, shelf, executor), step, "robots")) as results:
         for task, result in zip(tasks, results, strict=True):
             if not isinstance(result, TbmSlamError):
                 yield task, result
@@ -67,30 +60,12 @@ def map_all(
         )
 
 
-def _results(
-    tasks: Sequence[MappingTask], shelf: Shelf, workers: int, scheduler: str | None, watch: Watch
-) -> Generator[Mapped | TbmSlamError]:
-    """Yield for each robot what was made or went wrong."""
-    if scheduler is not None:
-        with Cluster(scheduler) as cluster:
-            submitted = [cluster.submit(task.name, _map_elsewhere, task.at(Path.cwd())) for task in tasks]
-            for future in watch.each(submitted, "mapping", len(tasks), "robots"):
-                yield _outcome(lambda future=future: next(cluster.results([future])))  # type: ignore[misc]
-    elif min(workers, len(tasks)) <= 1:
-        for task in tasks:
-            yield _outcome(partial(map_robot, task, shelf, watch))
-    else:
-        with worker_pool(min(workers, len(tasks))) as pool:
-            futures = [pool.submit(_map_elsewhere, task) for task in tasks]
-            for future in watch.each(futures, "mapping", len(tasks), "robots"):
-                yield _outcome(partial(pool.result, future))
-
-
-def _outcome(mapping: Callable[[], Mapped]) -> Mapped | TbmSlamError:
-    try:
-        return mapping()
-    except TbmSlamError as error:
-        return error
+def _calls(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> list[Call]:
+    if executor.is_serial(len(tasks)):
+        return [Call(task.name, map_robot, (task, shelf, executor.watch)) for task in tasks]
+    if executor.scheduler is not None:
+        tasks = [task.at(Path.cwd()) for task in tasks]
+    return [Call(task.name, _map_elsewhere, (task,)) for task in tasks]
 
 
 def _map_elsewhere(task: MappingTask) -> Mapped:

@@ -10,6 +10,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.tum import read_tum
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tbmslam.parallel.progress import Watch
 from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.report.page import Making
@@ -74,7 +75,7 @@ def _map(
     _tell_changed(missing)
     done = dict(kept)
     try:
-        for task, result in map_all(missing, shelf, args.workers, args.scheduler, watch):
+        for task, result in map_all(missing, shelf, Executor(args.workers, args.scheduler, watch)):
             done[task.name] = result
             _tell(task, result, told)
     except TbmSlamError as failure:

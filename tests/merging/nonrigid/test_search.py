@@ -12,7 +12,6 @@ from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.refused_pairs import register_refused_pairs
 from merging.nonrigid.search import register_nonrigid
-from merging.pairwise.executor import Executor
 from merging.rigid_alignment import align_whole
 from merging.verification.covariance import deviations
 from merging.verification.evidence import examine
@@ -20,6 +19,7 @@ from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tests.merging.bent_floor import bent_maps
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair

@@ -2,8 +2,8 @@ import pytest
 
 from merging import MergeConfig
 from merging.pairwise.all_pairs import align_all
-from merging.pairwise.executor import Executor
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 
 
 @pytest.mark.slow

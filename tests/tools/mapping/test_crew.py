@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tbmslam.configuration.slam_config import SlamConfig
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.executor import Executor
 from tools.mapping import crew
 from tools.mapping.crew import MappingError, map_all
 from tools.mapping.task import Mapped, MappingTask, Shelf
@@ -31,7 +31,7 @@ def test_a_worker_that_dies_costs_its_robot_only(monkeypatch):
     done = []
 
     def work():
-        done.extend(task.name for task, made in map_all(tasks, Shelf(), 2, None, Watch()) if made.run)
+        done.extend(task.name for task, made in map_all(tasks, Shelf(), Executor(2)) if made.run)
 
     said = r"^1 of 3 robots failed \(robot_1\), the others are kept.*; the first: a worker process died: .*--workers$"
     with pytest.raises(MappingError, match=said):

@@ -1,0 +1,53 @@
+import os
+
+import pytest
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.parallel.executor import Call, Executor
+from tbmslam.parallel.worker_pool import WorkerDiedError
+
+
+def made(value: int) -> tuple[int, object]:
+    """Return an input, of which two are never the same object."""
+    return value, object()
+
+
+def total(first: tuple[int, object], second: tuple[int, object], factor: int) -> tuple[int, int, int]:
+    """Return a sum, the inputs' identity and the process."""
+    return factor * (first[0] + second[0]), id(first[1]), os.getpid()
+
+
+def refused(reason: str) -> None:
+    raise TbmSlamError(reason)
+
+
+def test_somebody_has_to_do_the_work():
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        Executor(workers=0)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_inputs_are_made_once_in_each_process_and_results_keep_their_order(workers):
+    one, two = Call("one", made, (1,)), Call("two", made, (2,))
+    calls = [Call(f"call {k}", total, (one, two, k)) for k in range(6)]
+    executor = Executor(workers)
+    results = executor.results(calls, "adding", "sums")
+    assert [value for value, _, _ in results] == [0, 3, 6, 9, 12, 15]
+    processes = {process for _, _, process in results}
+    assert len({(identity, process) for _, identity, process in results}) == len(processes)
+    assert (os.getpid() in processes) == executor.is_serial(len(calls)) == (workers == 1)
+    assert list(executor.watch.seconds) == ["adding"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_one_call_that_fails_is_one_outcome_and_ends_all_results(workers):
+    calls = [Call("a", abs, (-1,)), Call("b", refused, ("too dark",)), Call("c", abs, (-3,))]
+    first, failure, last = Executor(workers).outcomes(calls)
+    assert (first, str(failure), last) == (1, "too dark", 3)
+    with pytest.raises(TbmSlamError, match=r"^too dark$"):
+        Executor(workers).results(calls)
+
+
+def test_a_worker_that_dies_is_one_clear_error():
+    with pytest.raises(WorkerDiedError, match="a worker process died"):
+        Executor(2).results([Call("a", os._exit, (3,)), Call("b", abs, (-1,))])
