@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.paths import path_argument
 from tools.command_line.program import Grammar, ended
 
 if TYPE_CHECKING:
@@ -41,6 +42,9 @@ def parser() -> argparse.ArgumentParser:
     grammar.add_argument("--short", action="store_true", help="only some of each family, less than two minutes")
     grammar.add_argument("--family", choices=FAMILIES, action="append", help="only this one; may be repeated")
     grammar.add_argument("--only", metavar="TEXT", default="", help="only faults whose name contains this")
+    grammar.add_argument(
+        "--table", type=path_argument, metavar="FILE", help="write the table here for docs/figures, see figures.py"
+    )
     return grammar
 
 
@@ -51,7 +55,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _try_all(args: argparse.Namespace) -> int:
-    from tools.command_line.text_table import text_table
+    from tools.benchmarks.result_table import ResultTable, write_tables
+    from tools.command_line.text_table import describe_machine, text_table
     from tools.fault_cases import bags, files, sensors
 
     cases = {"bags": bags.CASES, "sensors": sensors.CASES, "files": files.CASES}
@@ -64,7 +69,9 @@ def _try_all(args: argparse.Namespace) -> int:
             red += not outcome.survived
             sys.stderr.write(f"{'ok ' if outcome.survived else 'RED'} {seconds:5.1f} s  {case.name}\n")
             rows.append((case.name, outcome.happened, outcome.lost, "ok" if outcome.survived else "RED"))
-    print(text_table(("fault", "what happened", "what was lost", "row"), rows))
+    head = ("fault", "what happened", "what was lost", "row")
+    print(text_table(head, rows))
+    write_tables(args.table, describe_machine(), {"faults": ResultTable(head[:-1], [row[:-1] for row in rows])})
     print(f"\n{len(rows)} faults tried, {red} rows red")
     return 1 if red else 0
 
