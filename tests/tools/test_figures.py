@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tools import benchmark, figures, make_map_pairs
+from tools import benchmark, faults, figures, make_map_pairs
 from tools.figures import FigureError, fill, main, pages, read_records, write_record
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,13 +31,19 @@ def test_every_file_of_figures_is_shown_and_says_where_it_comes_from():
             assert all(len(row) == len(table["columns"]) for row in table["rows"])
 
 
+GRAMMARS = {
+    "tools/benchmark.py": benchmark.parser(),
+    "tools/faults.py": faults.parser(),
+    "tools/make_map_pairs.py": make_map_pairs._parser(),
+}
+
+
 @pytest.mark.parametrize("name", RECORDS)
 def test_the_commands_are_understood(name):
     for command in RECORDS[name]["commands"]:
         python, program, *words = command.split()
         assert python == "python"
-        grammar = benchmark.parser() if program == "tools/benchmark.py" else make_map_pairs._parser()
-        grammar.parse_args(words)
+        GRAMMARS[program].parse_args(words)
 
 
 def test_a_table_shows_the_columns_it_is_asked_for():
