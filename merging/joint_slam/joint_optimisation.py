@@ -23,7 +23,8 @@ from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.map.trajectory_correction import with_keyframes_at
 from tbmslam.optimisation.bundle_adjustment import adjust
-from tbmslam.optimisation.pose_graph import MotionEdge, optimise
+from tbmslam.optimisation.graph_optimisation import optimise
+from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.parallel.progress import Watch
 
 logger = logging.getLogger(__name__)

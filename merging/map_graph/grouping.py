@@ -17,7 +17,8 @@ from merging.map_graph.centroid_frames import CentroidFrames
 from merging.map_graph.hypothesis import PoseHypothesis, hypotheses_of, is_same_place
 from merging.map_graph.links import links_of
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.optimisation.pose_graph import MotionEdge, optimise
+from tbmslam.optimisation.graph_optimisation import optimise
+from tbmslam.optimisation.pose_graph import MotionEdge
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,9 @@ from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotes
 from tbmslam.loop_closure.submap import SubmapConfig
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.map.trajectory_correction import spread_corrections
+from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, PoseGraph, edge_errors, relative_pose
+from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
 from tbmslam.parallel.progress import Watch
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -153,7 +154,6 @@ class _Drive:
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, Hits] | None = None
         self._chain = MotionChain(chain)
-        self._graph = PoseGraph(config.robust_width)
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
         drift = ChainDrift(poses, chain)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
@@ -220,7 +220,8 @@ class _Drive:
         if self.closures:
             closures = self.closures.values()
             nodes = np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])
-            solved = self._graph.solve(self.poses, nodes, self._chain.between(nodes), closures, precision)
+            width, chain = self.config.robust_width, self._chain.between(nodes)
+            solved = optimise(self.poses, chain, closures, width, nodes, precision)
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
     def _pull_together(self) -> None:
@@ -234,7 +235,8 @@ class _Drive:
         believed = [self.closures[key] for key in new]
         nodes = np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
         chain = [*self._chain.between(nodes), *believed]
-        solved = self._graph.solve(self.poses, nodes, chain, self.closures.values(), _ROUGHLY)
+        closures, width = self.closures.values(), self.config.robust_width
+        solved = optimise(self.poses, chain, closures, width, nodes, _ROUGHLY)
         self.poses = spread_corrections(self._tracked, nodes, solved)
         self._optimise(_ROUGHLY)
 

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.linalg import LinearOperator, cg
 
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
-from tbmslam.kernels.adjustment.two_levels import Bends, factors_of, precondition
+from tbmslam.kernels.adjustment.two_levels import Bends, factors_of, solved
 from tbmslam.optimisation.pose_graph import MotionEdge
 
 _MOST_STEPS = 1000
@@ -41,17 +40,7 @@ class PoseSolver:
 
     def solved(self, gradient: FloatArray) -> FloatArray:
         """Return the changes (N, 3) of the poses whose curvature product is the gradient (N, 3)."""
-
-        def curved(changes: FloatArray) -> FloatArray:
-            return times(self._system, changes.reshape(-1, 3)).ravel()
-
-        def near(forces: FloatArray) -> FloatArray:
-            return precondition(self._factors, self._bends, forces.reshape(-1, 3)).ravel()
-
-        shape = (gradient.size, gradient.size)
-        known, nearly = (LinearOperator(shape, matvec=part, dtype=np.float64) for part in (curved, near))
-        changes, _ = cg(known, gradient.ravel(), rtol=self._precision, maxiter=_MOST_STEPS, M=nearly)
-        return np.asarray(changes, dtype=np.float64).reshape(-1, 3)
+        return solved(self._system, self._factors, self._bends, gradient, self._precision, _MOST_STEPS)
 
 
 _APART = 8

@@ -179,7 +179,7 @@ def _flat(config: Mapping[str, object], before: str = "") -> list[tuple[str, str
     return lines
 
 
-_NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "gtsam", "rosbags")
+_NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def ended(
         interruption.ends_at_once = True
     except BaseException as error:
         interruption.ends_at_once = True
-        # Libraries, gtsam for one, make errors of their own of an interrupt.
+        # Libraries make errors of their own of an interrupt.
         if isinstance(error, KeyboardInterrupt) or interruption.came is not None:
             say(interruption.line)
             return interruption.code

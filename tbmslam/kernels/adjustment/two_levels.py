@@ -1,8 +1,8 @@
-"""What solves most of the equations of an adjustment at once, for conjugate gradients to do the rest.
+"""Conjugate gradients for the equations of an adjustment, and what solves most of them at once.
 
-These find what concerns neighbouring poses in a few steps, and need very many for what bends a whole drive. So a step
-is made of two parts that are solved exactly each: the blocks of each pose and the next, and bends of the drives by few
-knots (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
+Conjugate gradients find what concerns neighbouring poses in a few steps, and need very many for what bends a whole
+drive. So a step is made of two parts that are solved exactly each: the blocks of each pose and the next, and bends of
+the drives by few knots (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
 """
 
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
-from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_between, eliminated
+from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_between, eliminated, times
 from tbmslam.kernels.adjustment.triangular import factorise, solve
 
 
@@ -88,6 +88,51 @@ def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArr
             changes[k, 1] += share * (knots[at + 1] + dx * knots[at + 2])
             changes[k, 2] += share * knots[at + 2]
     return changes
+
+
+@kernel
+def solved(
+    system: PoseSystem, factors: Factors, bends: Bends, gradient: FloatArray, precision: float, most_steps: int
+) -> FloatArray:
+    """Return the changes (N, 3) of the poses whose curvature product is a gradient (N, 3).
+
+    Preconditioned conjugate gradients (Saad, "Iterative methods for sparse linear systems", 2003, algorithm 9.1).
+
+    Parameters
+    ----------
+    precision
+        Share of the gradient's length that may be left unsolved.
+    """
+    changes, left = np.zeros_like(gradient), gradient.copy()
+    enough = precision**2 * _product(gradient, gradient)
+    before = 0.0
+    direction = np.zeros_like(gradient)
+    for _ in range(most_steps):
+        if _product(left, left) <= enough:
+            break
+        near = precondition(factors, bends, left)
+        now = _product(left, near)
+        turn = now / before if before > 0.0 else 0.0
+        for k in range(len(near)):
+            for i in range(3):
+                direction[k, i] = near[k, i] + turn * direction[k, i]
+        curved = times(system, direction)
+        length = now / _product(direction, curved)
+        for k in range(len(near)):
+            for i in range(3):
+                changes[k, i] += length * direction[k, i]
+                left[k, i] -= length * curved[k, i]
+        before = now
+    return changes
+
+
+@kernel
+def _product(one: FloatArray, other: FloatArray) -> float:
+    total = 0.0
+    for k in range(len(one)):
+        for i in range(3):
+            total += one[k, i] * other[k, i]
+    return total
 
 
 @kernel

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, MotionSystem, PoseSystem, times
-from tbmslam.kernels.adjustment.two_levels import factors_of, precondition
+from tbmslam.kernels.adjustment.two_levels import factors_of, precondition, solved
 from tbmslam.optimisation.pose_solver import bends_of
 
 COUNT = 30
@@ -65,6 +65,24 @@ def test_the_product_is_that_of_the_whole_curvature(system, generator):
     changes = generator.normal(size=(COUNT, 3))
     whole, _, _ = dense(system)
     np.testing.assert_allclose(times(system, changes).ravel(), whole @ changes.ravel(), atol=1e-9)
+
+
+@pytest.mark.parametrize("precision", [1e-3, 1e-9])
+def test_conjugate_gradients_solve_the_whole_curvature(system, poses, generator, precision):
+    whole, bends = dense(system)[0], bends_of([0, COUNT])
+    gradient, factors = generator.normal(size=(COUNT, 3)), factors_of(system, poses, bends)
+    changes = solved(system, factors, bends, gradient, precision, 200)
+    left = np.linalg.norm(gradient.ravel() - whole @ changes.ravel()) / np.linalg.norm(gradient)
+    assert 1e-3 * precision < left <= precision
+    if precision < 1e-6:
+        np.testing.assert_allclose(changes.ravel(), np.linalg.solve(whole, gradient.ravel()), rtol=1e-5, atol=1e-7)
+
+
+def test_conjugate_gradients_stop_after_so_many_steps(system, poses, generator):
+    bends, gradient = bends_of([0, COUNT]), generator.normal(size=(COUNT, 3))
+    factors = factors_of(system, poses, bends)
+    assert (solved(system, factors, bends, gradient, 1e-9, 0) == 0.0).all()
+    assert (solved(system, factors, bends, 0.0 * gradient, 1e-9, 200) == 0.0).all()
 
 
 @pytest.mark.parametrize("ends", [[0, COUNT], [0, 1, 12, COUNT]])

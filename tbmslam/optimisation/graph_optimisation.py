@@ -1,0 +1,97 @@
+"""Pose-graph optimisation: the poses that agree best with measured motions between them.
+
+Levenberg and Marquardt's method, reweighted for a Cauchy kernel (Triggs et al., 2000, sections 4 and 3.4), with the
+equations and the solver of bundle adjustment.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import FloatArray, compose, inverse, wrap_angles
+from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
+from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
+
+_GAUGE = 1e12
+"""Information that holds the first pose where it is: a micrometre, a microradian [1/m^2, 1/rad^2]."""
+_MOST_STEPS = 30
+"""Real drives take up to five."""
+_DAMPING = 1e-5
+"""Information that holds each pose in the first step: next to nothing, as a chain bends softly [1/m^2, 1/rad^2]."""
+_MOST_DAMPING = 1e8
+"""With more than this no step is long enough to matter."""
+_RESIDUE = 1e-6
+"""Share of the right side that a step may leave unsolved: soft bends of a long drive are a small part of it."""
+_NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))
+
+
+def optimise(
+    poses: FloatArray,
+    chain: Iterable[MotionEdge],
+    closures: Iterable[MotionEdge],
+    robust_width: float,
+    nodes: npt.NDArray[np.int64] | None = None,
+    precision: float = 1e-4,
+) -> FloatArray:
+    """Return the poses (M, 3) of some nodes that agree best with all edges; the first stays where it is.
+
+    Parameters
+    ----------
+    poses
+        Initial poses (N, 3): x [m], y [m], theta [rad].
+    chain
+        Motions between nodes which are believed. Chain and closures together connect all nodes.
+    closures
+        Motions between nodes that saw the same place.
+    robust_width
+        Width of the Cauchy kernel [standard deviations]: closures lose their say beyond it, so that a false one cannot
+        bend the map.
+    nodes
+        Rising indices (M,) of the poses to solve for; None for all.
+    precision
+        Share of the error below which a further step is not worth its time.
+    """
+    if nodes is None:
+        nodes = np.arange(len(poses))
+    at = poses[nodes]
+    if len(at) < 2:
+        return at
+    numbers = np.zeros(len(poses), dtype=np.int64)
+    numbers[nodes] = np.arange(len(nodes))
+    motions = motions_of([*chain], [*closures], robust_width, numbers, np.zeros((len(poses), 3)))
+    bends, damping = bends_of([0, len(at)]), _DAMPING
+    error = _error(motions, at)
+    for _ in range(_MOST_STEPS):
+        own, system, gradient = motion_equations(motions, at)
+        own[0] += _GAUGE * np.eye(3)
+        while True:
+            damped = own + damping * np.eye(3)
+            step = PoseSolver(PoseSystem(damped, _NO_LINES, system), at, bends, _RESIDUE).solved(gradient)
+            moved = at - step
+            moved[:, 2] = wrap_angles(moved[:, 2])
+            left = _error(motions, moved)
+            if left <= error:
+                break
+            damping *= 10.0
+            if damping > _MOST_DAMPING:
+                return at
+        at, gain, error = moved, error - left, left
+        damping = max(0.1 * damping, _DAMPING)
+        if gain <= precision * error:
+            break
+    return at
+
+
+def _error(motions: Motions, poses: FloatArray) -> float:
+    """Return the sum of what the robust kernels make of half the squared deviations of motions."""
+    sources, targets = poses[motions.ends[:, 0]], poses[motions.ends[:, 1]]
+    errors = compose(inverse(motions.measured), compose(inverse(sources), targets))
+    errors[:, 2] = wrap_angles(errors[:, 2])
+    squares = np.einsum("ei,eij,ej->e", errors, motions.informations, errors)
+    widths = motions.widths**2
+    is_robust = np.isfinite(widths)
+    squares[is_robust] = widths[is_robust] * np.log1p(squares[is_robust] / widths[is_robust])
+    return 0.5 * float(squares.sum())
