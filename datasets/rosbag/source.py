@@ -121,8 +121,11 @@ class BagSource:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
         try:
             check_files(path)  # sqlite reads zeros where a file is cut off
-            self._idle = OpenBag(path, self.is_ros1)
-            self.connections, self.span = self._idle.connections, self._idle.span
+            if _is_indexed(path):
+                self._idle = OpenBag(path, self.is_ros1)
+                self.connections, self.span = self._idle.connections, self._idle.span
+            else:
+                self._read_through()
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged files
             self._salvage(error)
 
@@ -134,7 +137,7 @@ class BagSource:
         too, and reading goes on behind what was yielded already.
         """
         given: Counter[str] = Counter()
-        if self.damage is None:
+        if self.damage is None and self._salvaged is None and not self._parts:
             try:
                 for message in self._sound(topics, steered_by):
                     yield message
@@ -194,6 +197,25 @@ class BagSource:
             for connection, time, data in self._salvaged.messages(connections, by_time=by_time):
                 yield RawMessage(connection, time, data)
 
+    def _read_through(self) -> None:
+        """Read the data section of MCAP files whose index leaves messages out, as the format allows."""
+        if self.path.is_dir():
+            self._parts = [BagSource(path) for path in storage_files(self.path)]
+            self._announced = announced_by(self.path)
+            self.connections = [connection for part in self._parts for connection in part.connections]
+            spans = [part.span for part in self._parts]
+        else:
+            from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415 - needed rarely
+
+            found = salvage_mcap(self.path, "")
+            if found.reason or found.holes:
+                raise CutFileError("the file is cut off or damaged, and its index is not complete")
+            self._salvaged, self.connections = found, found.connections
+            times = found.entries[:, 0]
+            spans = [(int(times.min()), int(times.max()))] if len(times) else []
+        known = [span for span in spans if span is not None]
+        self.span = (min(first for first, _ in known), max(last for _, last in known)) if known else None
+
     def _salvage(self, error: Exception) -> None:
         """Find what can be read without the index."""
         self.close()
@@ -211,6 +233,19 @@ class BagSource:
         if not any(connection.msgcount for connection in self.connections):
             raise DatasetError(f"{self.path}: {self.damage}; no message in it can be read: fetch it again") from error
         logger.debug("%s: salvaged after %r", self.path, error)
+
+
+def _is_indexed(path: Path) -> bool:
+    """Return whether rosbags finds all messages, or says what is wrong; else a file's index leads to some only."""
+    files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
+    if not files:
+        return True
+    from datasets.salvage.mcap import has_full_index  # noqa: PLC0415 - other files do not need it
+
+    try:
+        return all(map(has_full_index, files))
+    except Exception:  # noqa: BLE001 - mcap raises anything on damaged files
+        return True
 
 
 def _salvaged_file(path: Path, damage: str) -> SalvagedBag:

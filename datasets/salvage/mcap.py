@@ -1,4 +1,7 @@
-"""MCAP files that are cut off or damaged: the data section read from beginning to end, without the index at its end."""
+"""MCAP files without a complete index: the data section is read from beginning to end.
+
+The format makes nearly every record of the index optional, and damage takes the index of any file.
+"""
 
 import mmap
 import re
@@ -9,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
 
 from datasets.salvage.salvaged_bag import UNTOLD, BagConnection, Hole, SalvagedBag
 
@@ -21,7 +26,29 @@ _WANTED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _CHUNK = re.compile(rb"\x06(.{8}).{24}.{4}(\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
 _NOT_COMPRESSED = b"\0\0\0\0"
 _LARGEST_CHUNK = 1 << 30
+_INDEX_HEAD = 15  # of the index of a channel's messages in a chunk [bytes]
+_INDEX_ENTRY = 16  # for each message [bytes]
 _LATEST = (1 << 63) - 1  # [ns]
+
+
+def has_full_index(path: Path) -> bool:
+    """Return whether the index of an MCAP file leads to each of its messages, so that rosbags reads all of them."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        profile, summary = reader.get_header().profile, reader.get_summary()
+    if profile != "ros2" or summary is None or summary.statistics is None:
+        return False
+    statistics, chunks = summary.statistics, summary.chunk_indexes
+    indexed = sum(chunk.message_index_length - _INDEX_HEAD * len(chunk.message_index_offsets) for chunk in chunks)
+    return indexed == _INDEX_ENTRY * statistics.message_count and _names_all(statistics, summary)
+
+
+def _names_all(statistics: Statistics, summary: Summary) -> bool:
+    """Return whether statistics say how many messages each channel has, and the summary what each channel is."""
+    counts, channels = statistics.channel_message_counts, summary.channels
+    if sum(counts.values()) != statistics.message_count or not counts.keys() <= channels.keys():
+        return False
+    return {channels[number].schema_id for number in counts} <= summary.schemas.keys()
 
 
 def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
