@@ -21,6 +21,7 @@ Progress = Callable[[int, int | None], None]
 _CHUNK = 1 << 16  # at the most this is lost when a connection breaks
 _TIMEOUT_S = (20.0, 60.0)  # to connect, and between two bytes
 _ATTEMPTS = 3
+_LARGEST = 100 << 30  # of a file whose size the server does not say; the largest known has 24 GB [bytes]
 _BROKEN = (requests.exceptions.ChunkedEncodingError, requests.exceptions.ConnectionError, requests.exceptions.Timeout)
 
 
@@ -70,6 +71,10 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
             ) from None
         except requests.RequestException as error:
             raise DownloadError(f"{address}: cannot be asked for ({error}): check the address") from None
+    if why := _doubt(part, target.name):
+        part.unlink()
+        _tag_of(part).unlink(missing_ok=True)
+        raise DownloadError(f"{address}: what arrived {why}: removed; see if the file has moved or needs a password")
     arrived = _digest(part)
     if sha256 is not None and arrived != sha256:
         part.unlink()
@@ -91,24 +96,75 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
             headers["If-Range"] = _tag_of(part).read_text(encoding="latin-1")
     with requests.get(address, headers=headers, stream=True, timeout=_TIMEOUT_S) as answer:
         said = answer.headers.get("Content-Range", "")
-        if answer.status_code == requests.codes.requested_range_not_satisfiable and said == f"bytes */{have}":
+        if answer.status_code == requests.codes.requested_range_not_satisfiable and have and said == f"bytes */{have}":
             return  # it broke off after the last byte
+        if answer.status_code == requests.codes.requested_range_not_satisfiable and have:
+            part.unlink()
+            raise DownloadError(f"{address}: what had arrived is no part of this file (416): removed, run again")
         if not answer.ok:
-            if answer.status_code == requests.codes.requested_range_not_satisfiable:
-                part.unlink()
             raise DownloadError(f"{address}: the server says {answer.status_code} {answer.reason}: see if it has moved")
         goes_on = answer.status_code == requests.codes.partial_content and said.startswith(f"bytes {have}-")
         tag = answer.headers.get("ETag") or answer.headers.get("Last-Modified")
         if tag and not tag.startswith("W/"):  # a weak tag does not promise the same bytes
             write_text(_tag_of(part), tag)
-        length = answer.headers.get("Content-Length")
         have = have if goes_on else 0
-        whole = have + int(length) if length else None
+        length = _length(address, answer)
+        whole = None if length is None else have + length
+        most = _LARGEST if whole is None else whole
         with part.open("ab" if goes_on else "wb") as stream:
             for chunk in answer.iter_content(_CHUNK):
-                _add(chunk, stream)
                 have += len(chunk)
+                if have > most:
+                    break
+                _add(chunk, stream)
                 progress(have, whole)
+    if have > most:
+        part.unlink()
+        raise DownloadError(
+            f"{address}: more than {most} bytes came, which is all there should be: removed; ask its makers"
+        )
+
+
+def _length(address: str, answer: requests.Response) -> int | None:
+    """Return how many bytes are to come; None where the server does not say."""
+    if encoding := answer.headers.get("Content-Encoding", "").replace("identity", ""):
+        raise DownloadError(f"{address}: comes packed as {encoding}, which nobody asked for: try another address")
+    lengths = {part.strip() for part in answer.headers.get("Content-Length", "").split(",")} - {""}
+    if not lengths:
+        return None
+    stated = lengths.pop()
+    if lengths or not (stated.isascii() and stated.isdigit()):
+        raise DownloadError(f"{address}: the server states no length that can be read ({stated}): try again later")
+    return int(stated)
+
+
+_BEGINNINGS = {
+    ".bag": (b"#ROSBAG ",),
+    ".mcap": (b"\x89MCAP",),
+    ".db3": (b"SQLite format 3",),
+    ".gz": (b"\x1f\x8b",),
+    ".bz2": (b"BZh",),
+    ".zip": (b"PK",),
+    ".png": (b"\x89PNG",),
+    ".pdf": (b"%PDF",),
+}
+"""What files of a kind begin with. Others are text."""
+_PAGES = (b"<!doctype", b"<html", b"<?xml", b"<head")
+"""What a page of the web begins with, such as one that asks for a password."""
+
+
+def _doubt(part: Path, name: str) -> str | None:
+    """Return why what has arrived cannot be the file of that name; None where it may be."""
+    with part.open("rb") as stream:
+        head = stream.read(512)
+    if not head:
+        return "is empty"
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_PAGES):
+        return "is a web page"
+    beginnings = _BEGINNINGS.get(Path(name).suffix.lower(), ())
+    if beginnings and not head.startswith(beginnings):
+        return f"does not begin as a {Path(name).suffix} file"
+    return None
 
 
 def _add(chunk: bytes, stream: BinaryIO) -> None:
@@ -126,6 +182,8 @@ def _check_kept(target: Path, sha256: str | None) -> None:
     note = _note_of(target)
     expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
     if expected is None:
+        if why := _doubt(target, target.name):
+            raise DownloadError(f"{target}: {why}: remove it to download it anew")
         write_text(note, f"{_digest(target)}  {target.name}\n")
     elif _digest(target) != expected:
         raise DownloadError(f"{target}: is not the file that was downloaded: remove it to download it again")

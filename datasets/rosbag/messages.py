@@ -7,6 +7,7 @@ import numpy as np
 
 from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
+from tbmslam.io.printable import printable
 
 
 class StampedTransform(NamedTuple):
@@ -48,7 +49,7 @@ def scan_of(message: Any) -> FramedScan:
         ranges,
         float(message.time_increment),
     )
-    return FramedScan(message.header.frame_id, scan)
+    return FramedScan(printable(message.header.frame_id), scan)
 
 
 def transforms_of(message: Any) -> Iterator[StampedTransform]:
@@ -57,7 +58,8 @@ def transforms_of(message: Any) -> Iterator[StampedTransform]:
         t, q = item.transform.translation, item.transform.rotation
         pose = SE3.from_values(t.x, t.y, t.z, q.x, q.y, q.z, q.w)
         if pose is not None:
-            yield StampedTransform(item.header.frame_id, item.child_frame_id, stamp_of(item.header), pose)
+            parent, child = printable(item.header.frame_id), printable(item.child_frame_id)
+            yield StampedTransform(parent, child, stamp_of(item.header), pose)
 
 
 def poses_of(message: Any) -> Iterator[StampedTransform]:
@@ -65,8 +67,8 @@ def poses_of(message: Any) -> Iterator[StampedTransform]:
     p, q = message.pose.pose.position, message.pose.pose.orientation
     pose = SE3.from_values(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
     if pose is not None:
-        child = getattr(message, "child_frame_id", "")
-        yield StampedTransform(message.header.frame_id, child, stamp_of(message.header), pose)
+        child = printable(getattr(message, "child_frame_id", ""))
+        yield StampedTransform(printable(message.header.frame_id), child, stamp_of(message.header), pose)
 
 
 def stamp_of(header: Any) -> float:

@@ -52,7 +52,9 @@ def write_report(
         files["overlay.png"] = _png_of_rgb(draw_overlay(merge, maps, merge.fusion))
         files["contradictions.png"] = _png_of_rgb(draw_conflict(merge.fusion))
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
-    files["report.html"] = merge_page(merge, maps, config, areas, making or Making()).to_html().encode()
+    files["report.html"] = (
+        merge_page(merge, maps, config, areas, making or Making()).to_html().encode("utf-8", "backslashreplace")
+    )
     for name, content in files.items():
         write_bytes(folder / name, content)
     for name in {"overlay.png", "contradictions.png"} - files.keys():

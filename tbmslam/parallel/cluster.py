@@ -2,12 +2,18 @@
 
 import re
 import secrets
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Any, Self
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.code_digest import code_digest
+
+_LAST_PORT = 65535
+_LARGEST_GREETING = 1 << 20  # [bytes]
+_ANSWER_S = 5.0
+"""A scheduler answers within milliseconds, across the world within a second [s]."""
 
 
 class ClusterError(TbmSlamError):
@@ -24,7 +30,7 @@ class Cluster:
     address
         Of the scheduler, as `tcp://host:8786`.
     timeout_s
-        How long to wait for the scheduler and a first worker [s].
+        How long to wait for a first worker [s].
 
     Raises
     ------
@@ -37,13 +43,16 @@ class Cluster:
             from distributed import Client  # noqa: PLC0415 - an extra, and slow to load
         except ImportError:
             raise ClusterError("a cluster needs Dask: pip install 'tbmslam[cluster]'") from None
-        if re.fullmatch(r"(\w+://)?[^/\s]+:\d+", address) is None:
+        place = re.fullmatch(r"((tcp|tls)://)?\[?([^/\s\[\]]+)\]?:(\d{1,5})", address)
+        if place is None or int(place[4]) > _LAST_PORT:
             raise ClusterError(f"{address!r} is no address of a Dask scheduler: it must look like tcp://10.0.0.1:8786")
         self._address = address
         self._run = secrets.token_hex(4)
         try:
-            self._client = Client(address, timeout=timeout_s, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
+            if place[2] != "tls":  # whose server speaks only once it was greeted
+                _hear_scheduler(place[3], int(place[4]))
+            self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        except Exception as error:  # noqa: BLE001 - of what is no scheduler, or of certificates, Dask raises anything
             fact = str(error).partition("\n")[0] or type(error).__name__
             raise ClusterError(
                 f"{address}: no Dask scheduler answers ({fact}): start one with `dask scheduler`, or use --workers"
@@ -110,6 +119,18 @@ class Cluster:
                     f"{self._address}: the scheduler was lost ({type(error).__name__}): run again when it is back; "
                     "finished work is kept"
                 ) from None
+
+
+def _hear_scheduler(host: str, port: int) -> None:
+    """Raise an OSError where no scheduler speaks; Dask itself waits for half a minute or for ever.
+
+    A scheduler begins with a frame's size, a number of eight bytes that is not large.
+    """
+    with socket.create_connection((host, port), _ANSWER_S) as connection:
+        connection.settimeout(_ANSWER_S)
+        said = connection.recv(8, socket.MSG_WAITALL)
+    if len(said) < 8 or int.from_bytes(said, "little") > _LARGEST_GREETING:
+        raise ConnectionError("something else answers")
 
 
 def _call_checked(packages: tuple[str, ...], digest: str, call: Callable[..., object], *arguments: object) -> object:

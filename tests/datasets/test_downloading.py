@@ -1,3 +1,4 @@
+import gzip
 import hashlib
 import re
 import threading
@@ -6,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from datasets import downloading
 from datasets.downloading import DownloadError, download, known_recording, known_recordings
 from datasets.errors import DatasetError
 
-CONTENT = bytes(range(256)) * 4000
+CONTENT = b"#ROSBAG V2.0\n" + bytes(range(256)) * 4000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
@@ -24,7 +26,7 @@ class Handler(BaseHTTPRequestHandler):
             return
         wanted = re.match(r"bytes=(\d+)-", self.headers.get("Range", ""))
         start = int(wanted[1]) if wanted and server.ranges and self.headers.get("If-Range") in (None, server.tag) else 0
-        if start >= len(server.content):
+        if start and start >= len(server.content):
             self.send_response(416)
             self.send_header("Content-Range", f"bytes */{len(server.content)}")
             self.send_header("Content-Length", "0")
@@ -33,7 +35,10 @@ class Handler(BaseHTTPRequestHandler):
         self.send_response(206 if start else 200)
         if start:
             self.send_header("Content-Range", f"bytes {start}-{len(server.content) - 1}/{len(server.content)}")
-        self.send_header("Content-Length", str(len(server.content) - start))
+        for length in server.lengths or [str(len(server.content) - start)]:
+            self.send_header("Content-Length", length)
+        if server.packing:
+            self.send_header("Content-Encoding", server.packing)
         self.send_header("ETag", server.tag)
         self.end_headers()
         data = server.content[start:]
@@ -50,6 +55,7 @@ class Handler(BaseHTTPRequestHandler):
 def server():
     made = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     made.content, made.tag, made.ranges, made.status, made.cuts, made.asked = CONTENT, '"one"', True, None, [], []
+    made.lengths, made.packing = [], None
     thread = threading.Thread(target=made.serve_forever)
     thread.start()
     made.address = f"http://127.0.0.1:{made.server_port}/a.bag"
@@ -117,6 +123,62 @@ def test_more_than_everything_is_thrown_away(server, tmp_path):
     with pytest.raises(DownloadError, match="416"):
         download(server.address, tmp_path / "a.bag", SHA256)
     assert download(server.address, tmp_path / "a.bag", SHA256) is True
+
+
+@pytest.mark.parametrize("lengths", [["abc"], ["-5"], ["12", "13"], ["\u0663"]])
+def test_a_length_that_cannot_be_read_is_told(server, tmp_path, lengths):
+    server.lengths = [length.encode().decode("latin-1") for length in lengths]
+    with pytest.raises(DownloadError, match=r"states no length that can be read|cannot be asked for"):
+        download(server.address, tmp_path / "a.bag")
+    assert not (tmp_path / "a.bag").exists()
+
+
+def test_a_length_stated_twice_is_one_length(server, tmp_path):
+    server.lengths = [str(len(CONTENT))] * 2
+    assert download(server.address, tmp_path / "a.bag", SHA256) is True
+
+
+def test_a_packed_body_is_refused(server, tmp_path):
+    server.content, server.packing = gzip.compress(bytes(10_000_000)), "gzip"
+    with pytest.raises(DownloadError, match="comes packed as gzip, which nobody asked for"):
+        download(server.address, tmp_path / "a.bag")
+    assert not (tmp_path / "a.bag").exists()
+
+
+def test_a_body_without_an_end_is_cut(server, tmp_path, monkeypatch):
+    server.lengths = [""]
+    monkeypatch.setattr(downloading, "_LARGEST", 500_000)
+    with pytest.raises(DownloadError, match="more than 500000 bytes came"):
+        download(server.address, tmp_path / "a.bag")
+    assert names(tmp_path) in ([], ["a.bag.part.tag"])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("a.bag", b"", "is empty"),
+        ("a.bag", b"\n<!DOCTYPE html><html>please log in", "is a web page"),
+        ("a.relations", b"<html>moved", "is a web page"),
+        ("a.bag", b"moved to another server", r"does not begin as a \.bag file"),
+        ("a.png", b"no picture", r"does not begin as a \.png file"),
+        ("a.bag.gz", b"#ROSBAG V2.0", r"does not begin as a \.gz file"),
+    ],
+)
+def test_what_cannot_be_the_file_is_not_kept(server, tmp_path, name, content, why):
+    server.content = content
+    with pytest.raises(DownloadError, match=rf"what arrived {why}: removed"):
+        download(server.address, tmp_path / name)
+    assert names(tmp_path) == []
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DownloadError, match=rf"{why}: remove it to download it anew"):
+        download(server.address, tmp_path / name)
+
+
+def test_a_416_where_nothing_had_begun_is_what_the_server_says(server, tmp_path):
+    server.status = 416
+    with pytest.raises(DownloadError, match="the server says 416"):
+        download(server.address, tmp_path / "a.bag")
+    assert names(tmp_path) == []
 
 
 def test_a_wrong_digest_is_not_kept(server, tmp_path):

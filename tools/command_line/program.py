@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import logging
 import os
 import re
 import shlex
@@ -11,14 +12,34 @@ from contextlib import suppress
 from typing import IO, Any
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.io.printable import printable
 from tools.command_line.interruption import forget_interruption, hear_interruption, heard_interruption
 
 
 def print_anything() -> None:
-    """Let names of files be printed that are no text, with their bytes written out; Python would fail."""
+    """Let names be printed that are no text, with their bytes written out, and messages that hold line ends or worse.
+
+    Python would fail on the former, and a terminal obey the latter.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    for handler in (*logging.getLogger().handlers, logging.lastResort):
+        if isinstance(handler, logging.StreamHandler) and handler.stream is sys.stderr:
+            handler.setFormatter(_Printable(handler.formatter))
+
+
+class _Printable(logging.Formatter):
+    """Writes a message in one line without anything that steers a terminal."""
+
+    def __init__(self, formatter: logging.Formatter | None) -> None:
+        super().__init__()
+        self._formatter = formatter or logging.Formatter()
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line; the traceback of an exception keeps its own."""
+        line, *traceback = self._formatter.format(record).split("\nTraceback", 1)
+        return "\nTraceback".join((printable(line), *traceback))
 
 
 def one_line(error: Exception) -> str:
@@ -29,7 +50,7 @@ def one_line(error: Exception) -> str:
         said = f"{what}: check what is read and printed" if error.filename is None else named
     else:
         said = str(error)
-    return " ".join(said.splitlines())  # names of files may hold line ends
+    return printable(" ".join(said.splitlines()))  # names of files may hold line ends
 
 
 DONE, FAILED = 0, 1

@@ -1,4 +1,8 @@
+import socket
 import sys
+import threading
+import time
+from contextlib import suppress
 
 import pytest
 
@@ -13,6 +17,45 @@ def test_nobody_answers():
         Cluster("tcp://127.0.0.1:1", timeout_s=0.5)
 
 
+@pytest.fixture
+def stranger():
+    """Return a starter of a server that greets with some bytes, and then waits for ever."""
+    listeners = []
+
+    def start(greeting):
+        listener = socket.create_server(("127.0.0.1", 0))
+        listeners.append(listener)
+
+        def greet():
+            with suppress(OSError):
+                connection, _ = listener.accept()
+                listeners.append(connection)
+                connection.sendall(greeting)
+
+        threading.Thread(target=greet, daemon=True).start()
+        return listener.getsockname()[1]
+
+    yield start
+    for listener in listeners:
+        listener.close()
+
+
+@pytest.mark.parametrize(
+    ("greeting", "fact"), [(b"SSH-2.0-OpenSSH_9.6\r\n", "something else answers"), (b"", "timed out")]
+)
+def test_what_is_no_scheduler_is_told_soon(stranger, monkeypatch, greeting, fact):
+    monkeypatch.setattr(cluster, "_ANSWER_S", 0.3)
+    began = time.monotonic()
+    with pytest.raises(ClusterError, match=rf"no Dask scheduler answers \({fact}\): start one"):
+        Cluster(f"tcp://127.0.0.1:{stranger(greeting)}")
+    assert time.monotonic() - began < 5.0
+
+
+def test_an_encrypted_scheduler_needs_certificates():
+    with pytest.raises(ClusterError, match=r"tls://127\.0\.0\.1:1: no Dask scheduler answers \(.*TLS"):
+        Cluster("tls://127.0.0.1:1")
+
+
 def test_dask_is_an_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ClusterError, match=r"a cluster needs Dask: pip install 'tbmslam\[cluster\]'"):
@@ -24,7 +67,9 @@ def test_a_worker_with_other_code_is_refused():
         cluster._call_checked(("tbmslam",), "0", len, "abc")
 
 
-@pytest.mark.parametrize("address", ["", "nonsense", "tcp://host", "tcp://a b:1", "host:8786:x"])
+@pytest.mark.parametrize(
+    "address", ["", "nonsense", "tcp://host", "tcp://a b:1", "host:8786:x", "http://host:8786", "tcp://host:99999"]
+)
 def test_what_is_no_address_is_told_at_once(address):
     with pytest.raises(ClusterError, match=r"is no address of a Dask scheduler: it must look like tcp://10"):
         Cluster(address)

@@ -96,10 +96,34 @@ def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
     assert stream.buffer.getvalue() == b"drive \\udcff\n"
 
 
+@pytest.mark.parametrize("configured", [True, False])
+def test_a_message_cannot_steer_the_terminal(configured):
+    code = f"""
+import logging
+from tools.command_line.program import ended
+if {configured}:
+    logging.basicConfig(format="%(message)s")
+ended("merge", lambda: logging.getLogger("x").warning("%s: is odd", "laser\\x1b[2J\\nmerge: all is well"))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)  # noqa: S603
+    assert done.stderr == "laser\\x1b[2J\\nmerge: all is well: is odd\n"
+
+
+def test_maps_whose_names_are_no_text_are_merged_and_saved(tmp_path):
+    maps = [os.fsdecode(bytes(tmp_path / "r") + b"\xff%d" % number) for number in range(2)]
+    for folder in maps:
+        save_map(folder, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
+    out = os.fsdecode(bytes(tmp_path / "merged") + b"\xff")
+    done = printed_into(subprocess.PIPE, *maps, "-o", out)
+    assert done.returncode == 3
+    assert {"report.json", "report.html"} <= {path.name for path in Path(out).iterdir()}
+
+
 @pytest.mark.parametrize(
     ("error", "said"),
     [
         (ValueError("a\nb"), "a b"),
+        (ValueError("\x1b[2Ja"), "\\x1b[2Ja"),
         (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check that name, or choose another"),
         (OSError("odd"), "odd: check what is read and printed"),
     ],
