@@ -48,7 +48,7 @@ def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, w
     with watch.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
         if joint is not None and _may_be_drawn(joint, config):
-            fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry))
+            fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
 

@@ -83,3 +83,17 @@ class MergeConfig(FrozenConfig):
     short_range: ShortRangeConfig = ShortRangeConfig()
     joint: JointConfig = JointConfig()
     baselines: BaselinesConfig = BaselinesConfig()
+
+
+PAPER = MergeConfig(
+    method="dobrokhvalov-filatov",
+    rule="disjunctive",
+    coverage="overlap",
+    nonrigid=NonrigidConfig(enabled=False),
+    joint=JointConfig(enabled=False),
+)
+"""The paper's algorithm 1 and nothing else: keypoints, one motion for the whole map, the disjunctive rule (eq. 6).
+
+Nothing confirms or refines the motion, no map is deformed, and no scan is rendered again. Any cell that a map does not
+know is unknown in the merged map (its figure 2e).
+"""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -42,11 +42,15 @@ class Fusion:
         that the conjunction of their conflict-free beliefs leaves on CONFLICT; 0 where fewer than two saw the cell.
     seen_by
         How many sources saw each cell (rows, cols).
+    rule
+        What made the grid's cells: a rule, or `redrawn`, where all scans were rendered into it anew and no rule was
+        applied.
     """
 
     grid: TbmGrid
     conflict: npt.NDArray[np.float32]
     seen_by: npt.NDArray[np.uint16]
+    rule: Rule | Literal["redrawn"] = "disjunctive"
 
 
 def fuse(
@@ -95,6 +99,7 @@ def fuse(
         TbmGrid(canvas, np.empty((canvas.rows, canvas.cols, 4), dtype=np.float32)),
         np.empty((canvas.rows, canvas.cols), dtype=np.float32),
         np.zeros((canvas.rows, canvas.cols), dtype=np.uint16),
+        rule,
     )
     required = len(layers) if coverage == "overlap" else 1
     sources = [(*offset_in(canvas, layer.geometry), layer, trust) for layer, trust in zip(layers, trusts, strict=True)]

@@ -83,7 +83,7 @@ def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
             }
             for (target, source), alignment in merge.alignments.items()
         ],
-        "fusion": None if merge.fusion is None else _areas(merge.fusion),
+        "fusion": None if merge.fusion is None else {"rule": merge.fusion.rule, **_areas(merge.fusion)},
         "refinement": _refinement(merge),
         "conflict_places": [] if merge.fusion is None else [asdict(one) for one in conflict_places(merge.fusion)],
         "config": config.model_dump(mode="json"),

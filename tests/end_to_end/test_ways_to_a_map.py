@@ -14,6 +14,8 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.robot.simulation import simulate as simulate_robots
 from datasets.synthetic.world.world import load_world
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import disjunctive
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map
@@ -134,6 +136,28 @@ def test_the_original_s_method_from_bag_to_merged_map(flat, tmp_path, preset):
     ((metres, degrees),) = alignment_errors(report, true_poses(flat, maps, names), ["robot_1"]).values()
     assert metres < 0.5
     assert degrees < 2.0
+
+
+def test_the_paper_s_chain_from_bag_to_merged_map(flat, tmp_path):
+    maps = build(tmp_path / "maps", flat, "--separate", "--no-truth", "--preset", "paper")
+    names = ("robot_0", "robot_1")
+    report = merge_maps(tmp_path / "merged", maps, "--preset", "paper")
+    assert report["fusion"]["rule"] == "disjunctive"
+    assert report["refinement"] == {"kind": "rigid", "bent": []}
+    assert report["pairs"][0]["method"] == "dobrokhvalov-filatov"
+    ((metres, degrees),) = alignment_errors(report, true_poses(flat, maps, names), ["robot_1"]).values()
+    assert metres < 0.5
+    assert degrees < 2.0
+    # The keypoints' motion as it is, and eq. 6 in every cell that both maps know; all others are unknown.
+    merged, (first, second) = load_map(tmp_path / "merged").grid, (load_map(maps / name).grid for name in names)
+    T_merged_map = SE2(*report["maps"]["robot_1"]["T_merged_map"])
+    assert T_merged_map == pytest.approx(SE2(*report["pairs"][0]["T_target_source"]))
+    layers = [resample(first, SE2.identity(), merged.geometry), resample(second, T_merged_map, merged.geometry)]
+    both = layers[0].is_known() & layers[1].is_known()
+    np.testing.assert_array_equal(merged.is_known(), both)
+    np.testing.assert_allclose(
+        merged.masses[both], disjunctive(layers[0].masses[both], layers[1].masses[both]), atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("arguments", [("--rule", "conjunctive"), ("--coverage", "overlap"), ("--resolution", 0.1)])

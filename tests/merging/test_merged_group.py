@@ -72,6 +72,7 @@ def test_drives_straightened_together_are_drawn_into_one_grid_from_all_scans(map
         one.fusion.grid.masses, resample(redraw(keyframes, maps["a"]), SE2.identity(), geometry).masses
     )
     assert one.merged.grid is one.fusion.grid
+    assert one.fusion.rule == "redrawn"
     # What the robots' own maps say of each other stays to be told.
     by_rule = fused(one, maps, "disjunctive")
     np.testing.assert_array_equal(one.fusion.conflict, by_rule.conflict)
@@ -86,6 +87,7 @@ def test_drives_straightened_together_are_drawn_into_one_grid_from_all_scans(map
 def test_a_rule_that_is_asked_for_is_followed(maps, rule):
     one = merged(maps, rule=rule)
     np.testing.assert_array_equal(one.fusion.grid.masses, fused(one, maps, rule).grid.masses)
+    assert one.fusion.rule == rule
 
 
 def test_what_only_a_rule_can_do_is_done_by_the_disjunctive_one(maps):
@@ -106,3 +108,4 @@ def test_rigid_maps_are_fused(maps):
     one = merged(maps, joint={"enabled": False})
     layers = [warp(maps[name].grid, POSES[name], maps["a"].grid.geometry) for name in maps]
     np.testing.assert_array_equal(one.fusion.grid.masses, fuse(layers, "disjunctive").grid.masses)
+    assert one.fusion.rule == "disjunctive"

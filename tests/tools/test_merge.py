@@ -12,6 +12,8 @@ import pytest
 
 from merging.config.choices import Coverage, Descriptor, Method, Rule
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import dempster, disjunctive
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io import map_folder
@@ -44,6 +46,26 @@ def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsy
     said = capsys.readouterr().out
     assert "there in here: accepted: " in said
     assert f"report -> {tmp_path / 'merged' / 'report.html'}" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "rule", "combine"),
+    [([], "disjunctive", disjunctive), (["--rule", "dempster"], "dempster", dempster)],
+)
+def test_the_cells_follow_the_rule_and_the_report_names_it(folders, tmp_path, options, rule, combine):
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), *options]) == 0
+    report, merged = json.loads((tmp_path / "report.json").read_text()), map_folder.load_map(tmp_path).grid
+    assert report["fusion"]["rule"] == rule
+    here, there = (
+        resample(map_folder.load_map(folders / name).grid, SE2(*report["maps"][name]["T_merged_map"]), merged.geometry)
+        for name in ("here", "there")
+    )
+    both = here.is_known() & there.is_known()
+    differ = np.abs(here.masses - there.masses)[both].max(axis=-1) > 0.5
+    assert differ.sum() > 20
+    expected = combine(here.masses[both], there.masses[both])
+    solved = expected.sum(axis=-1) > 0.5  # of full conflict Dempster's rule says nothing
+    np.testing.assert_allclose(merged.masses[both][solved], expected[solved], atol=1e-4)
 
 
 def test_a_merge_is_merged_with_a_map_file(folders, tmp_path):

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Self
 
 from datasets import RecordingOptions
-from merging.config import MergeConfig
+from merging.config import PAPER, MergeConfig
 from tbmslam.configuration.parameters import changed, parse_setting
 from tbmslam.configuration.slam_config import ConfigError, SlamConfig, preset
 from tbmslam.configuration.toml_text import config_text
 from tbmslam.io.special_file import why_unreadable
 
+_PAPER, _PAPER_SLAM = "paper", "viny"
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
 
 
@@ -23,8 +24,10 @@ class Configuration(SlamConfig):
 
     @classmethod
     def of_preset(cls, name: str) -> Self:
-        """Return a preset of the SLAM with the other parts' defaults."""
-        return cls.model_validate({key: value for key, value in preset(name) if key in SlamConfig.model_fields})
+        """Return a preset of the SLAM with the other parts' defaults; `paper` is viny, and the paper's merging."""
+        slam = preset(_PAPER_SLAM if name == _PAPER else name)
+        merging = {"merging": PAPER} if name == _PAPER else {}
+        return cls.model_validate({key: value for key, value in slam if key in SlamConfig.model_fields} | merging)
 
     @property
     def slam(self) -> SlamConfig:
@@ -64,9 +67,8 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
     named = changes.get("preset")
     if preset_name is not None and named not in (None, preset_name):
         raise ConfigError(f"{path}: holds the preset {named!r}: drop --preset {preset_name} or that line")
-    return changed(
-        Configuration.of_preset(str(named or ("default" if preset_name is None else preset_name))), changes, str(path)
-    )
+    config = Configuration.of_preset(str(named or ("default" if preset_name is None else preset_name)))
+    return changed(config, {**changes, "preset": config.preset}, str(path))
 
 
 def whole_text(config: Configuration) -> str:

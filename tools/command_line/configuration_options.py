@@ -17,7 +17,9 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
     """
     group = parser.add_argument_group("parameters")
     group.add_argument(
-        "--preset", help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist, particles or odometry"
+        "--preset",
+        help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist, particles or odometry; or paper: "
+        "viny, and merging exactly as in the paper",
     )
     group.add_argument(
         "--config",

@@ -38,6 +38,22 @@ def test_the_best_and_what_it_does_not_beat():
     assert indistinguishable_from_best({"d": values["d"]}) == []
 
 
+def test_comparisons_are_corrected_for_their_number():
+    """Six pairs, all better by as much: p = 2 / 64, significant as one of one comparison and not of two."""
+    best, other = np.full(6, 0.8), np.full(6, 0.7)
+    assert paired_p_value(best, other) == pytest.approx(0.03125)
+    assert indistinguishable_from_best({"a": best, "b": other}) == ["a"]
+    assert indistinguishable_from_best({"a": best, "b": other, "c": other}) == ["a", "b", "c"]
+
+
+def test_after_a_rejection_the_next_is_corrected_by_fewer():
+    """Holm, not Bonferroni: p = 2 / 128 passes 0.05 / 2, and then 0.03125 passes 0.05."""
+    best = np.full(7, 0.8)
+    nearer = np.array([0.7, 0.7, 0.7, 0.7, 0.7, 0.7, 0.8])
+    assert paired_p_value(best, nearer) == pytest.approx(0.03125)
+    assert indistinguishable_from_best({"a": best, "b": np.full(7, 0.7), "c": nearer}) == ["a"]
+
+
 def test_the_interval_is_student_s():
     values = np.array([0.2, 0.4, 0.5, 0.9, math.nan])
     expected = stats.ttest_1samp(values[:4], 0.0).confidence_interval(0.95)

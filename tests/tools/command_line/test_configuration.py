@@ -39,6 +39,24 @@ def test_a_preset_is_the_slam_s_with_the_libraries_other_defaults():
     assert (config.slam, config.recording, config.merging) == (preset("viny"), RecordingOptions(), MergeConfig())
 
 
+def test_the_preset_paper_maps_as_viny_and_merges_as_the_paper(tmp_path):
+    config = Configuration.of_preset("paper")
+    assert (config.slam, config.recording) == (preset("viny"), RecordingOptions())
+    merging = config.merging
+    assert (merging.method, merging.rule, merging.coverage) == ("dobrokhvalov-filatov", "disjunctive", "overlap")
+    assert (merging.features.descriptor, merging.features.keypoints, merging.features.ratio) == (
+        "concatenated",
+        1000,
+        0.7,
+    )
+    assert not merging.joint.enabled
+    assert not merging.nonrigid.enabled
+    (tmp_path / "config.toml").write_text(whole_text(config))
+    assert read_configuration(None, tmp_path) == config
+    (tmp_path / "named.toml").write_text('preset = "paper"\n')
+    assert read_configuration(None, tmp_path / "named.toml") == config
+
+
 def test_the_text_is_read_back(tmp_path):
     config = changed(Configuration.of_preset("default"), ODD)
     (tmp_path / "config.toml").write_text(whole_text(config))
