@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
-from merging.group_map import align_group_maps, group_maps_of
 from merging.map_graph.grouping import Group
 from merging.map_graph.hypothesis import is_same_place
 from merging.merge_state import MergeState
+from merging.merged_group import group_maps_of
+from merging.pairwise import align_all
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
@@ -157,7 +158,8 @@ def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeCon
     wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.watch)
     if len(wholes) < 2:
         return 1.0
-    found = align_group_maps(wholes, [join.pair], config, executor)[join.pair]
+    grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}
+    found = align_all(grids, config, executor, [join.pair])[join.pair]
     if found.T_target_source is None:
         return 0.0
     told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()

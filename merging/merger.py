@@ -15,9 +15,8 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.refused_pairs import register_refused_pairs
-from merging.nonrigid.search import NonrigidRegistration
-from merging.pairwise.all_pairs import align_all
+from merging.nonrigid.search import NonrigidRegistration, register_refused_pairs
+from merging.pairwise import align_all
 from merging.pose_priors import place_by_priors
 from merging.short_range import with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid

@@ -14,9 +14,9 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair, format_evidence
 from merging.config import MergeConfig
-from merging.config.pose_priors import KnownPoseConfig
+from merging.config.registration import KnownPoseConfig
 from merging.fusion.warping import corners_of
-from merging.pairwise.prepared_maps import PreparedMaps
+from merging.pairwise import PreparedMaps
 from merging.registration.hypotheses import Candidate, best_of, find_candidates
 from merging.rigid_alignment import PreparedMap
 from merging.scoring.confidence import confidences
@@ -161,12 +161,12 @@ def _places_near(target: WallMap, source: WallMap, told: SE2, config: MergeConfi
 
 
 def _starts(told: SE2, source: WallMap, reach: KnownPoseConfig) -> list[SE2]:
-    """Return the told pose, turned about the middle of the source's walls and moved, as far as it may be wrong."""
+    """Return the told pose, turned about the centroid of the source's walls and moved, as far as it may be wrong."""
     shifts = np.linspace(-reach.reach_m, reach.reach_m, _SHIFTS)
     turns = np.linspace(-reach.reach_rad, reach.reach_rad, _TURNS)
-    middle = SE2(*_middle(source), 0.0)
+    T_map_centroid = SE2.from_array(np.append(source.centroid, 0.0))
     offsets = (SE2(x, y, turn) for x, y, turn in itertools.product(shifts, shifts, turns))
-    return [told @ middle @ offset @ middle.inverse() for offset in offsets]
+    return [told @ T_map_centroid @ offset @ T_map_centroid.inverse() for offset in offsets]
 
 
 def _is_near(motion: SE2, told: SE2, source: WallMap, reach: KnownPoseConfig) -> bool:
@@ -175,16 +175,10 @@ def _is_near(motion: SE2, told: SE2, source: WallMap, reach: KnownPoseConfig) ->
 
 
 def _apart(motion: SE2, told: SE2, source: WallMap) -> tuple[float, float]:
-    """Return how far two motions put the middle of the source's walls apart [m], and by which angle they differ."""
-    middle = np.array(_middle(source))
-    return math.dist(motion.apply(middle), told.apply(middle)), abs(wrap_angle(motion.theta - told.theta))
-
-
-def _middle(source: WallMap) -> tuple[float, float]:
-    if not len(source.points):
-        return 0.0, 0.0
-    x, y = source.points.mean(axis=0)
-    return float(x), float(y)
+    """Return how far two motions put the centroid of the source's walls apart [m], and by which angle they differ."""
+    return math.dist(motion.apply(source.centroid), told.apply(source.centroid)), abs(
+        wrap_angle(motion.theta - told.theta)
+    )
 
 
 def _how_laid(place: SE2, told: SE2, source: WallMap, enough: bool) -> str:

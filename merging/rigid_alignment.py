@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Alternative, format_evidence
-from merging.baselines.methods import BASELINES, align_baseline
+from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
 from merging.fusion.warping import at_resolution, check_cell_size
@@ -11,7 +11,7 @@ from merging.registration.features import Features, describe, match
 from merging.registration.hypotheses import Candidate, find_candidates, refine_all
 from merging.registration.ransac import find_consensus
 from merging.scoring.confidence import confidences
-from merging.scoring.hypothesis_scoring import score_hypotheses
+from merging.scoring.decoys import score_hypotheses
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap, without_walls

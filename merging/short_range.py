@@ -12,7 +12,7 @@ from dataclasses import replace
 from merging.config import MergeConfig
 from merging.joint_slam.rendering import redraw
 from merging.merge_state import MergeState
-from merging.pairwise.all_pairs import align_all
+from merging.pairwise import align_all
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 

@@ -3,3 +3,44 @@
 They serve comparison under equal conditions: the same pairs, processor and interface, `align(target, source, config)`.
 None published its code; each file says what is its authors' idea and what was chosen here.
 """
+
+from collections.abc import Callable
+
+from merging.alignment import Alignment
+from merging.baselines import birk_carpin, carpin, dobrokhvalov_filatov, li, saeedi, trehard
+from merging.config import MergeConfig, Method
+from merging.fusion.warping import at_resolution
+from tbmslam.belief.grid import TbmGrid
+
+BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = {
+    "birk-carpin": birk_carpin.align,
+    "carpin": carpin.align,
+    "li": li.align,
+    "saeedi": saeedi.align,
+    "trehard": trehard.align,
+    "dobrokhvalov-filatov": dobrokhvalov_filatov.align,
+}
+"""Those that need nothing but two maps: Howard's needs encounters."""
+
+
+def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: MergeConfig) -> Alignment:
+    """Find where a source grid lies in a target's frame by the related work's method that the config names.
+
+    Accepted alignments have confidence 0 all the same: these methods give no probability.
+
+    Parameters
+    ----------
+    resolution
+        Cell size at which the maps are compared [m].
+
+    Raises
+    ------
+    ValueError
+        If the config names another method.
+    """
+    if config.method not in BASELINES:
+        raise ValueError(f"method must be one of {', '.join(BASELINES)}, got {config.method!r}")
+    for name, grid in (("target", target), ("source", source)):
+        if not grid.is_known().any():
+            return Alignment(config.method, accepted=False, reason=f"the {name} map is empty: no cell of it was seen")
+    return BASELINES[config.method](at_resolution(target, resolution), at_resolution(source, resolution), config)

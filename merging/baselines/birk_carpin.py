@@ -19,9 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.alignment import Alignment
-from merging.baselines.agreement import Agreement, answer
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
-from merging.baselines.placing import Placing
+from merging.baselines.placing import Agreement, Placing, answer
 from merging.config import MergeConfig
 from merging.config.baselines import BirkCarpinConfig
 from tbmslam.belief.grid import TbmGrid

@@ -17,9 +17,8 @@ import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
 from merging.alignment import Alignment
-from merging.baselines.agreement import answer
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates, Field, Points
-from merging.baselines.placing import Placing
+from merging.baselines.placing import Placing, answer
 from merging.config import MergeConfig
 from merging.config.baselines import LiConfig
 from tbmslam.belief.grid import TbmGrid

@@ -1,11 +1,13 @@
-"""Where a source may lie: a shift between the centroids of two maps, and a turn about the source's."""
+"""Poses of a source map: a shift between centroids and a rotation, and how far the cells of two maps agree there."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from merging.baselines.cell_states import CellStates, Points
+from merging.alignment import Alignment
+from merging.baselines.cell_states import IS_UNKNOWN, CellStates, Points
+from merging.config import MergeConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 Score = Callable[[FloatArray], FloatArray]
@@ -68,3 +70,69 @@ def climb(score: Score, places: FloatArray, step_m: float, step_rad: float, halv
         if steps[:, 0].max() < step_m / 2.0**halvings:
             break
     return places
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of the source's known cells, the shares that agree with, and that contradict, the target's.
+
+    Parameters
+    ----------
+    agreeing, disagreeing
+        One for each place (K,).
+    """
+
+    agreeing: FloatArray
+    disagreeing: FloatArray
+
+    @classmethod
+    def of(
+        cls, target: CellStates, source: CellStates, placing: Placing, places: FloatArray, limit: int | None = None
+    ) -> "Agreement":
+        """Lay the source onto the target at each place (K, 3), with all of its known cells or about `limit`."""
+        points, states = source.known
+        every = max(1, len(points) // limit) if limit is not None else 1
+        points, states = points[::every], states[::every]
+        there = target.field.at(placing.into_target(points, places))
+        agreeing = np.mean(there == states, axis=1)
+        return cls(agreeing, np.mean(there != IS_UNKNOWN, axis=1) - agreeing)
+
+    def index(self) -> FloatArray:
+        """Return the acceptance index (K,), ai = 1 - agr / (agr + dis): 0 where all agree, 1 where nothing meets."""
+        met = self.agreeing + self.disagreeing
+        return 1.0 - np.divide(self.agreeing, met, out=np.zeros_like(met), where=met > 0.0)
+
+
+def answer(
+    method: str,
+    maps: tuple[CellStates, CellStates],
+    placing: Placing,
+    place: FloatArray,
+    measure: tuple[str, bool],
+    config: MergeConfig,
+) -> Alignment:
+    """Return a method's answer: its place, accepted if its own measure is good enough and the maps overlap enough.
+
+    Parameters
+    ----------
+    maps
+        The target and the source.
+    place
+        The best place (3,).
+    measure
+        The method's measure in words, and whether it suffices.
+    """
+    target, source = maps
+    agreement = Agreement.of(target, source, placing, place[None])
+    both = float(agreement.agreeing[0] + agreement.disagreeing[0])
+    cells = [int(np.count_nonzero(one.states != IS_UNKNOWN)) for one in maps]
+    share, needed = both * cells[1] / min(cells), config.baselines.min_overlap_share
+    words, good = measure
+    reason = words if share >= needed else f"the maps overlap by {share:.0%}, under {needed:.0%}"
+    return Alignment(
+        method=method,
+        accepted=good and share >= needed,
+        reason=reason,
+        T_target_source=placing.motion(place),
+        overlap_m2=both * cells[1] * source.geometry.resolution**2,
+    )

@@ -17,10 +17,9 @@ import cv2
 import numpy as np
 
 from merging.alignment import Alignment
-from merging.baselines.agreement import answer
 from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
-from merging.baselines.placing import Placing, climb
-from merging.baselines.shift_search import ShiftSearch
+from merging.baselines.placing import Placing, answer, climb
+from merging.baselines.pose_search import ShiftSearch
 from merging.config import MergeConfig
 from merging.config.baselines import TrehardConfig
 from tbmslam.belief.grid import TbmGrid

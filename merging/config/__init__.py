@@ -1,25 +1,38 @@
 """Every number a merge depends on, with its default."""
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from merging.config.baselines import BaselinesConfig
-from merging.config.choices import Coverage, Method, Rule
-from merging.config.joint_slam import JointConfig
-from merging.config.map_graph import GraphConfig
-from merging.config.nonrigid import NonrigidConfig
-from merging.config.pose_priors import KnownPose, KnownPoseConfig
+from merging.config.groups import GraphConfig, JointConfig
 from merging.config.registration import (
     ConsensusConfig,
     CorrelationConfig,
     FeatureConfig,
+    KnownPose,
+    KnownPoseConfig,
+    NonrigidConfig,
     RefinementConfig,
+    ShortRangeConfig,
     StructureConfig,
 )
-from merging.config.short_range import ShortRangeConfig
 from merging.config.verification import ExactnessConfig, VerificationConfig
 from tbmslam.frozen_config import FrozenConfig, Metres, Share
+
+Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]
+Rule = Literal[
+    "disjunctive",
+    "conjunctive",
+    "dempster",
+    "dubois-prade",
+    "yager",
+    "average",
+    "unanimous",
+    "log-odds",
+    "entropy-filter",
+]
+Coverage = Literal["union", "overlap"]
 
 
 class MergeConfig(FrozenConfig):
@@ -48,7 +61,7 @@ class MergeConfig(FrozenConfig):
         Cell size of the merged map [m]; None takes that of the map whose frame it has.
     decoys
         The first glance at the places of the source's mirror image, which tell what chance achieves; where it leaves
-        doubt they are searched as `correlation` says. See `merging.scoring.hypothesis_scoring`.
+        doubt they are searched as `correlation` says. See `merging.scoring.decoys`.
     """
 
     PUBLIC: ClassVar = ("method", "rule", "coverage", "reliability", "known_poses", "resolution", "merged_resolution")

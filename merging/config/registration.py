@@ -1,11 +1,14 @@
-"""Every number of the search for one map in another."""
+"""Every number of the registration of two maps: rigid, near a known pose, by short ranges, and non-rigid."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from merging.config.choices import Descriptor
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
+from tbmslam.io.map_check import MAX_DISTANCE, MAX_TURN
+
+Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
+"""How the descriptors of a keypoint in two images of a map become one."""
 
 
 class FeatureConfig(FrozenConfig):
@@ -159,3 +162,77 @@ class RefinementConfig(FrozenConfig):
     few_walls: Annotated[int, Field(ge=3)] = 300
     some_walls: Annotated[int, Field(ge=3)] = 1000
     many_walls: Annotated[int, Field(ge=3)] = 2500
+
+
+Coordinate = Annotated[float, Field(ge=-MAX_DISTANCE, le=MAX_DISTANCE, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-MAX_TURN, le=MAX_TURN, allow_inf_nan=False)]
+KnownPose = tuple[Coordinate, Coordinate, Angle]
+
+
+class KnownPoseConfig(FrozenConfig):
+    """How a map is placed near its known pose.
+
+    Parameters
+    ----------
+    reach_m, reach_rad
+        How far from the known pose the map is searched, at the middle of its walls [m], and how far turned [rad].
+    min_wall_m
+        With less agreeing wall than this it is laid exactly as told [m].
+    """
+
+    PUBLIC: ClassVar = ("reach_m", "reach_rad")
+
+    reach_m: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
+    reach_rad: Annotated[float, Field(ge=1e-3, le=3.2)] = 0.18
+    min_wall_m: Metres = 2.0
+
+
+class ShortRangeConfig(FrozenConfig):
+    """A second registration, by short ranges only, of maps that no alignment joined; see `merging.short_range`.
+
+    Parameters
+    ----------
+    enabled
+        Whether it is tried where maps carry keyframes.
+    range_m
+        Walls seen from farther off are left out [m]: from here a heading that is wrong by a degree moves a wall as far
+        as walls that agree may lie from each other.
+    """
+
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = True
+    range_m: Metres = 8.5
+
+
+class NonrigidConfig(FrozenConfig):
+    """Non-rigid registration of pairs that no rigid transform aligns; see `merging.nonrigid.search`.
+
+    Parameters
+    ----------
+    enabled
+        Whether refused pairs are registered non-rigidly.
+    side_m
+        Side of the tiles that slide at first, about [m]; later ones have half of it.
+    most
+        Tiles of a map at the most; those of larger maps are larger.
+    places
+        So many of the places that the correlation likes most are tried.
+    rivals
+        So many more of them, and of those that fit best as they are, must not fit as well once they are bent too.
+    min_agreement, min_wall_m
+        A tile says where it belongs if so large a share of its walls that can be compared agrees, and so much [m].
+    farthest_m
+        How far a tile may slide from where its neighbours have it [m].
+    """
+
+    PUBLIC: ClassVar = ("enabled",)
+
+    enabled: bool = True
+    side_m: Metres = 16.0
+    most: Annotated[int, Field(ge=2)] = 24
+    places: Count = 1
+    rivals: Count = 8
+    min_agreement: Share = 0.5
+    min_wall_m: Metres = 3.0
+    farthest_m: Metres = 1.0

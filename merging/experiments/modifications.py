@@ -7,12 +7,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.choices import Descriptor
-from merging.config.registration import FeatureConfig
-from merging.experiments.descriptor_matches import Described, match_all
+from merging.config.registration import Descriptor, FeatureConfig
+from merging.experiments.detectors import Described, match_all
 from merging.experiments.map_pair import MapPair
-from merging.registration.channels import Channels
-from merging.registration.features import ORB_EDGE, joined, orb_of
+from merging.registration.features import ORB_EDGE, Channels, joined, orb_of
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 

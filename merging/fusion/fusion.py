@@ -2,17 +2,58 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
-from merging.config.choices import Coverage, Rule
-from merging.fusion.rules import RULES, FusionRule
+from merging.config import Coverage, Rule
 from merging.fusion.warping import canvas_over, offset_in
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.kernels.grids import fusion
 from tbmslam.kernels.grids.fusion import add_layer, finish
 from tbmslam.parallel.threads import in_threads
+
+
+class FusionRule(NamedTuple):
+    """How the kernel fuses.
+
+    Parameters
+    ----------
+    code
+        Which of the kernel's rules it is.
+    width
+        Numbers kept of each cell until all sources have spoken.
+    """
+
+    code: int
+    width: int
+
+
+RULES: dict[Rule, FusionRule] = {
+    # At least one source is right: disagreement becomes ignorance (the paper's eq. 6; Smets 1993).
+    "disjunctive": FusionRule(fusion.DISJUNCTIVE, 4),
+    # All are right: agreement sharpens, disagreement stays as conflict (the paper's eq. 5; Smets 1990).
+    "conjunctive": FusionRule(fusion.CONJUNCTIVE, 4),
+    # The same, the conflict shared out among the rest (Shafer 1976).
+    "dempster": FusionRule(fusion.DEMPSTER, 4),
+    # What the sources have in common, and where that is nothing, what any of them holds (Dubois and Prade 1988).
+    "dubois-prade": FusionRule(fusion.DUBOIS_PRADE, 10),
+    # What they have in common; all conflict becomes ignorance (Yager 1987).
+    "yager": FusionRule(fusion.YAGER, 4),
+    # The mean of the masses (Howard 2006; Li, Hao et al. average probabilities likewise).
+    "average": FusionRule(fusion.AVERAGE, 4),
+    # Cells are free, occupied or unknown; where sources differ nothing is known (Birk and Carpin 2006). Where only one
+    # takes a side, its belief stays.
+    "unanimous": FusionRule(fusion.UNANIMOUS, 6),
+    # Sources are independent: log odds add up (Saeedi et al. 2012; Moravec 1988).
+    "log-odds": FusionRule(fusion.LOG_ODDS, 6),
+    # The same, but a sum less certain than its surest source is rejected and that source believed (Saeedi et al.
+    # compare with the first map; the surest one makes the order of the maps not matter).
+    "entropy-filter": FusionRule(fusion.ENTROPY_FILTER, 6),
+}
+
 
 _CELLS_AT_ONCE = 1 << 17
 """Enough to be worth a thread, and few enough to stay in a cache."""
@@ -123,3 +164,47 @@ def _fuse_rows(
             masses = layer.masses_of_rows(first - row, last - row)
             add_layer(how.code, masses, trust, kept[window], agreed[window], seen_by[window])
     finish(how.code, kept, agreed, seen_by, required, fused, conflict)
+
+
+_LEAST = 0.1
+"""A cell with less conflict belongs to no place; the blur of walls makes a little everywhere."""
+
+
+@dataclass(frozen=True)
+class ConflictPlace:
+    """A connected area of contradiction.
+
+    Parameters
+    ----------
+    x, y
+        Its middle, weighed by conflict, in the merged map's frame [m].
+    area_m2
+        How large it is [m^2].
+    conflict_m2
+        The conflict in it summed by area [m^2].
+    """
+
+    x: float
+    y: float
+    area_m2: float
+    conflict_m2: float
+
+
+def conflict_places(fusion: Fusion, count: int = 10) -> list[ConflictPlace]:
+    """Return the places with the most conflict, the worst first."""
+    labels, number = ndimage.label(fusion.conflict >= _LEAST, np.ones((3, 3)))
+    if number == 0:
+        return []
+    rows, cols = np.nonzero(labels)
+    place, weight = labels[rows, cols] - 1, fusion.conflict[rows, cols].astype(np.float64)
+    sums, cells = np.bincount(place, weight, number), np.bincount(place, minlength=number)
+    row, col = np.bincount(place, weight * rows, number) / sums, np.bincount(place, weight * cols, number) / sums
+    g = fusion.grid.geometry
+    return [
+        ConflictPlace(
+            *g.centre_of(float(row[k]), float(col[k])),
+            float(cells[k] * g.resolution**2),
+            float(sums[k] * g.resolution**2),
+        )
+        for k in np.argsort(-sums, kind="stable")[:count]
+    ]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.joint_slam import JointConfig
+from merging.config.groups import JointConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.keyframes import Keyframes

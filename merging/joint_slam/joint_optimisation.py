@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.joint_slam import JointConfig
+from merging.config.groups import JointConfig
 from merging.joint_slam.inter_robot_closures import Track, find_closures
 from merging.joint_slam.rendering import redraw
 from tbmslam.evaluation.trajectory_alignment import fit_rigid

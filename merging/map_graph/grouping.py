@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merging.alignment import Alignment, Pair
-from merging.config.map_graph import GraphConfig
-from merging.map_graph.centroid_frames import CentroidFrames
-from merging.map_graph.hypothesis import PoseHypothesis, hypotheses_of, is_same_place
+from merging.config.groups import GraphConfig
+from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, hypotheses_of, is_same_place
 from merging.map_graph.links import links_of
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.optimisation.graph_optimisation import optimise

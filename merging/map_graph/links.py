@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.map_graph import GraphConfig
+from merging.config.groups import GraphConfig
 from merging.map_graph.hypothesis import PoseHypothesis, worth_of
 from tbmslam.geometry.se2 import SE2, FloatArray, compose
 

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.nonrigid.tiles import middle_of
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import UNKNOWN
@@ -50,7 +49,7 @@ class Deformation:
     def of(cls, tiles: Sequence[WallMap], motions: Sequence[SE2]) -> "Deformation":
         """Return what tiles say that lie at T_target_source each."""
         bounds = np.array([tile.geometry.bounds() for tile in tiles])
-        centroids = np.array([middle_of(tile) for tile in tiles])
+        centroids = np.array([tile.centroid for tile in tiles])
         return cls(centroids, motions, float((bounds[:, 2:] - bounds[:, :2]).mean()) / 2.0)
 
     def apply(self, points: FloatArray) -> FloatArray:
@@ -71,8 +70,10 @@ class Deformation:
         laid = self.apply(self.centroids)
         # Tiles in a row do not tell how the map is turned as well as they tell it themselves.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
-        before = np.vstack([middle + around for middle in self.centroids])
-        after = np.vstack([m.apply(middle + around) for middle, m in zip(self.centroids, self.motions, strict=True)])
+        before = np.vstack([centroid + around for centroid in self.centroids])
+        after = np.vstack(
+            [m.apply(centroid + around) for centroid, m in zip(self.centroids, self.motions, strict=True)]
+        )
         motion = fit_rigid(after, before)[0]
         apart = np.linalg.norm(motion.apply(self.centroids) - laid, axis=1)
         turned = [wrap_angle(one.theta - motion.theta) for one in self.motions]
@@ -80,12 +81,14 @@ class Deformation:
 
     def inverse(self) -> "Deformation":
         """Return where points of the target belong in this map."""
-        centroids = np.array([m.apply(middle) for middle, m in zip(self.centroids, self.motions, strict=True)])
+        centroids = np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])
         return Deformation(centroids, [motion.inverse() for motion in self.motions], self.reach_m)
 
     def then(self, bend: "Deformation") -> "Deformation":
         """Return where its points belong once the target is bent, too."""
-        motions = [bend.motion_at(m.apply(middle)) @ m for middle, m in zip(self.centroids, self.motions, strict=True)]
+        motions = [
+            bend.motion_at(m.apply(centroid)) @ m for centroid, m in zip(self.centroids, self.motions, strict=True)
+        ]
         return Deformation(self.centroids, motions, self.reach_m)
 
     def seen_from(self, T_target_other: SE2, T_source_new: SE2) -> "Deformation":

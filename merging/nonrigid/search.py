@@ -1,29 +1,109 @@
-"""Another look at two maps that fit nowhere as they are: one of them bent at the places that look best from afar.
+"""Non-rigid registration of two maps: one of them is deformed at the best poses of the correlation.
 
-The correlation on coarse cells, which forgives some tenths of a metre, finds where bent maps lie; only the judgement
-that follows refuses them. But what may be bent fits more places. So the bent map must be aligned there once more as a
-whole, as if nobody had said where, and stand out among rivals that were bent as well: other places, and places of its
-mirror image.
+The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
+verification refuses them. A deformed map fits more poses than a rigid one. Therefore the deformed map must pass a new
+rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
+map, and poses of its mirror image.
 """
 
+import itertools
+import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment
+import numpy as np
+
+from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.fusion.warping import at_resolution
 from merging.map_graph.hypothesis import is_same_place
+from merging.merge_state import MergeState
 from merging.nonrigid.deformation import Deformation
-from merging.nonrigid.rivals import DeformedRivals, first_apart
 from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
+from merging.pairwise import CompressedGrid
 from merging.registration.correlation import propose
+from merging.registration.hypotheses import best_of, elsewhere, refine_all
 from merging.rigid_alignment import align_whole, comparison_resolution
 from merging.scoring.confidence import confidences
+from merging.scoring.decoys import mirrored
 from merging.verification.covariance import bent_by
+from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Call, Executor
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DeformedRivals:
+    """What speaks for and against each place once the map is bent to fit there.
+
+    Parameters
+    ----------
+    motions
+        T_target_source (K,), roughly; of the place in question first.
+    evidence
+        Of each of them (K,).
+    decoys
+        Of places of the mirror image (D,).
+    """
+
+    motions: Sequence[SE2]
+    evidence: Sequence[Evidence]
+    decoys: Sequence[Evidence]
+
+    @classmethod
+    def of(
+        cls, target: WallMap, source: DeformableMap, place: SE2, proposals: list[SE2], config: MergeConfig
+    ) -> "DeformedRivals":
+        """Deform a map at a place, at its rivals, and its mirror image at its own.
+
+        Parameters
+        ----------
+        target
+            The other map.
+        source
+            The map.
+        place
+            The place in question, T_target_source.
+        proposals
+            Places of the source, the best from afar first.
+        config
+            How maps are bent, and what is looked at.
+        """
+        mirror = DeformableMap.of(mirrored(source.grid), config)
+        decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation), config)
+        places = [place, *_rivals(target, source, proposals, config)]
+        motions = first_apart(places, source.structure, len(places))
+        own, others = (
+            [_evidence(target, one, motion, config) for motion in some]
+            for one, some in ((source, motions), (mirror, decoys))
+        )
+        return cls(motions, own, others)
+
+
+def first_apart(places: list[SE2], source: WallMap, count: int) -> list[SE2]:
+    """Return so many of the first places, none near a better one."""
+    return elsewhere(places, -np.arange(len(places), dtype=np.float64), source, count)
+
+
+def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
+    """Return the places that look best from afar, and those that fit best as they are."""
+    fitting = [place for place, _ in best_of(proposals, target, source.structure, config)]
+    some = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
+    return first_apart(some, source.structure, len(some))
+
+
+def _evidence(target: WallMap, source: DeformableMap, place: SE2, config: MergeConfig) -> Evidence:
+    """Return what speaks for and against a place once the map is bent to fit there; as it is where it cannot be."""
+    bent = deform(target, source, place, config)
+    structure = source.structure if bent is None else WallMap.from_grid(bent.grid, config.structure)
+    motion = refine_all(target, structure, [place if bent is None else bent.motion], config)[0]
+    return examine(target, structure, motion, config.verification)
 
 
 @dataclass(frozen=True)
@@ -112,3 +192,41 @@ def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment
         covariance=again.covariance and bent_by(again.covariance, laid.apart_m, laid.apart_rad),
         alternatives=(),
     )
+
+
+def register_refused_pairs(
+    found: MergeState,
+    config: MergeConfig,
+    executor: Executor,
+) -> dict[Pair, NonrigidRegistration]:
+    """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
+
+    Parameters
+    ----------
+    found
+        The maps, and what is known of them so far.
+    config
+        How maps are bent and believed.
+    executor
+        Who bends them.
+    """
+    pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
+    if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
+        return {}
+    maps = {
+        name: Call(f"map {name}", _map_of, (CompressedGrid(found.maps[name].grid),))
+        for name in dict.fromkeys(itertools.chain.from_iterable(pairs))
+    }
+    calls = [
+        Call(f"{source} bent in {target}", register_nonrigid, (maps[target], maps[source], config))
+        for target, source in pairs
+    ]
+    looks: list[NonrigidRegistration | None] = executor.results(calls, "bending", "pairs")
+    joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
+    for (target, source), look in joins.items():
+        logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
+    return joins
+
+
+def _map_of(sent: CompressedGrid) -> TbmMap:
+    return TbmMap(sent.grid)

@@ -1,13 +1,4 @@
-"""Alignment without keypoints: every rotation and every shift, scored by correlation.
-
-For one rotation of the source the score of a shift, in metres of wall, is ::
-
-    walls on walls that face the same way + bonus * walls on walls - penalty * walls on the other map's free space
-
-with the last term in both directions. Each term is a correlation, so that two Fourier transforms and one back give the
-scores of all shifts. The penalty decides: unrelated maps always find shifts at which many walls meet, but hardly one
-that leaves the free space of both alone.
-"""
+"""The best of many poses, each somewhere else: greedy non-maximum suppression."""
 
 import math
 from dataclasses import dataclass
@@ -19,10 +10,42 @@ import numpy.typing as npt
 import scipy.fft
 
 from merging.config.registration import CorrelationConfig
-from merging.registration.non_maximum_suppression import distinct
 from merging.walls.wall_map import WallMap
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle, wrap_angles
 from tbmslam.kernels.search.turned_images import draw_turned, multiply
+
+
+def distinct(
+    poses: FloatArray, scores: FloatArray, apart_m: float, apart_rad: float, count: int
+) -> npt.NDArray[np.intp]:
+    """Return which poses are best, the best first, none near a better one.
+
+    Parameters
+    ----------
+    poses
+        (N, 3) [m, m, rad].
+    scores
+        (N,), the larger the better; of equals, the earlier one is better.
+    apart_m, apart_rad
+        Poses nearer to each other than both are one place.
+    count
+        How many are returned at the most.
+    """
+    ranked = np.argsort(-scores, kind="stable")
+    x, y, heading = np.ascontiguousarray(poses[ranked].T)
+    free = np.ones(len(ranked), dtype=bool)
+    kept: list[int] = []
+    for best in range(len(ranked)):
+        if len(kept) == count:
+            break
+        if not free[best]:
+            continue
+        kept.append(best)
+        near = best + 1 + np.flatnonzero(np.abs(x[best + 1 :] - x[best]) <= apart_m)  # few, and asked first
+        near = near[np.hypot(x[near] - x[best], y[near] - y[best]) < apart_m]
+        free[near[np.abs(wrap_angles(heading[near] - heading[best])) < apart_rad]] = False
+    return np.asarray(ranked[kept], dtype=np.intp)
+
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
 _Complex = npt.NDArray[np.complex128]

@@ -1,8 +1,6 @@
-"""Keypoints of a map, their descriptors, and which of two maps' keypoints look alike.
+"""A grid as images: one for the decision value and one for each kind of evidence.
 
-The method of the paper (section IV): ORB finds the keypoints on the pignistic image and describes them on the images of
-the occupied, the free and the unknown mass; the three descriptors are concatenated, compared by brute force with the
-Hamming norm, and a match is kept where it is clearly nearer than the second best (Lowe's ratio test).
+An image's first row is the map's largest y; the flip between the two happens here.
 """
 
 from collections.abc import Sequence
@@ -12,12 +10,74 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.choices import Descriptor
-from merging.config.registration import FeatureConfig
-from merging.registration.channels import Channels, Image
-from tbmslam.belief.grid import TbmGrid
+from merging.config.registration import Descriptor, FeatureConfig
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.grids.channels import draw_channels
 from tbmslam.parallel.threads import in_threads
+
+Image = npt.NDArray[np.uint8]
+
+_OUTSIDE = (128, 0, 0, 255)
+"""What nobody saw, in the pignistic, the occupied, the free and the unknown image."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """8-bit images (rows, cols) of a grid, one pixel a cell; the paper's figure 1.
+
+    Parameters
+    ----------
+    geometry
+        Where the images' cells lie in the grid's frame.
+    pignistic
+        Probability of being free: free is white, occupied black, unknown grey.
+    occupied, free, unknown
+        The mass on each, 255 for all of it. The conflict is normalised first, as in the paper.
+    """
+
+    geometry: GridGeometry
+    pignistic: Image
+    occupied: Image
+    free: Image
+    unknown: Image
+
+    @classmethod
+    def from_grid(cls, grid: TbmGrid, border: int = 0) -> "Channels":
+        """Draw a grid, with a border of so many unknown cells around it.
+
+        Keypoint detectors keep away from the edges of an image; a border gives the walls there a chance.
+        """
+        geometry = _widened(grid.geometry, border)
+        images = np.empty((4, geometry.rows, geometry.cols), dtype=np.uint8)
+        images[:] = np.array(_OUTSIDE, dtype=np.uint8)[:, None, None]
+        draw_channels(grid.masses, border, images)
+        pignistic, occupied, free, unknown = images
+        return cls(geometry, pignistic, occupied, free, unknown)
+
+    def to_metres(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Carry image coordinates (N, 2), x to the right, y down, pixel centres whole, to the grid's frame [m]."""
+        xy = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        geometry = self.geometry
+        x = geometry.origin_x + (xy[:, 0] + 0.5) * geometry.resolution
+        y = geometry.origin_y + (geometry.rows - 0.5 - xy[:, 1]) * geometry.resolution
+        return np.column_stack((x, y))
+
+
+def flipped(cells: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """Turn an array of cells (rows, cols, ...) into an image, or an image into cells."""
+    return np.ascontiguousarray(cells[::-1])
+
+
+def _widened(geometry: GridGeometry, border: int) -> GridGeometry:
+    return GridGeometry(
+        geometry.resolution,
+        geometry.origin_x - border * geometry.resolution,
+        geometry.origin_y - border * geometry.resolution,
+        geometry.rows + 2 * border,
+        geometry.cols + 2 * border,
+    )
+
 
 ORB_EDGE = 31
 """ORB looks for nothing nearer than this to an image's edge [px]."""

@@ -3,8 +3,7 @@
 import numpy as np
 
 from merging.config import MergeConfig
-from merging.registration.correlation import propose
-from merging.registration.non_maximum_suppression import distinct
+from merging.registration.correlation import distinct, propose
 from merging.verification.evidence import Evidence, examine_all, support_m
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.geometry.se2 import SE2, FloatArray, compose
@@ -56,6 +55,6 @@ def refine_all(target: WallMap, source: WallMap, motions: list[SE2], config: Mer
 
 def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
     """Return so many of the best motions, none of which puts the source where a better one puts it already."""
-    middle = np.append(source.points.mean(axis=0), 0.0)
-    centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), middle)
+    centroid = np.append(source.centroid, 0.0)
+    centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), centroid)
     return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]

@@ -9,12 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import MergeConfig
-from merging.fusion.conflict_places import conflict_places
-from merging.fusion.fusion import Fusion
+from merging.fusion.fusion import Fusion, conflict_places
 from merging.fusion.warping import offset_in, warp
 from merging.merger import Merge
-from merging.registration.channels import Channels, Image, flipped
-from merging.report.contradictions import without_rounding
+from merging.registration.features import Channels, Image, flipped
+from merging.report.layers import without_rounding
 from merging.report.page import merge_page
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.io.atomic_file import write_bytes

@@ -5,6 +5,7 @@ the building is symmetrical. A place that is the true one fits better than the b
 chance found does not. It is the target-decoy search of J. Elias and S. Gygi, Nature Methods 4, 2007.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from merging.config import MergeConfig
 from merging.registration.hypotheses import find_candidates
+from merging.scoring.confidence import confidences
 from merging.verification.evidence import Evidence
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -54,3 +56,32 @@ def mirrored(grid: TbmGrid) -> TbmGrid:
 
 def _flipped(cells: npt.NDArray[Cell]) -> npt.NDArray[Cell]:
     return np.ascontiguousarray(cells[:, ::-1])
+
+
+_IN_DOUBT = (0.1, 0.999)
+"""Within these a closer look at chance may decide. It hardly ever makes a place likelier."""
+
+
+def score_hypotheses(
+    target: WallMap, source: WallMap, places: Sequence[Evidence], config: MergeConfig
+) -> tuple[list[float], list[Evidence]]:
+    """Return the probability (K,) of each place, together 1 at the most, and what chance achieves.
+
+    A glance at chance settles most pairs. Where it does not, chance is searched as thoroughly as the places were, since
+    the best of many is better than the best of few.
+
+    Parameters
+    ----------
+    target, source
+        The maps.
+    places
+        What they say for and against each place (K,) of the source.
+    config
+        How chance is searched.
+    """
+    decoys = find_decoys(target, source, config, thoroughly=False)
+    likely = confidences(places, decoys)
+    if _IN_DOUBT[0] <= max(likely, default=0.0) < _IN_DOUBT[1]:
+        decoys = find_decoys(target, source, config)
+        likely = confidences(places, decoys)
+    return likely, decoys

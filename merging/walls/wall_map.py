@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config.registration import StructureConfig
-from merging.walls.components import BoolArray, Components
-from merging.walls.movable_objects import steadiness
+from merging.walls.movable_objects import BoolArray, Components, steadiness
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import FloatArray
@@ -104,6 +103,11 @@ class WallMap:
     def wall_m(self) -> float:
         """Length of all walls, by how much they count [m]."""
         return float(self.weights.sum()) * self.geometry.resolution
+
+    @cached_property
+    def centroid(self) -> FloatArray:
+        """Mean of the wall points (2,) [m]; the frame's origin where there is no wall."""
+        return np.asarray(self.points.mean(axis=0)) if len(self.points) else np.zeros(2)
 
     @cached_property
     def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:

@@ -13,7 +13,7 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.nonrigid.refused_pairs import register_refused_pairs
+from merging.nonrigid.search import register_refused_pairs
 from tbmslam.geometry.se2 import SE2
 from tbmslam.parallel.executor import Executor
 from tests.end_to_end.programs import build, contents, merge_maps, simulate

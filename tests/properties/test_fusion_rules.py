@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merging.config.choices import Rule
+from merging.config import Rule
 from merging.fusion.fusion import fuse
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import (

@@ -10,7 +10,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from merging.config.choices import Coverage, Descriptor, Method, Rule
+from merging.config import Coverage, Method, Rule
+from merging.config.registration import Descriptor
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import dempster, disjunctive

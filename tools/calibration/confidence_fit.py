@@ -10,14 +10,13 @@ import numpy.typing as npt
 from scipy import optimize
 
 from merging.config import MergeConfig
-from merging.nonrigid.rivals import DeformedRivals
+from merging.nonrigid.search import DeformedRivals
 from merging.nonrigid.tile_registration import DeformableMap, deform
 from merging.registration.correlation import propose
 from merging.registration.hypotheses import find_candidates
 from merging.rigid_alignment import prepared
-from merging.scoring.confidence import SIGNS, ConfidenceModel, features
+from merging.scoring.confidence import MEASURES, SIGNS, ConfidenceModel, by_chance, features, measured
 from merging.scoring.decoys import find_decoys
-from merging.scoring.logit_features import MEASURES, by_chance, measured
 from merging.verification.evidence import Evidence
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.geometry.se2 import FloatArray

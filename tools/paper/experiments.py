@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.detectors import DetectorResult, compare_detectors
-from merging.experiments.durations import DurationResult, measure_durations
 from merging.experiments.halves import Halves, fuse_halves
 from merging.experiments.map_pair import MapPair
 from merging.experiments.modifications import Study, Variant, compare_modifications
-from merging.experiments.transforms import TransformResult, measure_transforms
+from merging.experiments.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 from tools.paper.maps import pair_of_area
 
 VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))

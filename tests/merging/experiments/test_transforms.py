@@ -4,9 +4,16 @@ import pytest
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
-from merging.experiments.transforms import geometric_mean, measure_transforms
+from merging.experiments.transforms import geometric_mean, measure_durations, measure_transforms
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
+
+
+def test_a_merge_is_timed_so_many_times(pair):
+    result = measure_durations(pair, 2, FeatureConfig(keypoints=50))
+    assert result.milliseconds.shape == (2,)
+    assert (result.milliseconds > 0.0).all()
+    assert result.area_m2 >= 150 * 190 * 0.01
 
 
 def test_the_true_error_stands_beside_the_distances(pair):

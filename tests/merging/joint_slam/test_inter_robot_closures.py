@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from merging.config.joint_slam import JointConfig
+from merging.config.groups import JointConfig
 from merging.joint_slam.inter_robot_closures import Track
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory

@@ -7,7 +7,7 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
-from merging.config.joint_slam import JointConfig
+from merging.config.groups import JointConfig
 from merging.joint_slam.joint_optimisation import refine_jointly
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from merging.alignment import Alignment, Alternative
-from merging.config.map_graph import GraphConfig
+from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
 from merging.map_graph.hypothesis import hypotheses_of
 from merging.verification.covariance import seen_from

@@ -1,7 +1,8 @@
 import numpy as np
+import pytest
 
-from merging.config.map_graph import GraphConfig
-from merging.map_graph.hypothesis import is_same_place
+from merging.config.groups import GraphConfig
+from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, is_same_place
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
@@ -23,3 +24,45 @@ def test_another_place_or_another_turn_is_not_the_same():
     assert not is_same_place(SE2.identity(), SE2(GRAPH.same_m + 0.01, 0.0, 0.0), GRAPH)
     assert not is_same_place(SE2.identity(), SE2(0.0, 0.0, GRAPH.same_rad + 0.01), GRAPH)
     assert is_same_place(SE2(0.0, 0.0, 3.14), SE2(0.0, 0.0, -3.14), GRAPH)
+
+
+SPREAD = (np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist()
+ABOUT = SE2(200.0, -70.0, 0.0)
+MOTION = SE2(5.0, 3.0, 1.0)
+
+
+def offer(covariance, pair=("a", "b")):
+    return PoseHypothesis(pair, MOTION, 1.0, 10.0, True, covariance)
+
+
+def test_the_middles_are_where_alignments_know_best():
+    one = offer(seen_from(SPREAD, ABOUT))
+    centroids = CentroidFrames([one])
+    assert centroids.of("b") == pytest.approx(ABOUT)
+    assert centroids.of("a")[:2] == pytest.approx(MOTION.apply(ABOUT[:2]))
+    between = centroids.between(one)
+    assert between.motion == pytest.approx(SE2(0.0, 0.0, MOTION.theta), abs=1e-9)
+    np.testing.assert_allclose(between.covariance, SPREAD, atol=1e-9)
+
+
+def test_several_alignments_make_one_middle():
+    other = SE2(100.0, 30.0, 0.0)
+    centroids = CentroidFrames([offer(seen_from(SPREAD, ABOUT)), offer(seen_from(SPREAD, other), ("c", "b"))])
+    assert centroids.of("b") == pytest.approx(SE2(150.0, -20.0, 0.0))
+
+
+def test_a_map_of_which_nobody_tells_keeps_its_frame():
+    one = offer(None)
+    assert CentroidFrames([one]).of("a") == SE2.identity()
+    assert CentroidFrames([one]).between(one) == one
+
+
+def test_groups_go_there_and_back():
+    centroids = CentroidFrames([offer(seen_from(SPREAD, ABOUT))])
+    poses = {"a": SE2(1.0, 2.0, 0.5), "b": SE2(-4.0, 0.0, 2.0), "d": SE2(7.0, 7.0, 0.0)}
+    first, inside = centroids.group(poses)
+    assert first == pytest.approx(poses["a"] @ centroids.of("a"))
+    assert inside["a"] == pytest.approx(SE2.identity(), abs=1e-9)
+    back = centroids.maps(inside)
+    for name, pose in poses.items():
+        assert back[name] == pytest.approx(poses["a"].inverse() @ pose)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merging.alignment import Alignment, Alternative
-from merging.config.map_graph import GraphConfig
+from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
 from merging.map_graph.hypothesis import hypotheses_of
 from merging.map_graph.links import links_of

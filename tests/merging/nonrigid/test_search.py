@@ -10,8 +10,7 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.nonrigid.refused_pairs import register_refused_pairs
-from merging.nonrigid.search import register_nonrigid
+from merging.nonrigid.search import register_nonrigid, register_refused_pairs
 from merging.rigid_alignment import align_whole
 from merging.verification.covariance import deviations
 from merging.verification.evidence import examine
@@ -134,7 +133,7 @@ def closer(maps, groups, alignments, config=None, workers=1):
 
 
 def test_any_number_of_workers_finds_the_same(caplog):
-    caplog.set_level("INFO", logger="merging.nonrigid.refused_pairs")
+    caplog.set_level("INFO", logger="merging.nonrigid.search")
     target, source, _ = bent_maps("store")
     maps = {"a": target, "b": source, "c": bent_maps("halls")[0]}
     groups = [Group({name: SE2.identity()}) for name in maps]

@@ -4,8 +4,16 @@ from importlib import resources
 
 import numpy as np
 
-from merging.scoring.confidence import FEATURES, SIGNS, ConfidenceModel, confidences, features
-from merging.scoring.logit_features import MEASURES
+from merging.scoring.confidence import (
+    FEATURES,
+    MEASURES,
+    SIGNS,
+    ConfidenceModel,
+    by_chance,
+    confidences,
+    features,
+    measured,
+)
 from merging.verification.wall_segments import Pieces
 from tests.merging.judged_places import CHANCE, GOOD
 
@@ -167,3 +175,25 @@ def test_the_shipped_weights_speak_as_their_signs_say():
     written = json.loads(resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8"))
     assert all(written["score"][name] * one.sign >= 0.0 for name, one in MEASURES.items())
     assert all(written["weights"][name] * sign >= 0.0 for name, sign in SIGNS.items())
+
+
+def test_every_measure_has_its_place():
+    assert measured([GOOD, CHANCE]).shape == (2, len(MEASURES))
+    assert measured([]).shape == (0, len(MEASURES))
+
+
+def test_a_large_overlap_half_of_which_agrees_speaks_for_nothing():
+    """So it is by chance: of a ring of rooms laid on its mirror image much agrees, and as much does not."""
+    ring = replace(GOOD, overlap_m2=500.0, compared_wall_m=160.0, agreed_wall_m=80.0, pieces=Pieces(90, 50, 180, 30))
+    found = dict(zip(MEASURES, measured([ring])[0], strict=True))
+    assert found["overlap beyond chance"] == found["corners beyond chance"] == found["surprise"] == 0.0
+
+
+def test_chance_is_the_best_decoy_or_the_third_candidate():
+    score = np.ones(len(MEASURES))
+    good, chance = measured([GOOD]), measured([CHANCE])
+    nothing = np.zeros((0, len(MEASURES)))
+    np.testing.assert_array_equal(by_chance(good, nothing, score), 0.0)
+    np.testing.assert_array_equal(by_chance(good, chance, score), chance[0])
+    np.testing.assert_array_equal(by_chance(measured([GOOD, GOOD, CHANCE]), nothing, score), chance[0])
+    np.testing.assert_array_equal(by_chance(chance, np.vstack((chance, good)), score), good[0])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.verification.see_through import seen_through_m, stretches_m
-from merging.walls.components import Components
+from merging.walls.movable_objects import Components
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

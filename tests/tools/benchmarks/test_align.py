@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs.pairs import building_of_world, cut_pairs, disjoint_pair, room_of
-from merging.scoring.confidence import FEATURES
-from merging.scoring.logit_features import MEASURES
+from merging.scoring.confidence import FEATURES, MEASURES
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tools import benchmark, calibrate_merging, make_map_pairs

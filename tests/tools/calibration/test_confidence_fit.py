@@ -6,8 +6,7 @@ import pytest
 from scipy.optimize import check_grad
 
 from merging import MergeConfig
-from merging.scoring.confidence import FEATURES, SIGNS, ConfidenceModel
-from merging.scoring.logit_features import MEASURES
+from merging.scoring.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel
 from merging.verification.evidence import Evidence
 from merging.verification.wall_segments import Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, align, merge
-from merging.baselines.methods import BASELINES, align_baseline
-from merging.config.choices import Method
+from merging.baselines import BASELINES, align_baseline
+from merging.config import Method
 from merging.fusion.warping import warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

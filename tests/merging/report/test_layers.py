@@ -3,7 +3,7 @@ import pytest
 
 from merging.fusion.fusion import fuse
 from merging.merger import Merge
-from merging.report.contradictions import without_rounding
+from merging.report.layers import without_rounding
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from merging.baselines.agreement import Agreement
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates
-from merging.baselines.placing import Placing, climb
+from merging.baselines.placing import Agreement, Placing, climb
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 
