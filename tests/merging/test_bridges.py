@@ -1,174 +1,172 @@
-from dataclasses import replace
+"""Bridges between groups of maps of small floors; two floors hold the same small room, by which maps of both align."""
 
 import numpy as np
 import pytest
 
-from merging import MergeConfig, bridges, merger
-from merging.alignment import Alignment, Alternative
-from merging.bridges import refute_bridge
+from merging import MergeConfig, merge, merged_group
+from merging.alignment import Alignment
+from merging.bridges import bridges_of, refute_bridge
+from merging.fusion.warping import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
-from merging.merger import merge
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from merging.pairwise import align_all
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
+from tests.merging.conftest import draw_rooms, grid_of_occupancy
 
 CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
+WITHOUT_CHECK = MergeConfig.model_validate({"nonrigid": {"enabled": False}, "graph": {"min_whole": 0.0}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
-NOT_FITTING = "groups of 2 and 2 maps, which it alone joins, do not fit so (0.05): looks good"
+"""T_map_floor of every map."""
+ROOM = np.s_[95:135, 135:185]
 
 
-def blank():
-    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 20, 20))
-    grid.masses[5:15, 5:15] = (0.0, 1.0, 0.0, 0.0)
-    return TbmMap(grid)
+def seen(floor, where, T_map_floor):
+    """Return the map of the cells (rows, cols) of a floor that a robot saw, in the robot's frame."""
+    grid = grid_of_occupancy(np.where(where, floor, np.int8(-1)), 0.05)
+    return TbmMap(warp(grid, T_map_floor, grid.geometry))
 
 
-MAPS = {name: blank() for name in POSES}
+def maps_of(first_floor, second_floor):
+    """Return maps a and b of one floor, c and d of another; of the same place b and c see only the room."""
+    shared = draw_rooms(10, 100, 120)[:40, :50]
+    first, second = draw_rooms(first_floor), draw_rooms(second_floor)
+    first[ROOM] = second[ROOM] = shared
+    room, left, right = np.zeros((3, *first.shape), dtype=bool)
+    room[ROOM] = left[ROOM] = right[ROOM] = left[:, :120] = right[:, 210:] = True
+    views = {"a": (first, ~room), "b": (first, left), "c": (second, right), "d": (second, ~room)}
+    return {name: seen(floor, where, POSES[name]) for name, (floor, where) in views.items()}
 
 
-def between(target, source):
-    return POSES[target].inverse() @ POSES[source]
+@pytest.fixture(scope="module")
+def strangers():
+    """Two maps of each of two buildings."""
+    return maps_of(1, 2)
 
 
-def found(pair, confidence, accepted=True, motion=None, alternatives=()):
-    motion = motion or between(*pair)
-    one = Alignment("correlation", accepted, "looks good", motion, agreed_wall_m=10.0, confidence=confidence)
-    return {tuple(pair): replace(one, alternatives=alternatives)}
+@pytest.fixture(scope="module")
+def neighbours():
+    """Four maps of one building."""
+    return maps_of(1, 1)
 
 
-SURE = found("ab", 0.999) | found("cd", 0.999)
+def stated(pair, confidence, motion=None, method="correlation", *, accepted=True):
+    """Return an alignment of a pair, at the truth where no motion is given."""
+    motion = motion or POSES[pair[0]] @ POSES[pair[1]].inverse()
+    return {tuple(pair): Alignment(method, accepted, "it fits", motion, agreed_wall_m=10.0, confidence=confidence)}
 
 
-@pytest.fixture
-def wholes(monkeypatch):
-    """Groups are aligned as told; which maps were on which side is kept."""
-    asked, answers = [], []
-
-    def align_group_maps(wholes, pairs, *_):
-        asked.append(tuple("".join(sorted(wholes[name].poses)) for name in pairs[0]))
-        return {pairs[0]: answers[-1]}
-
-    monkeypatch.setattr(bridges, "align_group_maps", align_group_maps)
-    return asked, answers
+SURE = stated("ab", 0.999) | stated("cd", 0.999)
 
 
-def refuted(alignments, stood=()):
-    found = MergeState.of(MAPS, alignments, lambda them: groups_of(list(POSES), them, CONFIG.graph))
-    return refute_bridge(found, CONFIG, Executor(), stood)
+def state_of(maps, alignments):
+    return MergeState.of(maps, alignments, lambda known: groups_of(list(POSES), known, CONFIG.graph))
 
 
-def test_what_alone_joins_groups_that_do_not_fit_so_is_refused(wholes):
-    asked, answers = wholes
-    # What the groups say is said in the frames of their first maps.
-    answers += found("ac", 0.05, accepted=False).values()
-    (pair, refusal), fitting = refuted(SURE | found("bc", 0.95))
-    assert asked == [("ab", "cd")]
-    assert (pair, refusal.accepted, refusal.confidence, refusal.reason) == (("b", "c"), False, 0.05, NOT_FITTING)
-    assert refusal.T_target_source == between("b", "c")
+def refuted(maps, alignments, stood=()):
+    return refute_bridge(state_of(maps, alignments), CONFIG, Executor(), stood)
+
+
+def sides_of(alignments):
+    """Return the pair of every bridge, and the maps on either side of it."""
+    (group,) = (group for group in state_of({}, alignments).groups if "a" in group.poses)
+    found = [bridge.names for bridge in bridges_of(group, alignments, CONFIG)]
+    return {"".join(pair): tuple("".join(sorted(side)) for side in sides) for pair, *sides in found}
+
+
+def test_two_buildings_that_share_a_room_are_one_only_without_the_check(strangers):
+    joined = merge(strangers, WITHOUT_CHECK)
+    assert joined.alignments["b", "c"].accepted
+    assert list(joined.poses) == ["a", "b", "c", "d"]
+    parted = merge(strangers, CONFIG)
+    assert list(parted.poses) == ["a", "b"]
+    assert not parted.alignments["b", "c"].accepted
+    assert parted.left_out.keys() == {"c", "d"}
+
+
+def test_a_refuted_bridge_keeps_its_pose_and_says_why_it_is_refused(strangers):
+    aligned = align_all(strangers, CONFIG)
+    before = aligned["b", "c"]
+    assert 0.9 < before.confidence < CONFIG.graph.sure_alone
+    (pair, refusal), fitting = refuted(strangers, aligned)
+    assert (pair, refusal.accepted, refusal.T_target_source) == (("b", "c"), False, before.T_target_source)
+    assert refusal.confidence < CONFIG.graph.min_whole
+    assert refusal.reason.startswith("groups of 2 and 2 maps")
+    assert refusal.reason.endswith(before.reason)
     assert fitting == set()
 
 
-def test_it_stands_where_the_groups_offer_its_place_too(wholes):
-    asked, answers = wholes
-    alignments = SURE | found("bc", 0.95)
-    elsewhere = SE2(30.0, 0.0, 0.0)
-    there = Alternative(between("a", "c"), 0.2, 9.0)
-    answers += found("ac", 0.7, accepted=False, motion=elsewhere, alternatives=(there,)).values()
-    nothing, fitting = refuted(alignments)
+def test_a_true_bridge_stands_and_its_groups_are_not_aligned_again(neighbours):
+    alignments = SURE | stated("bc", 0.95)
+    nothing, fitting = refuted(neighbours, alignments)
     assert nothing is None
     assert fitting == {(("b", "c"), frozenset("ab"), frozenset("cd"))}
-    assert refuted(alignments, stood=fitting) == (None, set())
-    assert len(asked) == 1
+    assert refuted({}, alignments, stood=fitting) == (None, set())
 
 
-def test_groups_too_large_to_be_one_map_do_not_speak_against_it(wholes, monkeypatch):
-    monkeypatch.setattr(bridges, "group_maps_of", lambda *_: {"b": None})
-    nothing, fitting = refuted(SURE | found("bc", 0.95))
+def test_groups_that_fit_elsewhere_do_not_bear_a_bridge_out(neighbours):
+    motion = POSES["b"] @ SE2(3.0, 0.0, 0.0) @ POSES["c"].inverse()
+    (_, refusal), _ = refuted(neighbours, SURE | stated("bc", 0.95, motion))
+    assert (refusal.accepted, refusal.confidence) == (False, 0.0)
+
+
+def test_groups_without_a_wall_in_common_do_not_bear_a_bridge_out(neighbours):
+    lawn = seen(np.zeros((100, 100), dtype=np.int8), np.True_, SE2.identity())
+    (_, refusal), _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | stated("bc", 0.95))
+    assert (refusal.accepted, refusal.confidence) == (False, 0.0)
+
+
+@pytest.mark.parametrize("tile", [0, 1])
+def test_of_two_poses_that_fit_alike_either_bears_a_bridge_out(tile):
+    """A corridor of two equal halves: a map of one half fits both."""
+    half = draw_rooms(3, 160, 160)
+    both = np.hstack((half, half))
+    everywhere, lower = np.ones_like(both, dtype=bool), np.zeros_like(both, dtype=bool)
+    lower[:80] = True
+    none = SE2.identity()
+    maps = {"a": seen(both, everywhere, none), "b": seen(both, lower, none), "c": seen(half, half > -1, none)}
+    motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
+    nothing, fitting = refuted(maps, stated("ab", 0.999, none) | stated("bc", 0.95, motion))
+    assert nothing is None
+    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("c"))}
+
+
+def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch):
+    monkeypatch.setattr(merged_group, "MAX_CELLS", 1000)
+    nothing, fitting = refuted(strangers, SURE | stated("bc", 0.95))
     assert (nothing, len(fitting)) == (None, 1)
-    assert wholes[0] == []
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [
-        next(iter(found("ac", 0.9, motion=SE2(30.0, 0.0, 0.0)).values())),
-        Alignment("correlation", accepted=False, reason="nothing in common"),
-    ],
-)
-def test_groups_that_fit_elsewhere_or_nowhere_do_not_fit_so(wholes, answer):
-    wholes[1].append(answer)
-    (_, refusal), _ = refuted(SURE | found("bc", 0.95))
-    assert refusal.confidence == 0.0
+def test_the_most_doubtful_bridge_is_checked_first(strangers):
+    chain = stated("ab", 0.97) | stated("bc", 0.91) | stated("cd", 0.95)
+    (pair, _), fitting = refuted(strangers, chain)
+    assert (pair, fitting) == (("b", "c"), set())
 
 
-def test_maps_are_on_the_side_that_refused_alignments_put_them(wholes):
-    asked, answers = wholes
-    answers += found("ab", 0.05, accepted=False).values()
-    # Without the one of a and b, the group would fall into a, c, d and b.
-    refused = found("ad", 0.84, accepted=False) | found("cd", 0.8, accepted=False) | found("bd", 0.1, accepted=False)
-    (pair, refusal), _ = refuted(found("ab", 0.95) | found("ac", 0.999) | refused)
-    assert (pair, asked) == (("a", "b"), [("acd", "b")])
-    assert refusal.reason.startswith("groups of 3 and 1 maps")
+def test_refused_alignments_put_maps_on_sides():
+    # Without the alignment of a and b, the group falls into a, c, d and b.
+    refused = [stated(pair, p, accepted=False) for pair, p in (("ad", 0.84), ("cd", 0.8), ("bd", 0.1))]
+    alignments = stated("ab", 0.95) | stated("ac", 0.999) | refused[0] | refused[1] | refused[2]
+    assert sides_of(alignments) == {"ab": ("acd", "b")}
 
 
-def told(pair, confidence):
-    return {tuple(pair): replace(found(pair, confidence)[tuple(pair)], method="told")}
-
-
-def test_a_map_laid_where_walls_do_not_bear_it_out_is_on_no_side(wholes):
-    asked, answers = wholes
-    answers += found("bc", 0.95).values()
-    nothing, fitting = refuted(told("ab", 0.001) | found("bc", 0.95) | found("cd", 0.999))
-    assert (nothing, asked) == (None, [("b", "cd")])
-    assert fitting == {(("b", "c"), frozenset("b"), frozenset("cd"))}
-
-
-def test_a_map_laid_where_walls_bear_it_out_is(wholes):
-    asked, answers = wholes
-    answers += found("ac", 0.05, accepted=False).values()
-    (pair, _), _ = refuted(told("ab", 0.9) | found("bc", 0.95) | found("cd", 0.999))
-    assert (pair, asked) == (("b", "c"), [("ab", "cd")])
-
-
-def test_told_poses_join_both_sides_whatever_walls_say(wholes):
-    assert refuted(told("ab", 0.001) | found("bc", 0.95) | told("ac", 0.001)) == (None, set())
-    assert wholes[0] == []
-
-
-def test_the_most_doubtful_comes_first(wholes):
-    asked, answers = wholes
-    answers += found("ac", 0.05, accepted=False).values()
-    chain = found("ab", 0.97) | found("bc", 0.91) | found("cd", 0.95)
-    (pair, _), _ = refuted(chain)
-    assert pair == ("b", "c")
-    assert asked == [("ab", "cd")]
+@pytest.mark.parametrize(("confidence", "side"), [(0.001, "b"), (0.9, "ab")])
+def test_a_map_with_a_known_pose_is_on_a_side_only_if_walls_agree_there(confidence, side):
+    alignments = stated("ab", confidence, method="told") | stated("bc", 0.95) | stated("cd", 0.999)
+    assert sides_of(alignments) == {"bc": (side, "cd")}
 
 
 @pytest.mark.parametrize(
     "alignments",
     [
-        SURE | found("bc", 0.995),
-        SURE | found("bc", 0.95) | found("ad", 0.95),
-        found("ab", 0.9),
-        SURE | {("b", "c"): replace(found("bc", 0.9)["b", "c"], method="told")},
+        SURE | stated("bc", 0.995),
+        SURE | stated("bc", 0.95) | stated("ad", 0.95),
+        stated("ab", 0.9),
+        SURE | stated("bc", 0.9, method="told"),
+        stated("ab", 0.001, method="told") | stated("bc", 0.95) | stated("ac", 0.001, method="told"),
     ],
-    ids=["sure enough", "not alone", "two maps know no more", "somebody said so"],
+    ids=["confident", "a second alignment", "two maps only", "known pose", "two known poses"],
 )
-def test_what_else_joins_maps_is_not_doubted(wholes, alignments):
-    assert refuted(alignments) == (None, set())
-    assert wholes[0] == []
-
-
-def test_groups_that_were_joined_so_are_apart_in_the_merge(wholes, monkeypatch):
-    wholes[1].extend(found("ac", 0.05, accepted=False).values())
-    told = SURE | found("bc", 0.95)
-    refused = Alignment("correlation", accepted=False, reason="")
-    others = dict.fromkeys((("a", "c"), ("a", "d"), ("b", "d")), refused)
-    monkeypatch.setattr(merger, "align_all", lambda *_: told | others)
-    result = merge(MAPS, CONFIG)
-    assert list(result.poses) == ["a", "b"]
-    assert result.alignments["b", "c"].reason == NOT_FITTING
-    assert NOT_FITTING in result.left_out["c"]
-    np.testing.assert_allclose(result.poses["b"], POSES["b"], atol=1e-6)
+def test_other_alignments_are_no_doubtful_bridges(alignments):
+    assert sides_of(alignments) == {}

@@ -1,5 +1,6 @@
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +16,14 @@ from merging.report.pair_cards import pair_cards
 from merging.short_range import short_range_map, with_short_range_alignments
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
+from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 from tests.merging.driven_map import map_of
+from tools import build_maps
 
 CONFIG = MergeConfig()
+ACES = Path(__file__).resolve().parents[2] / ".." / "shared/data/aces/aces.bag"
 NEAR = CONFIG.short_range.range_m
 T_WORLD_B = SE2(3.0, -2.0, 0.7)
 
@@ -96,3 +100,13 @@ def test_hits_far_off_only_clear_the_way(halls):
     distances = np.hypot(x[:, None] - lasers[:, 0], y[:, None] - lasers[:, 1]).min(axis=1)
     assert len(rows) > 100
     assert distances.max() < 3.1
+
+
+@pytest.mark.slow
+def test_without_it_a_map_of_a_real_drive_stays_out(tmp_path):
+    if not ACES.exists():
+        pytest.skip(f"{ACES.name} is absent: shared recordings are not part of the repository")
+    assert build_maps.main([str(ACES), "--angle-step-deg", "1.0", "--robots", "8", "-o", str(tmp_path)]) == 0
+    maps = {f"robot_{number}": load_map(tmp_path / f"robot_{number}") for number in range(8)}
+    off = CONFIG.model_validate({**CONFIG.model_dump(), "short_range": {"enabled": False}})
+    assert len(merge(maps, CONFIG).poses) > len(merge(maps, off).poses)
