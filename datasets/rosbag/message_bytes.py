@@ -17,6 +17,7 @@ from datasets.odometry.se3 import SE3
 from datasets.rosbag.message_types import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.rosbag.messages import FramedScan, StampedTransform
 from datasets.scans.intake import RawScan
+from tbmslam.io.printable import printable
 
 Content: TypeAlias = FramedScan | list[StampedTransform]
 
@@ -136,9 +137,9 @@ def _check_end(data: bytes, end: int, is_cdr: bool) -> None:
 
 @lru_cache(1024)
 def _text(data: bytes, is_cdr: bool) -> str:
-    """Return the text of a string's bytes."""
+    """Return the text of a string's bytes, without what would steer a terminal."""
     if not is_cdr:
-        return data.decode()
+        return printable(data.decode())
     if data[-1:] != b"\0":
         raise NotAsUsualError("a string without a zero at its end")
-    return data[:-1].decode()
+    return printable(data[:-1].decode())
