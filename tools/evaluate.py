@@ -53,9 +53,22 @@ def parser() -> argparse.ArgumentParser:
 def _add_trajectory(command: argparse.ArgumentParser) -> None:
     command.add_argument("estimate", type=path_argument, metavar="EST.tum", help="the trajectory to judge")
     truth = command.add_mutually_exclusive_group(required=True)
-    truth.add_argument("--truth", type=path_argument, metavar="GT.tum", help="the true trajectory")
+    truth.add_argument(
+        "--truth", type=path_argument, metavar="GT.tum", help="the true trajectory: TUM, or *.gt.laser.poses"
+    )
     truth.add_argument(
         "--relations", type=path_argument, metavar="FILE", help="true relations: t1 t2 x y z roll pitch yaw"
+    )
+    of_what = command.add_argument_group("what the true trajectory is of")
+    of_what.add_argument(
+        "--frame", choices=("robot", "laser"), help="robot or laser (robot for TUM, laser for *.gt.laser.poses)"
+    )
+    of_what.add_argument(
+        "--sensor-pose",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "DEG"),
+        help="where the laser is mounted [m, m, deg] (as in the map beside EST.tum)",
     )
     step = command.add_argument_group("relative errors (with --truth)").add_mutually_exclusive_group()
     step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")

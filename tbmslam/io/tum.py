@@ -36,7 +36,7 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
     TumError
         The file cannot be read or a line is not a pose.
     """
-    numbered = _pose_lines(Path(path))
+    numbered = pose_lines(Path(path))
     if not numbered:
         raise TumError(f"{path}: holds no poses: give a file of lines 't x y z qx qy qz qw'")
     values = np.array([_numbers(f"{path}:{number}", line) for number, line in numbered])
@@ -53,8 +53,14 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
     return Trajectory(values[:, 0].copy(), poses)
 
 
-def _pose_lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines that should hold a pose, with their numbers from 1."""
+def pose_lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines of a file that should hold a pose, with their numbers from 1.
+
+    Raises
+    ------
+    TumError
+        The file cannot be read.
+    """
     if why := why_unreadable(path):
         raise TumError(f"{path}: {why}: give a trajectory's file")
     try:

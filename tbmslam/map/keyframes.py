@@ -124,6 +124,10 @@ class Keyframes:
         """Return the laser's pose in the map at one keyframe."""
         return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
 
+    def mounting(self) -> SE2:
+        """Return where the laser is mounted, T_robot_sensor; where that changed, the median by number."""
+        return SE2.from_array(np.median(self.sensor_poses, axis=0))
+
     def all_sensor_poses(self) -> FloatArray:
         """Return the laser's poses (K, 3) in the map."""
         return compose(self.poses, self.sensor_poses)

@@ -1,15 +1,18 @@
 import json
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tbmslam.geometry.se2 import compose
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.tum import read_tum
 from tests.tools.built_maps import QUICK, run, run_record
-from tools import make_world
+from tools import evaluate, make_world
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -62,6 +65,35 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
     assert {"T_reference_map", "lost_seconds", "times", "stop"} <= found
     text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")
     assert [key for key in sorted(found) if f"`{key}`" not in text] == []
+
+
+def test_the_laser_s_truth_scores_as_the_robot_s(bag, bags, tmp_path, capsys):
+    robot = read_tum(bags / "robot_0.truth.tum")
+    assert run(bag, "-o", tmp_path / "a", "--reference", bags / "robot_0.truth.tum") == 0
+    mounting = load_map(tmp_path / "a" / "robot_0").drives[0].keyframes.mounting()
+    assert math.hypot(mounting.x, mounting.y) > 0.05
+    lasers = compose(robot.poses, np.array(mounting))
+    lines = [f"{round(t * 1e6)}, {x:.9f}, {y:.9f}, {a:.9f}" for t, (x, y, a) in zip(robot.stamps, lasers, strict=True)]
+    laser = tmp_path / "robot_0.gt.laser.poses"
+    laser.write_text("\n".join(lines))
+    assert run(bag, "-o", tmp_path / "b", "--reference", laser) == 0
+    ates = [json.loads((tmp_path / one / "truth.json").read_text())["robots"]["robot_0"]["ate_m"] for one in "ab"]
+    assert ates[0] == pytest.approx(ates[1], abs=1e-6)
+    capsys.readouterr()
+    estimate = str(tmp_path / "a" / "robot_0" / "trajectory.tum")
+    rmses = []
+    for truth in (bags / "robot_0.truth.tum", laser):
+        assert evaluate.main(["trajectory", estimate, "--truth", str(truth), "--json"]) == 0
+        rmses.append(json.loads(capsys.readouterr().out)["ate_m"]["rmse"])
+    assert rmses[0] == pytest.approx(rmses[1], abs=1e-6)
+    assert rmses[0] == pytest.approx(ates[0], abs=1e-6)
+    alone = tmp_path / "alone.tum"
+    alone.write_bytes((tmp_path / "a" / "robot_0" / "trajectory.tum").read_bytes())
+    assert evaluate.main(["trajectory", str(alone), "--truth", str(laser)]) == 1
+    assert "is of the laser, and no map with keyframes lies beside" in capsys.readouterr().err
+    where = [str(mounting.x), str(mounting.y), str(math.degrees(mounting.theta))]
+    assert evaluate.main(["trajectory", str(alone), "--truth", str(laser), "--json", "--sensor-pose", *where]) == 0
+    assert json.loads(capsys.readouterr().out)["ate_m"]["rmse"] == pytest.approx(rmses[0], abs=1e-6)
 
 
 def test_a_map_holds_what_only_the_end_of_its_drive_tells(bag, tmp_path, monkeypatch):

@@ -17,8 +17,8 @@ from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.tum import read_tum
+from tbmslam.io.reference_trajectory import read_reference
+from tbmslam.map.tbm_map import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tools.benchmarks.measured_process import peak_memory_mb
@@ -161,7 +161,7 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
         wall_s=time.perf_counter() - began,
         start_memory_mb=start_memory_mb,
         peak_memory_mb=peak_memory_mb(),
-        **_errors(spec, trajectory),
+        **_errors(spec, drive),
     )
 
 
@@ -176,14 +176,17 @@ def _blocks(readings: Iterable[Reading], clock: CpuClock) -> Iterator[list[Readi
         yield block
 
 
-def _errors(spec: RecordingSpec, trajectory: Trajectory) -> dict[str, float | None]:
+def _errors(spec: RecordingSpec, drive: Drive) -> dict[str, float | None]:
     """Return the errors against what is known of the truth."""
+    trajectory = drive.trajectory
     errors: dict[str, float | None] = {}
     if (path := beside(spec.path, ".relations")) is not None:
         against = relation_errors(read_relations(path), trajectory)
         if len(against.translations_m):
             errors["translation_error_m"] = float(against.translations_m.mean())
             errors["rotation_error_deg"] = float(against.rotations_deg.mean())
-    if (path := beside(spec.path, ".truth.tum")) is not None:
-        errors["ate_m"] = align_trajectories(read_tum(path), trajectory).ate_m
+    path = beside(spec.path, ".truth.tum") or beside(spec.path, ".gt.laser.poses")
+    if path is not None:
+        truth = read_reference(path).of_robot(drive.keyframes.mounting())
+        errors["ate_m"] = align_trajectories(truth, trajectory).ate_m
     return errors

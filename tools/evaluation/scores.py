@@ -3,8 +3,9 @@
 import argparse
 import dataclasses
 import json
+import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import read_relations, relation_errors
+from tbmslam.evaluation.systematic_error import systematic_error
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, relative_errors
 from tbmslam.geometry.se2 import SE2
@@ -24,7 +26,11 @@ from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.pictures import encode_png
+from tbmslam.io.reference_trajectory import ReferenceTrajectory, read_reference
 from tbmslam.io.tum import read_tum
+from tools.command_line.paths import holds_map
+
+logger = logging.getLogger(__name__)
 
 
 class EvaluationError(TbmSlamError):
@@ -40,8 +46,13 @@ def evaluate_trajectory(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, object]:
-    truth = read_tum(args.truth)
+    reference = read_reference(args.truth)
+    if args.frame is not None:
+        reference = dataclasses.replace(reference, frame=args.frame)
+    truth = _of_robot(reference, args.truth, args.estimate, args.sensor_pose)
     tolerance = 0.01 if args.max_stamp_difference is None else args.max_stamp_difference
+    if (why := systematic_error(truth, estimate, tolerance)) is not None:
+        logger.warning("%s: %s", args.truth, why)
     absolute = absolute_errors(truth, estimate, tolerance)
     step_m = args.step_m or (None if args.step_s else 1.0)
     relative = relative_errors(truth, estimate, distance=step_m, seconds=args.step_s, max_stamp_difference=tolerance)
@@ -52,6 +63,7 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
     return {
         "estimate": str(args.estimate),
         "truth": str(args.truth),
+        "frame": reference.frame,
         "poses": len(estimate),
         "unmatched": absolute.unmatched,
         "T_truth_estimate": _pose(absolute.T_truth_estimate),
@@ -152,9 +164,29 @@ def _given_transform(args: argparse.Namespace) -> SE2:
         x, y, degrees = args.transform
         return SE2(x, y, math.radians(degrees))
     if args.trajectories:
-        estimate, truth = (read_tum(path) for path in args.trajectories)
-        return align_trajectories(truth, estimate).T_reference_estimate
+        path, true_path = args.trajectories
+        truth = _of_robot(read_reference(true_path), true_path, path, None)
+        return align_trajectories(truth, read_tum(path)).T_reference_estimate
     return SE2.identity()
+
+
+def _of_robot(
+    reference: ReferenceTrajectory, path: Path, estimate: Path, sensor_pose: Sequence[float] | None
+) -> Trajectory:
+    """Return where the robot truly was; where the laser is mounted is said or in the map beside the estimate."""
+    if reference.frame == "robot":
+        return reference.trajectory
+    if sensor_pose is not None:
+        x, y, degrees = sensor_pose
+        return reference.of_robot(SE2(x, y, math.radians(degrees)))
+    if holds_map(estimate.parent):
+        drives = load_map(estimate.parent).drives
+        if drives and len(drives[0].keyframes):
+            return reference.of_robot(drives[0].keyframes.mounting())
+    raise EvaluationError(
+        f"{path} is of the laser, and no map with keyframes lies beside {estimate} to say where that is mounted: pass "
+        "--sensor-pose X Y DEG"
+    )
 
 
 def _load_truth(path: Path) -> World | TbmGrid:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.tum import read_tum
+from tbmslam.io.reference_trajectory import read_reference
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 from tbmslam.parallel.progress import Watch
@@ -42,7 +42,7 @@ def build_maps(args: argparse.Namespace, config: Configuration, command: str) ->
 
 def _build(args: argparse.Namespace, config: Configuration, command: str, watch: Watch) -> None:
     for reference in args.reference or []:  # rather now than after hours of mapping
-        read_tum(reference)
+        read_reference(reference)
     shelf = Shelf()
     tasks = plan_mapping(args, config, shelf, watch)
     _refuse_stale_robots(args.out, [task.name for task in tasks])

@@ -12,8 +12,9 @@ from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
+from tbmslam.io.reference_trajectory import read_reference
 from tbmslam.io.special_file import why_unreadable
-from tbmslam.io.tum import read_tum
+from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
 from tbmslam.slam import Slam
@@ -66,7 +67,8 @@ def write_truth(
     known: dict[tuple[Path, ...], _Reference] = {}
     for task, tbm_map in made:
         if task.paths not in known:
-            known[task.paths] = _reference(task, references.get(task.paths), shelf, watch)
+            given, keyframes = references.get(task.paths), tbm_map.drives[0].keyframes
+            known[task.paths] = _reference(task, given, keyframes, shelf, watch)
         reference = known[task.paths]
         try:
             alignment = align_trajectories(reference.trajectory, tbm_map.drives[0].trajectory)
@@ -105,10 +107,10 @@ def _written(path: Path) -> str | None:
         return None
 
 
-def _reference(task: MappingTask, given: Path | None, shelf: Shelf, watch: Watch) -> _Reference:
-    """Return the trajectory of the whole drive."""
+def _reference(task: MappingTask, given: Path | None, keyframes: Keyframes, shelf: Shelf, watch: Watch) -> _Reference:
+    """Return the trajectory of the whole drive; keyframes of it know where the laser is mounted."""
     if given is not None:
-        return _Reference(given.name, read_tum(given))
+        return _Reference(given.name, read_reference(given).of_robot(keyframes.mounting()))
     recording = shelf.open(task.paths, task.config.recording)
     slam = Slam(preset("default"), _WHOLE)
     for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans", _WHOLE):
