@@ -203,7 +203,7 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         action="append",
         default=[],
         metavar=("NAME", "X", "Y", "DEG"),
-        help="pose of a map, by its name in the report, in the frame of the first map, known to a metre and ten degrees; "
+        help="pose of a map, by its name in the report, in the first map's frame, known to a metre and ten degrees; "
         "the map is placed there and refined locally; may be repeated",
     )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
