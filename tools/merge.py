@@ -170,7 +170,8 @@ def _parser() -> argparse.ArgumentParser:
         nargs="*",
         type=path_argument,
         metavar="MAP",
-        help="a map's folder, a folder of such (what build_maps -o wrote), or a .npz, .yaml or .tbm_map",
+        help="a map folder, a folder of map folders (the output of build_maps), or a file: .npz, .yaml, .yml, "
+        ".tbm_map, .tbm_map.xz, .dat or .dat.gz",
     )
     parser.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="where the merged map goes")
     _add_finding(parser.add_argument_group("how maps find each other"))
@@ -178,11 +179,13 @@ def _parser() -> argparse.ArgumentParser:
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
     features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
     features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
-    features.add_argument("--min-inliers", type=int, metavar="N", help="fewer are refused, default: 5")
+    features.add_argument(
+        "--min-inliers", type=int, metavar="N", help="fewest inliers of an accepted alignment, default: 5"
+    )
     _add_fusing(parser.add_argument_group("how cells are fused"))
     add_configuration_options(parser, "merging.verification.min_confidence=0.9")
     add_extra_files(parser)
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is done")
+    parser.add_argument("-v", "--verbose", action="store_true", help="log every step")
     parser.add_argument("--debug", action="store_true", help="show where an error came from")
     return parser
 
@@ -191,8 +194,8 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
     finding.add_argument(
         "--method",
         choices=METHODS,
-        help="try every rotation and shift (correlation, default), match keypoints (features, the paper's), or do as "
-        "the related work does: for comparison, each accepts by its own lights",
+        help="correlation (default) tries every rotation and shift; features matches keypoints, as the paper does; the "
+        "others are methods of related work for comparison, each with its own acceptance rule",
     )
     finding.add_argument(
         "--pose",
@@ -200,20 +203,20 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         action="append",
         default=[],
         metavar=("NAME", "X", "Y", "DEG"),
-        help="where a map, by its name in the report, lies in the first map's frame, to a metre and ten degrees: it is "
-        "laid there, made exact, and not searched for; may be repeated",
+        help="pose of a map, by its name in the report, in the first map's frame, known to a metre and ten degrees; "
+        "the map is placed there and refined locally; may be repeated",
     )
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
     finding.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="have pairs aligned by an existing Dask cluster, e.g. tcp://10.0.0.1:8786",
+        help="address of a Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786",
     )
     finding.add_argument(
         "--rigid",
         action="store_true",
-        help="lay maps onto each other as they are: bend none, and do not straighten drives together",
+        help="only rigid transforms: deform no map, and do not optimise the drives together",
     )
 
 
@@ -221,7 +224,7 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
     fusing.add_argument(
         "--rule",
         choices=RULES,
-        help="default: all scans drawn anew where the drives were straightened together, disjunctive elsewhere",
+        help="fusion rule; default: render all scans again where drives were optimised together, else disjunctive",
     )
     fusing.add_argument(
         "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
