@@ -56,5 +56,5 @@ def test_what_is_no_pose_is_told_with_its_line(tmp_path, line, message):
 
 def test_an_empty_file_is_no_truth(tmp_path):
     (tmp_path / "a.gt.laser.poses").write_text("")
-    with pytest.raises(TumError, match="is empty: give a trajectory.s file"):
+    with pytest.raises(TumError, match="is empty: give a trajectory"):
         read_reference(tmp_path / "a.gt.laser.poses")

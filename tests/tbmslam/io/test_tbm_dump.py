@@ -15,7 +15,7 @@ from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.map_check import MapFileError
 from tbmslam.io.tbm_dump import read_tbm_dump, write_tbm_dump
 
-GOLDEN = Path(__file__).resolve().parents[4] / "shared" / "data" / "vinyslam-golden"
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 LAYOUTS = ("slam", "merging")
 
 
@@ -31,10 +31,6 @@ def some_grid(rows=3, cols=5, seed=0, geometry=(0.25, -1.0, -0.5)):
     return TbmGrid(GridGeometry(*geometry, rows, cols), masses)
 
 
-needs_golden = pytest.mark.skipif(not GOLDEN.is_dir(), reason="the original program's golden runs are not here")
-
-
-@needs_golden
 def test_the_original_dump_is_the_map_that_the_original_printed():
     grid = read_tbm_dump(GOLDEN / "idle.tbm_map.xz")
     with lzma.open(GOLDEN / "idle.tbmf32.xz") as file:
@@ -48,7 +44,6 @@ def test_the_original_dump_is_the_map_that_the_original_printed():
         np.testing.assert_array_equal(grid.masses[..., mass], printed[..., column])
 
 
-@needs_golden
 def test_the_original_dump_written_again_differs_by_rounding_only(dump):
     with lzma.open(GOLDEN / "idle.tbm_map.xz") as file:
         original = file.read()

@@ -22,8 +22,7 @@ from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
 from tbmslam.vinyslam.hill_climbing import HillClimbingConfig
 from tbmslam.vinyslam.monte_carlo import MonteCarloConfig, MonteCarloMatcher
 
-GOLDEN = Path(__file__).resolve().parents[4] / "shared" / "data" / "vinyslam-golden"
-pytestmark = pytest.mark.skipif(not GOLDEN.is_dir(), reason="the original program's golden runs are not here")
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 
 
 def readings():
