@@ -179,18 +179,30 @@ def _report(
     results: "PaperResults",
 ) -> str:
     from tools.command_line.text_table import describe_machine
-    from tools.paper.feature_sections import curve_section, detector_section, modification_section
-    from tools.paper.merge_sections import duration_section, halves_section, map_section, transform_section
+    from tools.paper.feature_sections import conclusions, curve_section, detector_section, modification_section
+    from tools.paper.merge_sections import (
+        duration_section,
+        halves_section,
+        map_section,
+        merged_section,
+        transform_section,
+    )
     from tools.paper.page import PaperTable, Section, paper_page
 
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
     source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"
+    known = (
+        "The true transforms of simulated drives are known, so a right match is a fact and not an estimate."
+        if not (args.recordings or args.maps)
+        else "The transforms that count as true are those of truth.json, which may be estimates themselves."
+    )
     lead = [
+        *conclusions(results),
         (
-            'All tables and figures of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable '
-            f'Belief Model", SEIM 2021, measured on {len(pairs)} pairs: {source}, cells of '
+            'Tables I to IV and figures 1 to 4 of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on '
+            f'Transferable Belief Model", SEIM 2021, measured on {len(pairs)} pairs: {source}, cells of '
             f"{pairs[0].target.geometry.resolution:g} m, every map in a frame of its own, turned and shifted at "
-            "random. The true transforms are known, so a right match is a fact here and not an estimate."
+            f"random. {known}"
         ),
         (
             "The paper's maps (MIT Stata Center, floor 2) and its code's runs are not at hand, so single numbers "
@@ -207,6 +219,7 @@ def _report(
         transform_section(results, settings),
         duration_section(results),
         halves_section(results),
+        merged_section(pairs, results),
         Section("Settings", [f"Command: {command}"], [PaperTable("Exact settings", ["parameter", "value"], rows)]),
     ]
     return paper_page("The paper's experiments, repeated", lead, sections)

@@ -147,12 +147,12 @@ def test_odometry_that_freezes_in_a_turn_is_survived(drive_in):
 
 
 def test_loops_are_closed(drive_in):
-    robot = drive_in("apartment", 60.0, odometry="poor", seed=1)
-    open_config = config_from_dict({"loop_closing": {"enabled": False}, "keyframes": {"distance": 0.5, "angle": 0.5}})
-    closed_config = config_from_dict({"keyframes": {"distance": 0.5, "angle": 0.5}})
-    assert ate(robot, mapped(robot.readings, closed_config)) < max(
-        ate(robot, mapped(robot.readings, open_config)), 0.02
-    )
+    robot = drive_in("office", 120.0, odometry="poor", seed=1)
+    left_open = mapped(robot.readings, config_from_dict({"loop_closing": {"enabled": False}}))
+    closed = mapped(robot.readings)
+    assert len(left_open.drives[0].closures) == 0
+    assert len(closed.drives[0].closures) > 8
+    assert ate(robot, closed) < 0.6 * ate(robot, left_open)
 
 
 def test_empty_and_blind_scans_pass_through():

@@ -31,12 +31,22 @@ def test_from_simulated_drives_to_the_report(tmp_path, capsys):
     assert main([*small, "--areas", "600", "--repeat", "2", "-o", str(tmp_path)]) == 0
     assert capsys.readouterr().out.endswith(f"report -> {tmp_path / 'report.html'}\n")
     page = (tmp_path / "report.html").read_text()
-    for title in ("Figure 1", "Table I:", "Table II:", "Figure 3", "Table III:", "Table IV:", "Figure 2", "Settings"):
+    for title in (
+        "Figure 1",
+        "Table I:",
+        "Table II:",
+        "Figure 3",
+        "Table III:",
+        "Table IV:",
+        "Figure 2",
+        "Figure 4",
+        "Settings",
+    ):
         assert f"<h2>{title}" in page
     assert "<script" not in page
     assert not re.search(r'(src|href)="(?!data:)', page)
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(pictures) == 4 + 3 + 1 + 6
+    assert len(pictures) == 4 + 3 + 1 + 6 + 2  # of two maps that show little, nothing is merged
     for picture in pictures:
         assert cv2.imdecode(np.frombuffer(base64.b64decode(picture), np.uint8), cv2.IMREAD_COLOR) is not None
     # Bags of the same name in different folders have each their own truth.

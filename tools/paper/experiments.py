@@ -3,13 +3,16 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from merging.config import MergeConfig
+from merging import merge
+from merging.config import PAPER, MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.detectors import DetectorResult, compare_detectors
 from merging.experiments.halves import Halves, fuse_halves
 from merging.experiments.map_pair import MapPair
 from merging.experiments.modifications import Study, Variant, compare_modifications
 from merging.experiments.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
+from tbmslam.belief.grid import TbmGrid
+from tbmslam.map.tbm_map import TbmMap
 from tools.paper.maps import pair_of_area
 
 VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))
@@ -63,6 +66,8 @@ class PaperResults:
         Table IV: of the pairs, then of those cut to the paper's areas.
     halves
         Figure 2.
+    merged
+        Figure 4: the first pair merged by the paper's algorithm 1; None where that found no transform.
     """
 
     detectors: Mapping[str, Mapping[str, DetectorResult]]
@@ -70,6 +75,7 @@ class PaperResults:
     transforms: Mapping[str, TransformResult]
     durations: Mapping[str, DurationResult]
     halves: Halves
+    merged: TbmGrid | None
 
 
 def run_experiments(
@@ -97,4 +103,7 @@ def run_experiments(
     resolution = pairs[0].target.geometry.resolution
     timed |= {f"cut for {area:g} m²": pair_of_area(area, resolution) for area in settings.areas_m2}
     durations = {name: measure_durations(pair, settings.repeats, settings.features) for name, pair in timed.items()}
-    return PaperResults(detectors, studies, transforms, durations, fuse_halves(pairs[0].target))
+    first = {pairs[0].target_name: TbmMap(pairs[0].target), pairs[0].source_name: TbmMap(pairs[0].source)}
+    found = merge(first, PAPER).merged
+    merged = None if found is None else found.grid
+    return PaperResults(detectors, studies, transforms, durations, fuse_halves(pairs[0].target), merged)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging.experiments.map_pair import MapPair
-from tbmslam.belief.grid import TbmGrid
+from merging.fusion.warping import canvas_over, offset_in, window_over
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import load_map
 from tools import build_maps, make_world
@@ -17,8 +18,8 @@ from tools.map_pairs.files import KnownPair
 
 logger = logging.getLogger(__name__)
 
-_FLOOR_SHARE = 0.6
-"""Of the canvas that two maps turned against each other need, what the floor itself takes."""
+_FLOOR_SHARES = (0.6, 0.5, 0.4, 0.3, 0.2)
+"""Of the canvas that two maps turned against each other need, what the floor itself may take; the first that fits."""
 
 
 class PaperMapsError(TbmSlamError):
@@ -109,8 +110,23 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
 
 
 def pair_of_area(area_m2: float, resolution: float) -> MapPair:
-    """Return a pair cut from a building such that the merged map's rectangle has about this area."""
-    building = building_of_area(_FLOOR_SHARE * area_m2, 1, resolution)
-    known = KnownPair.of(next(cut_pairs(building, 1, [0.5])))
-    assert known.T_target_source is not None  # noqa: S101 - cut pairs overlap
-    return MapPair("a", "b", known.target.grid, known.source.grid, known.T_target_source)
+    """Return a pair cut from a building such that the merged map's rectangle has this area, within half a row.
+
+    The target has rows of unknown cells where the maps themselves need less.
+    """
+    for share in _FLOOR_SHARES:
+        known = KnownPair.of(next(cut_pairs(building_of_area(share * area_m2, 1, resolution), 1, [0.5])))
+        target, source, motion = known.target.grid, known.source.grid, known.T_target_source
+        assert motion is not None  # noqa: S101 - cut pairs overlap
+        canvas = canvas_over([target.geometry, window_over(source.geometry, motion, target.geometry)])
+        rows = round(area_m2 / (canvas.cols * resolution**2))
+        if rows >= canvas.rows:
+            return MapPair("a", "b", _on_canvas(target, canvas._replace(rows=rows)), source, motion)
+    raise PaperMapsError(f"two maps of a floor do not fit into {area_m2:g} m² with cells of {resolution:g} m")
+
+
+def _on_canvas(grid: TbmGrid, canvas: GridGeometry) -> TbmGrid:
+    """Return a grid with unknown cells around it."""
+    larger, (row, col) = TbmGrid.unknown(canvas), offset_in(canvas, grid.geometry)
+    larger.masses[row : row + grid.geometry.rows, col : col + grid.geometry.cols] = grid.masses
+    return larger

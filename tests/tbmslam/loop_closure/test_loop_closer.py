@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -44,6 +44,18 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
     closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, packed(scans), chain)
     assert closures == []
     np.testing.assert_array_equal(closed, poses)
+
+
+def test_closures_that_the_rest_contradicts_are_dropped(drive_in):
+    true, tracked, scans, chain = drifting(drive_in("office", None, seed=1), 0.001)
+    kept, strict = (
+        LoopCloser(LoopClosingConfig(max_contradiction=most), SurfelConfig()).close(tracked, scans, chain)
+        for most in (1e9, 0.25)
+    )
+    assert 20 < len(strict[1]) < len(kept[1])
+    assert edge_errors(strict[1], strict[0]).max() < 0.3
+    assert edge_errors(kept[1], kept[0]).max() > 0.35
+    assert errors(true, strict[0]).max() < 1.5 * errors(true, kept[0]).max()
 
 
 def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):

@@ -2,6 +2,8 @@ import json
 
 import pytest
 
+from merging.fusion.fusion import fuse
+from merging.fusion.warping import place
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
@@ -38,5 +40,9 @@ def test_a_doubtful_truth_is_told(tmp_path, caplog):
     )
 
 
-def test_a_pair_fills_its_area():
-    assert pair_of_area(600.0, 0.2).overlap() > 0.2
+@pytest.mark.parametrize("area_m2", [4125.0, 12100.0, 13200.0])
+def test_a_pair_fills_its_area(area_m2):
+    pair = pair_of_area(area_m2, 0.2)
+    merged = fuse([pair.target, place(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
+    assert merged.rows * merged.cols * merged.resolution**2 == pytest.approx(area_m2, rel=0.01)
+    assert pair.overlap() > 0.2
