@@ -1,5 +1,6 @@
 """The yaml file of a ROS map, checked."""
 
+import logging
 import os
 import reprlib
 from dataclasses import dataclass
@@ -11,6 +12,8 @@ import yaml
 
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.map_check import MAX_TURN, MapFileError, check_file
+
+logger = logging.getLogger(__name__)
 
 Mode = Literal["trinary", "scale", "raw"]
 _MAX_BYTES = 1 << 16
@@ -116,11 +119,17 @@ def _number(path: Path, key: str, value: object) -> float:
 
 
 def _image_path(path: Path, name: object) -> Path:
-    """Return where the picture lies: in the yaml's folder or below, so that a map cannot name any file there is."""
+    """Return where the picture lies: in the yaml's folder or below, so that a map cannot name any file there is.
+
+    A name of elsewhere, as map savers write for another machine, stands for the file of that name beside the yaml.
+    """
     if not isinstance(name, str) or not name or "\0" in name:
         raise MapFileError(f"{path}: image must name a file, it is {reprlib.repr(name)}: correct it")
     folder = Path(os.path.normpath(path.parent.absolute()))  # symbolic links stay as they are
     image = Path(os.path.normpath(folder / name))
     if not image.is_relative_to(folder):
+        if (folder / image.name).is_file():
+            logger.warning("%s: the image %s lies elsewhere: read %s beside it", path, reprlib.repr(name), image.name)
+            return path.parent / image.name
         raise MapFileError(f"{path}: the image {reprlib.repr(name)} lies outside the yaml's folder: copy it beside it")
     return path.parent / image.relative_to(folder)

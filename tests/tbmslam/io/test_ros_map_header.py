@@ -100,3 +100,16 @@ def test_other_files_are_refused(tmp_path, content):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(MapFileError, match=r"none\.yaml: cannot be read: No such file"):
         read_ros_map_header(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize("name", ["/home/robot/maps/hall.pgm", "../elsewhere/hall.pgm"])
+def test_a_picture_of_another_machine_is_the_one_beside(tmp_path, caplog, name):
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    text = f"image: {name}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    (folder / "hall.yaml").write_text(text)
+    with pytest.raises(MapFileError, match="lies outside the yaml's folder: copy it beside it"):
+        read_ros_map_header(folder / "hall.yaml")
+    (folder / "hall.pgm").write_bytes(b"P5 1 1 255 0")
+    assert read_ros_map_header(folder / "hall.yaml").image == folder / "hall.pgm"
+    assert caplog.messages == [f"{folder / 'hall.yaml'}: the image '{name}' lies elsewhere: read hall.pgm beside it"]
