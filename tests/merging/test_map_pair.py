@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.map_pairs.pairs import Building, building_of_world, cut_pairs, foreign_pair, mirrored
-from merging import align
+from datasets.synthetic.map_pairs.pairs import (
+    Building,
+    building_of_area,
+    building_of_world,
+    cut_pairs,
+    foreign_pair,
+    mirrored,
+)
+from merging import MergeConfig, align
 from tools.map_pairs.files import KnownPair
 
 
@@ -48,3 +55,15 @@ def test_a_corridor_that_looks_the_same_everywhere_is_ambiguous():
     assert found.ambiguous
     assert "fit about as well" in found.reason
     assert len(found.alternatives) >= 2
+
+
+def test_a_pair_as_likely_wrong_as_right_is_refused():
+    """The walls of these two parts of a simulated floor would fit elsewhere, too; only a lower limit accepts them."""
+    (pair,) = cut_pairs(building_of_area(300.0, 4, 0.1), 4, [0.25])
+    known = KnownPair.of(pair)
+    alignment = align(known.target, known.source)
+    assert 0.3 < alignment.confidence < 0.8
+    assert not alignment.accepted
+    assert alignment.reason.startswith(f"confidence {alignment.confidence:.2f} is under 0.85")
+    lenient = MergeConfig.model_validate({"verification": {"min_confidence": 0.3}})
+    assert align(known.target, known.source, lenient).accepted
