@@ -11,7 +11,7 @@ from merging.fusion.fusion import fuse
 from merging.fusion.warping import warp
 from merging.joint_slam.rendering import redraw
 from merging.map_graph.grouping import Group
-from merging.merged_group import GroupMap, group_maps_of, merge_group
+from merging.merged_group import GroupMap, group_maps_of, merge_group, most_known_first
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
@@ -179,3 +179,16 @@ def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
     monkeypatch.setattr(merged_group, "merge_group", none_left)
     assert group_maps_of(MAPS, {"ab": GROUP_POSES}, MergeConfig(), Watch()) == {}
     assert caplog.messages[-1] == "a, b are not looked at as one map: memory has run out"
+
+
+def test_who_knows_most_is_told_by_area_and_not_by_cells():
+    """150 cells of 5 cm are less than 100 of 10 cm, and 600 are more."""
+
+    def knowing(resolution, cells):
+        grid = TbmGrid.unknown(GridGeometry(resolution, 0.0, 0.0, 30, 30))
+        grid.masses.reshape(-1, 4)[:cells] = (0.0, 1.0, 0.0, 0.0)
+        return TbmMap(grid)
+
+    maps = {"few": knowing(0.05, 150), "coarse": knowing(0.1, 100), "many": knowing(0.05, 600)}
+    assert most_known_first(maps, maps) == ["many", "coarse", "few"]
+    assert most_known_first(maps, reversed(maps)) == ["many", "coarse", "few"]

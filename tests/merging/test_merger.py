@@ -7,6 +7,8 @@ import pytest
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.fusion.warping import warp
+from merging.map_graph.grouping import Group
+from merging.merger import _why_left_out
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
@@ -203,3 +205,14 @@ def test_the_same_maps_give_the_same_bytes(rooms):
 def test_one_map_is_too_few(rooms):
     with pytest.raises(ValueError, match="maps must be two or more, got 1"):
         merge({"only": TbmMap(rooms(1))}, CONFIG)
+
+
+def test_why_a_map_was_left_out_is_told_of_the_merged_ones():
+    """Its surest alignment is with a map that was left out, too: that says nothing."""
+    refused = {"a": (3.0, "little agrees"), "b": (5.0, "more agrees"), "d": (50.0, "much agrees")}
+    alignments = {
+        ((name, "c") if name == "a" else ("c", name)): Alignment("correlation", False, why, agreed_wall_m=metres)
+        for name, (metres, why) in refused.items()
+    }
+    group = Group({"a": SE2.identity(), "b": SE2(1.0, 0.0, 0.0)})
+    assert _why_left_out("c", group, alignments) == ("no alignment with a merged map was accepted; with b: more agrees")

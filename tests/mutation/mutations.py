@@ -103,9 +103,15 @@ class _Finder:
                     yield from self.of(child)
 
     def _at(self, node: ast.AST) -> Iterator[Mutation]:
+        """Yield the mutations of a node itself, not of what it holds."""
+        yield from self._of_operators(node)
+        yield from self._of_values(node)
+        yield from self._of_statements(node)
+
+    def _of_operators(self, node: ast.AST) -> Iterator[Mutation]:
         match node:
             case ast.Compare(left=left, ops=ops, comparators=others):
-                for first, operator, second in zip([left, *others], ops, others, strict=False):
+                for (first, second), operator in zip(itertools.pairwise([left, *others]), ops, strict=True):
                     yield from self._between(first, second, *_COMPARISONS[type(operator)])
             case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _ARITHMETIC:
                 if not _is_text(left) and not _is_text(right):
@@ -114,12 +120,13 @@ class _Finder:
                 yield from self._between(target, value, *(f"{sign}=" for sign in _ARITHMETIC[type(operator)]))
             case ast.BoolOp(op=operator, values=values):
                 signs = ("and", "or") if isinstance(operator, ast.And) else ("or", "and")
-                for first, second in zip(values, values[1:], strict=False):
+                for first, second in itertools.pairwise(values):
                     yield from self._between(first, second, *signs)
-            case ast.UnaryOp(op=ast.Not(), operand=operand):
+            case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
                 yield from self._replaced(self._start(node), self._start(operand), "")
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                yield from self._replaced(self._start(node), self._start(operand), "")
+
+    def _of_values(self, node: ast.AST) -> Iterator[Mutation]:
+        match node:
             case ast.Constant(value=bool(value)):
                 yield from self._replaced(self._start(node), self._end(node), str(not value))
             case ast.Constant(value=int(number)):
@@ -128,6 +135,9 @@ class _Finder:
                 yield from self._replaced(self._start(node), self._end(node), repr(2.0 * number if number else 1.0))
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name) as called) if name in _CALLS:
                 yield from self._replaced(self._end(called) - len(name), self._end(called), _CALLS[name])
+
+    def _of_statements(self, node: ast.AST) -> Iterator[Mutation]:
+        match node:
             case ast.Expr(value=ast.Call()):
                 yield from self._replaced(self._start(node), self._end(node), "pass")
             case ast.Continue():

@@ -56,10 +56,6 @@ def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattic
         for col in range(cols):
             r, c = (first_row + row) // 2 - top, (first_col + col) // 2 - left
             coarse[r, c] = max(coarse[r, c], field[row, col])
-    for r in range(height):
-        for c in range(width):
-            if coarse[r, c] == -128:
-                coarse[r, c] = 0
     return coarse, Lattice(2.0 * resolution, top, left)
 
 

@@ -136,3 +136,12 @@ def test_turning_over_twice_changes_nothing():
     scan = scan_at(1.0)
     assert turned_over(turned_over(scan)).angles() == pytest.approx(scan.angles())
     assert turned_over(scan).angles() == pytest.approx(-scan.angles())
+
+
+def test_a_scan_that_was_taken_at_once_has_no_motion_of_its_own():
+    bench = Bench()
+    bench.pose(1.0, 0.0)
+    bench.scan(1.1)
+    (reading,) = bench.pose(1.2, 0.2)
+    assert reading.T_odom_robot == pytest.approx(SE2(0.1, 0.0, 0.0))
+    assert reading.T_odom_swept is None

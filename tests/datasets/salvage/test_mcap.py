@@ -1,5 +1,6 @@
 """MCAP files of other writers: compressed or not, in chunks or not."""
 
+import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
@@ -39,3 +40,23 @@ def test_damage_costs_what_lies_in_it(file):
     assert 100 <= len(bag.entries) <= 200
     file.write_bytes(content[: int(len(content) * 0.4)])
     assert 0 < len(salvage_mcap(file, "cut").entries) < 100
+
+
+def test_a_changed_byte_costs_its_chunk(tmp_path):
+    """Where the content could not be compressed, only the chunk's checksum tells that it is not what was written."""
+    generator = np.random.default_rng(0)
+    written = [generator.bytes(1000) for _ in range(40)]
+    path = tmp_path / "run.mcap"
+    writer = Writer(str(path), chunk_size=5_000, compression=CompressionType.LZ4)
+    writer.start(profile="ros2")
+    channel = writer.register_channel("/scan", "cdr", writer.register_schema("a/msg/B", "ros2msg", b"int32 x"))
+    for k, data in enumerate(written):
+        writer.add_message(channel, log_time=10**9 * k, publish_time=0, data=data)
+    writer.finish()
+    content = path.read_bytes()
+    place = content.index(written[20]) + 500
+    path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+    bag = salvage_mcap(path, "damaged")
+    read = [data for _, _, data in bag.messages(bag.connections, by_time=True)]
+    assert 30 <= len(read) < 40
+    assert set(read) < set(written)

@@ -123,6 +123,11 @@ def test_what_is_no_code_is_not_taken_for_one():
     assert [counts.likely_code() for counts in far] == [None] * 4
 
 
+def test_the_farthest_hit_may_be_near():
+    _, counts = take(raw(1.0, [0.4, np.nan, 0.6]), raw(2.0, [np.inf, np.nan, np.inf]))
+    assert counts.farthest_m == pytest.approx(0.6)
+
+
 def test_scans_that_were_cleaned_together_are_taken_as_each_alone():
     rules = RangeRules(0.2, None, (8.0,), "free", 0.1)
     scans = [

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from merging.config.groups import JointConfig
-from merging.joint_slam.inter_robot_closures import Track
+from merging.joint_slam.inter_robot_closures import Track, _determined
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
@@ -48,7 +48,30 @@ def test_where_nothing_measured_was_kept_poses_stand_for_it_and_for_the_loops(un
     steps = [edge for edge in edges if edge.target == edge.source + 1]
     assert len(steps) == len(untold.sensors) - 1
     assert all(abs(abs(edge.T_source_target.x) - 0.5) < 1e-9 for edge in steps)
-    assert len(edges) > len(steps)  # on the way back it comes near its way out
+    # On the way back it comes near its way out: there every two stops, but for neighbours, are held together.
+    stops, xy = untold.stops(CONFIG.stiffness_step_m), untold.sensors[:, :2]
+    crossings = {
+        (first, second)
+        for number, first in enumerate(stops)
+        for second in stops[number + 2 :]
+        if np.hypot(*(xy[second] - xy[first])) < CONFIG.stiffness_reach_m
+    }
+    assert len(crossings) > 10
+    assert {(edge.source, edge.target) for edge in edges[len(steps) :]} == crossings
+
+
+@pytest.mark.parametrize("step", [0.7, 2.5])
+def test_stops_are_a_step_apart(told, step):
+    apart = np.diff(told.hits.travelled[told.stops(step)])
+    assert step - 0.5 <= apart.min() <= apart.max() <= step + 0.5
+
+
+def test_a_direction_that_a_fit_leaves_open_says_nothing():
+    turn = SE2(0.0, 0.0, 0.4).matrix()
+    open_along, shut = (turn @ np.diag([along, 1e6, 1e5]) @ turn.T for along in (10.0, 5e5))
+    np.testing.assert_array_equal(_determined(shut, CONFIG), shut)
+    kept = _determined(open_along, CONFIG)
+    np.testing.assert_allclose(turn.T @ kept @ turn, np.diag([0.0, 1e6, 1e5]), atol=1e-6)
 
 
 def test_a_bundle_is_laid_onto_its_own_drive_where_that_came_back(told, untold):

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from merging.alignment import Alignment, Alternative
 from merging.config.groups import GraphConfig
-from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, is_same_place
+from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, hypotheses_of, is_same_place
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
@@ -66,3 +67,13 @@ def test_groups_go_there_and_back():
     back = centroids.maps(inside)
     for name, pose in poses.items():
         assert back[name] == pytest.approx(poses["a"].inverse() @ pose)
+
+
+def test_alternatives_of_an_accepted_place_are_not_accepted():
+    others = tuple(Alternative(SE2(float(k), 0.0, 0.0), 0.3, 30.0) for k in (1, 2))
+    found = Alignment("correlation", True, "", MOTION, agreed_wall_m=40.0, confidence=0.99, alternatives=others)
+    offers = hypotheses_of(("a", "b"), found, GRAPH)
+    assert [one.accepted for one in offers] == [True, False, False]
+    assert [one.motion for one in offers] == [MOTION, *(one.T_target_source for one in others)]
+    assert offers[0].probability == pytest.approx(0.99)
+    assert offers[1].probability == pytest.approx(0.3)

@@ -11,7 +11,7 @@ from merging.alignment import Alignment, Alternative
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
 from merging.map_graph.hypothesis import hypotheses_of
-from merging.map_graph.links import links_of
+from merging.map_graph.links import _are_same, links_of
 from tbmslam.geometry.se2 import SE2
 from tests.merging.slow_links import slow_links_of
 
@@ -66,3 +66,11 @@ def test_forty_maps_that_all_align_are_grouped_in_seconds():
     start = places["0"].inverse()
     for name, pose in groups[0].poses.items():
         assert pose == pytest.approx(start @ places[name], abs=0.1)
+
+
+def test_places_are_the_same_up_to_a_whole_turn():
+    here = np.array([[1.0, 2.0, math.pi - 0.001]])
+    turned = np.array([[1.0, 2.0, theta] for theta in (math.pi - 0.002, -math.pi + 0.001, 2.0, 0.0, -2.0)])
+    assert _are_same(here, turned, CONFIG).tolist() == [[True, True, False, False, False]]
+    away = np.array([[1.0 + 2.0 * CONFIG.same_m, 2.0, math.pi - 0.001]])
+    assert not _are_same(here, away, CONFIG).any()

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from merging import MergeConfig, align
 from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion.warping import warp
-from merging.registration.correlation import distinct, propose
+from merging.registration.correlation import _cell_size, _directions, _Layout, distinct, propose
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -174,3 +174,26 @@ def test_what_is_kept_is_apart_and_what_is_not_is_near_something_better(drawn):
         assert not any(is_near(poses[index], poses[other]) for other in kept[:place])
     for index in set(range(len(poses))) - set(kept):
         assert any(is_near(poses[index], poses[other]) and scores[other] >= scores[index] for other in kept)
+
+
+def layout(grid, cell=0.2):
+    return _Layout.of(structure(grid), cell, 0.3)
+
+
+def test_turns_are_so_fine_that_a_wall_far_from_the_centre_moves_by_a_cell(rooms):
+    walls = structure(rooms(3))
+    turns = np.unique([one.theta % (2.0 * math.pi) for one in propose(walls, walls, CONFIG)])
+    step, cell = np.diff(turns).min(), _cell_size(walls, walls, CONFIG)
+    assert step == pytest.approx(cell / layout(rooms(3), cell).spread(), rel=0.05)
+
+
+def test_the_ways_that_walls_face_are_smoothed_over_two_degrees():
+    """The mean of many walls that face one way, whatever their number; seen in steps of a degree or less."""
+    grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 60, 60))
+    grid.masses[20:40, 10:50] = (0.0, 1.0, 0.0, 0.0)
+    grid.masses[18:20, 10:50] = (0.0, 0.0, 1.0, 0.0)
+    facing = _directions(layout(grid))
+    degrees = (np.arange(len(facing)) * 360.0 / len(facing) - np.argmax(facing) * 360.0 / len(facing) + 180.0) % 360.0
+    near = np.abs(degrees - 180.0) < 10.0
+    spread = math.sqrt(np.average((degrees[near] - 180.0) ** 2, weights=np.maximum(facing[near], 0.0)))
+    assert spread == pytest.approx(2.0, abs=0.35)

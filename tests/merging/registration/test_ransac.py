@@ -64,3 +64,16 @@ def test_nothing_to_pair_proposes_nothing(count):
 def test_matches_on_one_spot_propose_nothing():
     points = np.full((20, 2), 3.0)
     assert find_consensus(Matches(points, points), CONFIG) is None
+
+
+def test_matches_beyond_the_inlier_distance_all_cost_the_same():
+    """Ten exact matches with eight more just beyond the distance lose against twelve exact ones."""
+    generator, reach = np.random.default_rng(3), CONFIG.inlier_distance_m
+    source = generator.uniform(-10.0, 10.0, size=(30, 2))
+    target = source.copy()
+    target[12:] += (20.0 * reach, 0.0)
+    target[22:26, 1] += 1.5 * reach
+    target[26:, 1] -= 1.5 * reach
+    consensus = find_consensus(Matches(target, source), CONFIG)
+    assert np.flatnonzero(consensus.inliers).tolist() == list(range(12))
+    assert_same_motion(consensus.T_target_source, SE2.identity())

@@ -197,3 +197,40 @@ def test_chance_is_the_best_decoy_or_the_third_candidate():
     np.testing.assert_array_equal(by_chance(good, chance, score), chance[0])
     np.testing.assert_array_equal(by_chance(measured([GOOD, GOOD, CHANCE]), nothing, score), chance[0])
     np.testing.assert_array_equal(by_chance(chance, np.vstack((chance, good)), score), good[0])
+
+
+def test_the_score_weighs_metres_and_pieces():
+    """Logarithms of one more, as the shipped weights were fitted to."""
+    row = dict(zip(MEASURES, np.expm1(measured([GOOD])[0]), strict=True))
+    share = (44.0 - 7.0) / (44.0 + 7.0 + 0.5)
+    expected = {
+        "agreeing wall": 44.0,
+        "other wall": 6.0,
+        "agreeing pieces": 45.0,
+        "wall against sliding": 20.0,
+        "corners beyond chance": 20.0 * share,
+        "overlap beyond chance": 50.0 * share / 5.0,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(row[name], value, err_msg=name)
+
+
+def test_many_corners_say_no_more_than_some():
+    number = FEATURES.index("log of corners")
+    told = [
+        features([replace(GOOD, pieces=Pieces(45.0, 2.0, 55.0, corners))], [])[0, number]
+        for corners in (0.0, 3.0, 6.0, 30.0)
+    ]
+    np.testing.assert_allclose(told, np.log1p([0.0, 3.0, 6.0, 6.0]))
+
+
+def test_a_feature_speaks_for_or_against():
+    assert set(SIGNS.values()) == {-1, 1}
+
+
+def test_a_model_is_written_to_six_digits():
+    third = ConfidenceModel(np.full(len(MEASURES), 1.0 / 3.0), 2.0 / 3.0, np.full(len(FEATURES), 1.0 / 7.0))
+    found = json.loads(third.as_json())
+    assert set(found["score"].values()) == {0.333333}
+    assert set(found["weights"].values()) == {0.142857}
+    assert found["bias"] == 0.666667

@@ -96,4 +96,5 @@ def test_no_place_is_no_probability(maps):
 def test_a_thorough_search_finds_no_less_of_chance(maps):
     glance, look = (find_decoys(*maps, CONFIG, thoroughly=how) for how in (False, True))
     assert len(look) > len(glance)
+    assert find_decoys(*maps, CONFIG) == look
     assert max(one.agreed_wall_m for one in look) > 0.8 * max(one.agreed_wall_m for one in glance)

@@ -153,3 +153,12 @@ def test_things_are_told_apart_from_walls():
     assert moved.agreed_things_m == pytest.approx(same.agreed_things_m / 2.0)
     assert none.agreed_things_m == 0.0
     assert same.agreed_wall_m == pytest.approx(moved.agreed_wall_m, rel=0.05)
+
+
+def test_conflict_and_agreement_are_shares_of_what_is_compared(rooms):
+    target, source = structure(rooms(1)), structure(rooms(2))
+    evidence = examine(target, source, SE2(0.5, 0.3, 0.4), CONFIG)
+    assert evidence.conflicting_wall_m > 1.0
+    assert evidence.compared_wall_m > evidence.conflicting_wall_m + evidence.agreed_wall_m - 1e-9
+    assert evidence.conflict == pytest.approx(evidence.conflicting_wall_m / evidence.compared_wall_m)
+    assert evidence.agreement == pytest.approx(evidence.agreed_wall_m / evidence.compared_wall_m)

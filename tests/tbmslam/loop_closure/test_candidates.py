@@ -62,6 +62,18 @@ def test_targets_younger_than_a_keyframe_are_not_near_it(targets_of):
     assert max(targets.submap(target).anchor for target in targets.near(60, poses, 100.0).targets) < 48
 
 
+def test_the_last_that_were_laid_are_those_of_the_same_targets(targets_of):
+    poses, targets = targets_of()
+    for keyframe in range(120):
+        targets.advance(keyframe)
+        targets.note(keyframe, [0] if keyframe == 60 else [])
+    near = targets.near(60, poses, 100.0).targets
+    middles, latest = targets.anchors(60)
+    assert sorted(near.tolist()) == list(range(len(middles)))
+    assert middles.tolist() == [sum(targets.stretch(target)) // 2 for target in range(len(middles))]
+    assert latest.tolist() == [60, *middles[1:].tolist()]
+
+
 def test_ways_lead_over_what_was_met(targets_of):
     poses, targets = targets_of()
     targets.advance(42)

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig
+from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
 from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
+from tbmslam.parallel.progress import Watch
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -103,3 +104,21 @@ def test_a_far_drift_closes_nothing_false_where_all_is_alike(drive_in):
     assert errors(true, tracked).max() > 20.0
     _, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
     assert false_closures(true, closures) == []
+
+
+def test_the_parameters_as_they_stand_may_be_stated():
+    assert LoopClosingConfig(**LoopClosingConfig().model_dump()) == LoopClosingConfig()
+
+
+def test_a_closure_knows_nothing_of_a_direction_that_its_fit_leaves_open():
+    """Along a corridor: there the prior of closures must not make up what no laser saw."""
+    scans = packed([LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0)) for k in range(50)])
+    chain = [MotionEdge(k, k + 1, SE2.identity(), INFORMATION) for k in range(49)]
+    drive = _Drive(LoopClosingConfig(), SurfelConfig(), np.zeros((50, 3)), scans, chain, Watch())
+    drive._new = [PlacedBundle(40, 0, 3, SE2(1.0, 2.0, np.pi / 2), np.diag([0.0, 1e6, 1e6]))]
+    drive._add_closures()
+    (closure,) = drive.closures.values()
+    # The open direction is the map's x, which is the keyframe's -y.
+    along, across = closure.information[1, 1], closure.information[0, 0]
+    assert along < 0.01
+    assert 0.5 * 0.02**-2 < across < 0.02**-2

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.kernels.search.correlation import WALL
+from tbmslam.loop_closure.submap import Submap, SubmapConfig, _search_field, split_into_submaps
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -59,6 +60,23 @@ def test_a_wrong_place_lies_in_free_space(submap):
 def test_the_border_of_a_search_is_told(submap):
     made, hits, true = submap
     assert made.search(hits.points, SE2(true.x + 0.8, true.y, true.theta), 0.6, 0.0).at_border
+
+
+def test_a_search_where_nothing_is_known_is_ambiguous(submap):
+    made, hits, true = submap
+    far = SE2(true.x + 500.0, true.y, true.theta)
+    assert made.search(hits.points, far, 1.0, 0.1).ambiguity == 1.0
+
+
+def test_points_gain_where_the_scans_hit(generator):
+    """Every end and what is next to it, out to the borders, and nothing far from them."""
+    lasers, ends = np.zeros((2, 3)), generator.uniform((-3.0, -2.0), (1.0, 4.0), (60, 2))
+    field, lattice = _search_field(lasers, ends, np.array([0, 30, 60]), SubmapConfig())
+    cells = np.floor(ends / lattice.resolution).astype(int)[:, ::-1] - (lattice.first_row, lattice.first_col)
+    expected = np.zeros(field.shape, dtype=bool)
+    for row, col in cells:
+        expected[row - 1 : row + 2, col - 1 : col + 2] = True
+    np.testing.assert_array_equal(field == WALL, expected)
 
 
 def test_stretches_overlap_by_half():

@@ -90,3 +90,11 @@ def test_a_drive_of_one_keyframe_is_one_stretch(counts):
     stretches = RigidStretches(poses, counts, CONFIG)
     assert len(stretches.middles) == len(counts)
     assert stretches.between([]) == []
+
+
+def test_the_hits_must_be_of_as_many_drives():
+    poses = np.vstack((straight(7), straight(5, y=9.0)))
+    scans = [LaserScan(0.1 * k, -0.5, 0.01, 0.1, 30.0, np.full(101, 4.0)) for k in range(7)]
+    drive = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses[:7]], [SE2.identity()] * 7)
+    with pytest.raises(ValueError, match="longer"):
+        RigidStretches(poses, [7, 5], CONFIG).hits([ScanHits.of(drive, 40.0)], CONFIG)

@@ -62,6 +62,13 @@ def test_some_scans_stay_as_they_are(original, motion, config):
     assert deskewed(original, motion, MOUNT, config) is original
 
 
+def test_the_fastest_motion_of_a_robot_is_taken_out():
+    original = scan([1.0, 2.0, 3.0])
+    sweep = original.sweep()
+    for fastest in (SE2(CONFIG.max_speed * sweep, 0, 0), SE2(0, 0, CONFIG.max_turn_rate * sweep)):
+        assert deskewed(original, fastest, MOUNT, CONFIG) is not original
+
+
 def test_the_map_is_drawn_from_where_the_beams_were_sent():
     """A wall 2 m ahead of a laser that drives along it, seen square to it by every beam."""
     beams = 41

@@ -212,3 +212,21 @@ def test_a_keyframe_that_no_scan_placed_hands_its_deviations_on():
         assert within[0] < grown.min() <= grown.max() < within[1]
         model.correct(reading(2.0, step @ step), second.mean)
         assert model.deviations_since_keyframe(second) == pytest.approx(second.motion)
+
+
+def test_odometry_that_begins_late_counts_from_its_first_pose():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, None), SE2.identity())
+    for k in (1, 2):
+        now = reading(0.1 * k, SE2(5.0 + 0.1 * k, 0.0, 0.0))
+        prior = model.predict(now)
+        assert prior.by_odometry == (k == 2)
+        model.correct(now, SE2(0.1 * k, 0.0, 0.0))
+    assert prior.mean == pytest.approx((0.2, 0.0, 0.0))
+
+
+def test_a_second_scan_of_the_same_moment_leaves_the_motion_as_it_was():
+    model = MotionModel(MotionConfig())
+    for stamp in (0.0, 0.1, 0.1):
+        model.correct(reading(stamp, None), SE2(stamp, 0.0, 0.0))
+    assert model.predict(reading(0.2, None)).mean == pytest.approx((0.2, 0.0, 0.0))

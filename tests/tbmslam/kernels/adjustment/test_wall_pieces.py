@@ -8,6 +8,7 @@ from tbmslam.kernels.adjustment.wall_pieces import (
     Pieces,
     Raster,
     StretchHits,
+    _is_on,
     gather_hits,
     join_walls,
     lines_by_cell,
@@ -194,3 +195,18 @@ def test_lines_by_cell_tells_where_there_is_one():
     assert lines_by_cell(known, lines, 4).tolist() == [-2, 2, -1]
     # The pieces face right, left and right: what they face is on the left of their lines, or square to them.
     np.testing.assert_array_equal(lines[:, 2:4], [[1, 0], [1, 0], [0, -1], [0, 0]])
+
+
+def test_a_hit_is_on_a_line_that_is_there_and_faces_the_laser(generator):
+    """The way to the hit must come from the line's front, and not along it."""
+    told = []
+    for _ in range(400):
+        x, y, heading, half = *generator.uniform(-2.0, 2.0, 2), generator.uniform(-3.0, 3.0), 0.6
+        line = np.array([[x, y, math.cos(heading), math.sin(heading), half]])
+        along, aside, bearing, length = generator.uniform((-0.9, -0.15, -3.2, 1.0), (0.9, 0.15, 3.2, 8.0))
+        end = SE2(x, y, heading).apply(np.array([along, aside]))
+        told.append(_is_on(line, 0, *end, length * math.cos(bearing), length * math.sin(bearing), 0.1))
+        # The line's front is where a beam goes against its normal, which is on the left of the line.
+        grazing = math.sin(heading - bearing)
+        assert told[-1] == (abs(along) <= half and abs(aside) <= 0.1 and grazing > 0.02)
+    assert 40 < sum(told) < 360

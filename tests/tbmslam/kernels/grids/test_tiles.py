@@ -93,3 +93,14 @@ def test_samples_tell_where_the_posterior_is_wide(room):
     np.testing.assert_allclose(np.diag(covariance), np.array([0.1, 0.1, 0.05]) ** 2 * weight, rtol=1e-9)
     mean_prior = ((1 + 2 * math.exp(-0.5)) / 3) ** 3
     assert evidence == pytest.approx(log_likelihood(tiles, wall, (0.0, 0.0, 0.0), MODEL) + math.log(mean_prior))
+
+
+@pytest.mark.parametrize("ends_there", [True, False])
+def test_endless_evidence_stays_finite_and_is_not_forgotten(ends_there):
+    maps, cell = TileMaps(1, 0.1), np.array([[3, 4]], dtype=np.int32)
+    for _ in range(1000):
+        maps.insert(0, cell, np.array([ends_there]), FACTORS)
+    free, occupied = maps.grid(0).tiles[1, 3, 4]
+    assert np.isfinite([free, occupied]).all()
+    assert (occupied if ends_there else free) > 1e15
+    assert 1.0 <= (free if ends_there else occupied) < 2.0

@@ -106,6 +106,23 @@ def test_maps_apart_stay_where_they_are(maps):
     assert not compare_walls(source, every(source), target, far, LIMITS).any()
 
 
+def test_a_wall_beyond_the_border_is_not_unseen(maps):
+    """What lies in front of it is outside the map; in memory the next row's first cell follows."""
+    fixed, moving = maps
+    rows, cols = fixed.states.shape
+    lone = fixed._replace(
+        states=np.ones_like(fixed.states) * (np.arange(cols) == 0).astype(np.uint8),
+        distances=np.full((rows, cols), 9.0, np.float32),
+    )
+    right = np.array([[fixed.origin_x + cols * 0.1 - 0.05, fixed.origin_y + 1.05]])
+    wall = moving._replace(
+        points=right, normals=np.array([[1.0, 0.0]]), two_sided=np.zeros(1, bool), weights=np.ones(1)
+    )
+    limits = LIMITS._replace(front=0.1)
+    expected = wall_reference.compared(wall, [0], lone, SE2.identity(), limits)
+    np.testing.assert_array_equal(compare_walls(wall, np.array([0]), lone, np.zeros((1, 3)), limits), [expected])
+
+
 def test_a_map_slides_back_onto_itself(maps):
     walls, _ = maps
     guess = np.array([(0.04, -0.03, 0.02)])

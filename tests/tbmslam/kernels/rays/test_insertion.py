@@ -5,7 +5,9 @@ import pytest
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.belief.masses import normalise
-from tbmslam.kernels.rays.insertion import RATIO_LIMIT, insert_beams, insert_scan, walk_beam
+from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.rays.insertion import RATIO_LIMIT, beams_of_scan, insert_beams, insert_scan, walk_beam
+from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.search.scoring import impact_at
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tests import reference
@@ -109,3 +111,37 @@ def test_endless_evidence_neither_overflows_nor_forgets():
     row = -grid.first_row
     assert masses[row, 9 - grid.first_col, 2] == pytest.approx(1.0)
     assert masses[row, 4 - grid.first_col, 1] == pytest.approx(1.0)
+
+
+def test_beams_of_a_moving_laser_are_the_plain_ones():
+    """A laser that drives an arc during a sweep: each beam starts where the laser then is."""
+    generator = np.random.default_rng(6)
+    ranges = generator.uniform(0.5, 5.0, 60)
+    ranges[[3, 20]], ranges[40] = np.nan, np.inf
+    pose, step = SE2(1.0, -2.0, 0.7), SE2.exp(0.02, 0.01, 0.015)
+    starts, ends, is_hit, corners = beams_of_scan(ranges, (-1.0, 0.03), tuple(step), tuple(pose), (4.0, 4.5), True)
+    expected, then = [], pose
+    for i, length in enumerate(ranges.tolist()):
+        if not math.isnan(length):
+            beam = then @ SE2(0.0, 0.0, -1.0 + 0.03 * i)
+            reached = length if length <= 4.0 else min(length, 4.5)
+            expected.append(((then.x, then.y), beam.apply(np.array([reached, 0.0])), length <= 4.0))
+        then = then @ step
+    for found, wanted in zip((starts, ends, is_hit), zip(*expected, strict=True), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
+    np.testing.assert_allclose(corners, [np.minimum(starts, ends).min(0), np.maximum(starts, ends).max(0)])
+
+
+def test_evidence_at_the_limit_keeps_what_speaks_against_it():
+    """A cell that is almost surely free stays surer of free than of occupied once its numbers are scaled down."""
+    ratios = np.array([[[0.9 * RATIO_LIMIT, 3.0]]])
+    insert_beams(
+        ratios,
+        Lattice(RESOLUTION, 0, 0),
+        np.array([[0.05, 0.05]]),
+        np.array([[0.05, 0.05]]),
+        np.array([False]),
+        beam_factors(SensorModelConfig(miss_quality=0.9, wall_blur=0.0), RESOLUTION, 1.0),
+    )
+    assert 1e6 < ratios[0, 0, 0] < RATIO_LIMIT
+    assert ratios[0, 0, 1] == 1.0

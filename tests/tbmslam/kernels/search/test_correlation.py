@@ -86,3 +86,17 @@ def test_the_best_places_are_apart():
     np.testing.assert_array_equal(places, [[1, 2, 3], [1, 6, 3]])
     assert top_places(sums, 20.0, 1, 1)[1].tolist() == [[1, 2, 3]]
     assert top_places(np.zeros((1, 1, 1), dtype=np.int32), 1.0, 1, 2)[0][1] == -np.inf
+
+
+def test_a_place_hides_just_what_lies_within_reach_of_it():
+    """On every side alike, and up to the border of the sums."""
+    for row, col in ((5, 5), (0, 9), (9, 0)):
+        sums = np.zeros((1, 11, 11), dtype=np.int32)
+        sums[0, row, col] = 100
+        for drow, dcol in ((-3, 0), (3, 0), (0, -3), (0, 3), (-2, 2), (2, -2), (2, 2), (-2, -2)):
+            if 0 <= row + drow < 11 and 0 <= col + dcol < 11:
+                sums[0, row + drow, col + dcol] = 50 if max(abs(drow), abs(dcol)) == 3 else 90
+        away = np.argwhere(sums[0] == 50)
+        scores, places = top_places(sums, 0.0, 2, 1 + len(away))
+        np.testing.assert_array_equal(scores, [100.0, *[50.0] * len(away)])
+        assert {tuple(place) for place in places[1:, 1:]} == {tuple(place) for place in away}

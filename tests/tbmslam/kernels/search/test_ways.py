@@ -23,6 +23,8 @@ def test_far_stretches_are_passed_over():
     near, distances = nearest_stretches(poses, 0, firsts, lasts, 5.0, 4.0)
     assert near.tolist() == [0]
     assert distances.tolist() == [1.0]
+    for longest in (4.0, 10.0):  # told by its middle, and by all of its poses
+        assert nearest_stretches(poses, 0, firsts[::-1].copy(), lasts[::-1].copy(), 5.0, longest)[0].tolist() == [1]
 
 
 def test_ways_are_the_shortest_in_the_graph(generator):
@@ -42,7 +44,8 @@ def test_what_no_edge_reaches_is_infinitely_far():
 
 
 def test_poses_are_shown_by_enough_before_them(generator):
-    poses = np.column_stack((generator.uniform(-4.0, 4.0, (400, 2)), generator.uniform(-np.pi, np.pi, 400)))
+    places = generator.uniform((-2.0, -8.0), (2.0, 8.0), (400, 2))  # longer than wide, so that rows and columns differ
+    poses = np.column_stack((places, generator.uniform(-np.pi, np.pi, 400)))
     expected = np.zeros(400, dtype=bool)
     for k in range(100, 400):
         turned = np.abs(np.angle(np.exp(1j * (poses[:k, 2] - poses[k, 2]))))

@@ -8,8 +8,18 @@ from tbmslam.kernels.rays.hits import hits_of_scan
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.surfel_alignment import align, composed, linearise, pair_up, place_scan, strays
-from tbmslam.kernels.surfels.surfel_search import search
-from tbmslam.kernels.surfels.surfels import CELLS, Surfels, add_hits, claim_tiles, extent, fit_surfel, slot_of
+from tbmslam.kernels.surfels.surfel_search import _bounds, search
+from tbmslam.kernels.surfels.surfels import (
+    CELLS,
+    FACING,
+    Surfels,
+    add_hits,
+    claim_tiles,
+    extent,
+    fit_surfel,
+    layer_of,
+    slot_of,
+)
 from tests import reference
 
 RESOLUTION = 0.1
@@ -48,6 +58,7 @@ def surfels_of(points, normals=None):
         add_hits(surfels, points[part], normals[part])
     assert used == surfels.tiles.max() + 1
     assert not surfels.moments[:CELLS].any()
+    assert not surfels.fits[:CELLS].any()
     return surfels
 
 
@@ -343,3 +354,43 @@ def test_the_extent_is_that_of_the_points(generator):
     points = generator.normal(size=(20, 2))
     expected = (*np.sort(points[:, 0])[[0, -1]], *np.sort(points[:, 1])[[0, -1]])
     assert extent(points) == expected
+
+
+def test_layers_part_square_to_the_way_they_face():
+    middle = math.atan2(FACING[1], FACING[0])
+    for turn, layer in itertools.product((0.01, 1.0, 1.56), (0, 1)):
+        for side in (1.0, -1.0):
+            angle = middle + side * (turn if layer == 1 else math.pi - turn)
+            assert layer_of(math.cos(angle), math.sin(angle)) == layer
+
+
+def test_bounds_count_the_points_in_cells_that_may_have_a_surface():
+    """Also of points beyond the lattice, which lie in none."""
+    generator = np.random.default_rng(13)
+    surfels = surfels_of(room_walls(generator, 2000))
+    points = np.vstack((room_walls(generator, 80), generator.uniform(-14.0, 14.0, (200, 2))))
+    normals, guess, reach, turns = facing_origin(points), (0.3, -0.2, 0.1), 3, np.array([-0.4, 0.0, 1.3])
+    bounds = _bounds(surfels, points, normals, guess, reach, turns)
+    for k, row, col in itertools.product(range(3), range(2 * reach + 1), range(2 * reach + 1)):
+        c, s = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
+        turn = np.array([[c, -s], [s, c]])
+        cells = np.floor((points @ turn.T + guess[:2]) / RESOLUTION).astype(int) + 60 + (col - reach, row - reach)
+        layers = [layer_of(*normal) for normal in normals @ turn.T]
+        slots = [
+            slot_of(surfels.tiles, layer, y, x) if 0 <= x < 120 and 0 <= y < 120 else 0
+            for layer, (x, y) in zip(layers, cells.tolist(), strict=True)
+        ]
+        assert bounds[k, row, col] == np.count_nonzero(surfels.fits[slots, 5])
+
+
+def test_a_pose_is_where_scan_and_prior_balance():
+    """The mode of Student's t prior times the scan's likelihood: their slopes cancel."""
+    generator = np.random.default_rng(14)
+    surfels, scan, freedom, deviation = surfels_of(room_walls(generator)), room_walls(generator, 60), 4.0, 0.002
+    mean = (0.02, -0.015, 0.01)
+    pose, hessian, *_ = aligned(scan, (0.0, 0.0, 0.0), deviation, surfels, mean=mean, freedom=freedom)
+    _, of_scan, gradient = linearised(surfels, scan, facing_origin(scan), pose, 3.0)
+    error = np.subtract(pose, mean) / deviation
+    pull = (freedom + 3.0) / (freedom + error @ error) * error / deviation
+    np.testing.assert_allclose(gradient * hessian[0, 0] / of_scan[0, 0], -pull, atol=0.02 * np.abs(pull).max())
+    assert error @ error > 1.0
