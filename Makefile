@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper confidence figures docs test slow check install develop clean kernel-coverage fuzz faults
+.PHONY: demo paper confidence figures docs test slow check install develop clean kernel-coverage fuzz faults mutants
 
 install: .venv/installed
 
@@ -122,6 +122,10 @@ figures: develop
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
 faults: develop
 	$(BIN)/python tools/faults.py $(SHORT)
+
+# Small faults in the code, and which of them the nearest tests notice; about half an hour.
+mutants: develop
+	$(BIN)/python tests/mutation/mutants.py run --jobs $(JOBS)
 
 test: develop
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m 'not slow'

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.mutation import mutants
 from tools import benchmark, faults, figures, make_map_pairs
 from tools.figures import FigureError, fill, main, pages, read_records, write_record
 
@@ -35,6 +36,7 @@ GRAMMARS = {
     "tools/benchmark.py": benchmark.parser(),
     "tools/faults.py": faults.parser(),
     "tools/make_map_pairs.py": make_map_pairs._parser(),
+    "tests/mutation/mutants.py": mutants.parser(),
 }
 
 

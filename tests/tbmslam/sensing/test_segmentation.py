@@ -97,6 +97,9 @@ def test_private_frames_depend_on_seed_and_robot():
     assert len(frames) == 25
     assert private_frame(3, 1) == private_frame(3, 1)
     assert all(abs(f.x) <= 10 and abs(f.y) <= 10 for f in frames)
+    for number in (0, 1, 2):  # shifted and turned every way
+        own = np.array([frame[number] for frame in frames])
+        assert own.std() == pytest.approx(np.pi / 3**0.5 if number == 2 else 10.0 / 3**0.5, rel=0.35)
 
 
 def test_in_frame_moves_the_odometry_only():
