@@ -72,7 +72,7 @@ def _kind(path: Path) -> str:
         raise DatasetError(f"{path}: does not begin like a {path.suffix} file: it is damaged or not a recording")
     head = first_bytes(path)
     if any(head.startswith(magic) for magic, _ in _MAGICS):
-        raise DatasetError(f"{path}: a compressed bag; decompress it first")
+        return "rosbag"
     if b"\0" in head:
         raise DatasetError(f"{path}: neither a ROS bag nor a CARMEN log")
     return "carmen"

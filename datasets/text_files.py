@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 from collections.abc import Iterator
+from io import BufferedIOBase
 from pathlib import Path
 
 from datasets.errors import DatasetError
@@ -21,8 +22,8 @@ def first_bytes(path: Path, number: int = 4096) -> bytes:
         The file cannot be decompressed.
     """
     try:
-        with _opener(path)(path, "rb") as stream:
-            return bytes(stream.read(number))
+        with open_unpacked(path) as stream:
+            return stream.read(number)
     except (OSError, EOFError, lzma.LZMAError) as error:
         raise _damaged(path, error) from error
 
@@ -41,6 +42,17 @@ def lines_of(path: Path) -> Iterator[str]:
                 yield line
     except (OSError, EOFError, lzma.LZMAError) as error:
         raise _damaged(path, error) from error
+
+
+def is_packed(path: Path) -> bool:
+    """Tell by its first bytes whether a file is compressed by gzip, bzip2 or xz."""
+    return _opener(path) is not open
+
+
+def open_unpacked(path: Path) -> BufferedIOBase:
+    """Open a file for its bytes behind the compression."""
+    stream: BufferedIOBase = _opener(path)(path, "rb")
+    return stream
 
 
 def _opener(path: Path):  # type: ignore[no-untyped-def]  # the openers' overloads have no common type

@@ -13,6 +13,7 @@ from rosbags import rosbag1
 from datasets.errors import DatasetError
 from datasets.rosbag.file_names import CutFileError, check_files, is_ros1, storage_files
 from datasets.rosbag.indexed_messages import IndexedMessages, IndexReader, RawMessage, plain
+from datasets.rosbag.packed_file import UnpackedFile, unpacked
 from datasets.salvage.salvaged_bag import BagAnnouncement, Loss, SalvagedBag, announced_by
 from tbmslam.io.special_file import why_unreadable
 
@@ -96,7 +97,7 @@ class BagSource:
     Parameters
     ----------
     path
-        ROS 1 bag file; ROS 2 bag directory or storage file.
+        ROS 1 bag file; ROS 2 bag directory or storage file. A file may be packed as a whole.
 
     Raises
     ------
@@ -116,13 +117,15 @@ class BagSource:
         if why := why_unreadable(path):
             raise DatasetError(f"{path}: {why}")
         try:
-            self.is_ros1 = is_ros1(path)
+            content = unpacked(path)
+            self._file = content.path
+            self.is_ros1 = is_ros1(self._file)
         except OSError as error:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
         try:
-            check_files(path)  # sqlite reads zeros where a file is cut off
-            if _is_indexed(path):
-                self._idle = OpenBag(path, self.is_ros1)
+            _check(content)
+            if _is_indexed(self._file):
+                self._idle = OpenBag(self._file, self.is_ros1)
                 self.connections, self.span = self._idle.connections, self._idle.span
             else:
                 self._read_through()
@@ -177,7 +180,7 @@ class BagSource:
 
     def _sound(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
         """Yield messages through rosbags."""
-        bag, self._idle = self._idle or OpenBag(self.path, self.is_ros1), None
+        bag, self._idle = self._idle or OpenBag(self._file, self.is_ros1), None
         try:
             yield from bag.messages(topics, steered_by)
         finally:
@@ -207,7 +210,7 @@ class BagSource:
         else:
             from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415 - needed rarely
 
-            found = salvage_mcap(self.path, "")
+            found = salvage_mcap(self._file, "")
             if found.reason or found.holes:
                 raise CutFileError("the file is cut off or damaged, and its index is not complete")
             self._salvaged, self.connections = found, found.connections
@@ -219,20 +222,27 @@ class BagSource:
     def _salvage(self, error: Exception) -> None:
         """Find what can be read without the index."""
         self.close()
-        self.damage = _explained(self.path, error)
-        if not _may_be_salvaged(self.path, error):
+        self.damage = _explained(self._file, error)
+        if not _may_be_salvaged(self._file, error):
             raise DatasetError(f"{self.path}: {self.damage}") from error
         if self.path.is_dir():
             self._parts = _salvaged_parts(self.path, self.damage)
             self._announced = announced_by(self.path)
             self.connections = [connection for part in self._parts for connection in part.connections]
         else:
-            self._salvaged = _salvaged_file(self.path, self.damage)
+            self._salvaged = _salvaged_file(self._file, self.path, self.damage)
             self.damage = self._salvaged.reason
             self.connections = self._salvaged.connections
         if not any(connection.msgcount for connection in self.connections):
             raise DatasetError(f"{self.path}: {self.damage}; no message in it can be read: fetch it again") from error
         logger.debug("%s: salvaged after %r", self.path, error)
+
+
+def _check(content: UnpackedFile) -> None:
+    """Refuse what rosbags might not notice."""
+    if content.damage is not None:
+        raise CutFileError(content.damage)
+    check_files(content.path)  # sqlite reads zeros where a file is cut off
 
 
 def _is_indexed(path: Path) -> bool:
@@ -248,17 +258,17 @@ def _is_indexed(path: Path) -> bool:
         return True
 
 
-def _salvaged_file(path: Path, damage: str) -> SalvagedBag:
-    """Salvage a file of whichever format."""
+def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
+    """Salvage a file of whichever format, of the name that it was given by."""
     # A salvager is needed rarely.
     from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415
     from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415
     from datasets.salvage.sqlite import salvage_sqlite  # noqa: PLC0415
 
     try:
-        if is_ros1(path):
-            return salvage_ros1(path, damage)
-        return salvage_mcap(path, damage) if path.suffix == ".mcap" else salvage_sqlite(path, damage)
+        if is_ros1(file):
+            return salvage_ros1(file, damage)
+        return salvage_mcap(file, damage) if file.suffix == ".mcap" else salvage_sqlite(file, damage)
     except (OSError, ValueError, ArithmeticError, LookupError, struct.error) as error:  # an empty file cannot be mapped
         raise DatasetError(f"{path}: {damage}; and nothing of it can be read ({error}): fetch it again") from error
 
@@ -299,9 +309,11 @@ def _explained(path: Path, error: Exception) -> str:
         return f"its storage {', '.join(missing[:5])} is missing"
     if isinstance(error, FileNotFoundError | PermissionError):
         return f"cannot be read: {error.strerror or 'No such file or directory'}"
+    if isinstance(error, CutFileError):
+        return text
     if is_ros1(path):
         return _explained_ros1(path, error, text)
-    return text if isinstance(error, CutFileError) else f"the bag is damaged ({type(error).__name__}: {text[:200]})"
+    return f"the bag is damaged ({type(error).__name__}: {text[:200]})"
 
 
 def _explained_ros1(path: Path, error: Exception, text: str) -> str:

@@ -15,7 +15,7 @@ from datasets import DatasetError, open_recording
         (
             "run.bag.gz",
             gzip.compress(b"#ROSBAG V2.0\n", mtime=0),
-            r"run\.bag\.gz: a compressed bag; decompress it first",
+            r"run\.bag\.gz: the bag is damaged \(ReaderError: Header could not be read from file\.\); no message in it",
         ),
         ("cut.log.gz", gzip.compress(b"FLASER " * 99, mtime=0)[:20], r"cut\.log\.gz: cannot be read to its end"),
         ("picture.png", b"\x89PNG\0\0", r"picture\.png: neither a ROS bag nor a CARMEN log"),
