@@ -105,7 +105,7 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
             "where the PR2 carries it" if sensor_pose else "at the robot's centre",
         )
     odometry_lags = _odometry_lags(survey, frames, topics, source)
-    clock = compare_clocks(laser.lags, odometry_lags)
+    clock = compare_clocks(laser.lags, odometry_lags, laser.sweep())
     if options.clock_offset is not None:
         clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
     if clock.warning:

@@ -60,6 +60,11 @@ class SurveyedLaser:
             self.lags += [bag_time - scan.stamp] * is_set
             self.stamps.append(scan.stamp if is_set else bag_time)
 
+    def sweep(self) -> float:
+        """Return how long a scan takes from its first beam to its last [s], 0 where it does not say."""
+        stated = self.first_scan.time_increment * (len(self.first_scan.ranges) - 1)
+        return stated if 0.0 < stated <= self.longest_sweep() else 0.0
+
     def longest_sweep(self) -> float:
         """Return how long a scan can take from its first beam to its last [s]: not much longer than the next is away.
 

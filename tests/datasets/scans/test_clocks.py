@@ -25,6 +25,11 @@ def test_a_constant_fault_is_corrected(fault):
     assert "corrected" in found.warning
 
 
+def test_the_time_that_a_scan_takes_is_no_clock_s_fault():
+    found = compare_clocks(jitter(82.218), jitter(0.0), 0.018)
+    assert found.offset == pytest.approx(82.2, abs=0.01)
+
+
 def test_both_clocks_may_be_far_from_the_bag():
     assert compare_clocks(jitter(1e6), jitter(1e6)).offset == 0.0
 
