@@ -131,10 +131,10 @@ class FrameGraph:
             name = f"{edge.child} in {edge.parent}"
             if edge.static and edge.moves:
                 said.append(f"tf_static states several places of {name}; taken the first: pass --sensor-pose")
-            rivals = [e.parent for e in self.edges.values() if e.child == edge.child and e.moves and not e.static]
-            rivals = [parent for parent in rivals if parent != edge.parent and not is_localised(parent)]
-            if edge.moves and rivals:
-                said.append(f"tf places {name} and in {', '.join(sorted(rivals))}; taken the former: pass --odom-frame")
+            parents = {parent for parent, child in self.edges if child == edge.child and not is_localised(parent)}
+            if rivals := sorted(parents - {edge.parent}):
+                remedy = "--sensor-pose" if edge.is_fixed else "--odom-frame"
+                said.append(f"tf places {name} and in {', '.join(rivals)}; taken the former: pass {remedy} if it is wrong")
         return said
 
 

@@ -24,6 +24,13 @@ class PoseHistory:
     ----------
     capacity
         The newest poses kept; the memory stays bounded however long the recording is.
+
+    Attributes
+    ----------
+    received
+        How many poses came.
+    first_stamp
+        The earliest stamp of all of them [s]; None before the first.
     """
 
     def __init__(self, capacity: int = 20_000) -> None:
@@ -40,7 +47,7 @@ class PoseHistory:
         """Append the pose recorded next."""
         if not self._stamps or stamp < self._stamps[-1]:
             self._runs.append(len(self._stamps))
-        if self.first_stamp is None:
+        if self.first_stamp is None or stamp < self.first_stamp:  # a clock that is set back begins anew
             self.first_stamp = stamp
         self._stamps.append(stamp)
         self._poses.append(pose)

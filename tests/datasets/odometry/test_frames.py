@@ -107,10 +107,29 @@ def test_what_tf_says_twice_is_said():
     moving = graph_of(("odom_combined", "base"), ("odom", "base"), ("map", "base"), ("base", "laser", FIXED))
     frames = choose_frames(moving, "laser", AUTO)
     (doubt,) = moving.doubts([*frames.to_robot, *frames.to_sensor])
-    assert doubt == "tf places base in odom_combined and in odom; taken the former: pass --odom-frame"
+    assert doubt == "tf places base in odom_combined and in odom; taken the former: pass --odom-frame if it is wrong"
     fixed = graph_of(("base", "laser", FIXED))
     steps = fixed.path("base", "laser")
     assert fixed.doubts(steps) == []
     fixed.add("base", "laser", SE3.from_planar(SE2(2.0, 0.0, 1.0)), True, 0.0)
     (doubt,) = fixed.doubts(steps)
     assert doubt == "tf_static states several places of laser in base; taken the first: pass --sensor-pose"
+
+
+@pytest.mark.parametrize(
+    ("edges", "said"),
+    [
+        (
+            [("odom", "base"), ("base", "laser", FIXED), ("bumper", "laser", FIXED), ("base", "bumper", FIXED)],
+            "tf places laser in base and in bumper; taken the former: pass --sensor-pose if it is wrong",
+        ),
+        (
+            [("odom", "base"), ("dock", "base", FIXED), ("base", "laser", FIXED)],
+            "tf places base in odom and in dock; taken the former: pass --odom-frame if it is wrong",
+        ),
+    ],
+)
+def test_two_parents_of_one_frame_are_said(edges, said):
+    graph = graph_of(*edges)
+    frames = choose_frames(graph, "laser", AUTO)
+    assert graph.doubts([*frames.to_robot, *frames.to_sensor]) == [said]

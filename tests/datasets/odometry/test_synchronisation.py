@@ -73,6 +73,24 @@ def test_a_scan_that_steps_back_waits_for_odometry_that_steps_back():
     assert reading.T_odom_robot == pytest.approx(SE2(7.0, 0.0, 0.0))
 
 
+def test_a_clock_that_is_set_back_by_an_hour_leaves_scans_their_odometry():
+    bench, answered = Bench(), []
+    for k in range(40):
+        now = 10_000.0 + 0.1 * k
+        stamp = now - (3600.0 if k >= 20 else 0.0)
+        bench.motion.add(stamp, at(float(k)))
+        answered += bench.pairing.ready(now)
+        bench.pairing.add(scan_at(stamp + 0.05), now + 0.05)
+        answered += bench.pairing.ready(now + 0.05)
+    answered += bench.pairing.rest()
+    assert len(answered) == 40
+    assert bench.counts.dropped == {}
+    poses = [reading.T_odom_robot for reading in answered]
+    assert poses[19] is None  # the pose after it has the other clock
+    del poses[19]
+    assert [pose.x for pose in poses] == pytest.approx(np.delete(np.arange(40.0), 19) + 0.5)
+
+
 def test_what_waits_at_the_end():
     bench = Bench()
     bench.pose(1.0, 0.0)
