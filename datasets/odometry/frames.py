@@ -134,7 +134,9 @@ class FrameGraph:
             parents = {parent for parent, child in self.edges if child == edge.child and not is_localised(parent)}
             if rivals := sorted(parents - {edge.parent}):
                 remedy = "--sensor-pose" if edge.is_fixed else "--odom-frame"
-                said.append(f"tf places {name} and in {', '.join(rivals)}; taken the former: pass {remedy} if it is wrong")
+                said.append(
+                    f"tf places {name} and in {', '.join(rivals)}; taken the former: pass {remedy} if it is wrong"
+                )
         return said
 
 

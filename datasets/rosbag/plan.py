@@ -92,6 +92,11 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
             f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, as if in millimetres: "
             "record them in metres, or choose another --scan-topic"
         )
+    if laser.alternates():
+        raise DatasetError(
+            f"{files.paths[0]}: two lasers or robots share {topics.scan}, every other scan is of the other: record "
+            "each on a topic of its own"
+        )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
     robot_frame, to_sensor = _robot(survey, laser, options, frames, topics)

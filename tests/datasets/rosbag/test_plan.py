@@ -1,8 +1,9 @@
 """What is read, and how the clocks of its messages are compared."""
 
+import numpy as np
 import pytest
 
-from datasets import RecordingOptions, open_recording
+from datasets import DatasetError, RecordingOptions, open_recording
 from tbmslam.geometry.se2 import SE2
 
 
@@ -18,3 +19,14 @@ def test_odometry_of_a_slow_clock_is_read_by_the_time_it_came(script, tmp_path):
     for reading in readings[:50]:
         x = reading.scan.stamp - 100.0
         assert reading.T_odom_robot == pytest.approx(SE2(x, 0.0, 0.0), abs=0.02)
+
+
+def test_two_robots_on_one_topic_are_refused_in_one_line(script, tmp_path):
+    random = np.random.default_rng(1)
+    rooms = random.uniform(1.0, 9.0, (2, 180))
+    script.drive(100.0, 108.0)
+    for k in range(60):
+        script.scan(100.5 + 0.1 * k, rooms[k % 2] + random.normal(0.0, 0.01, 180), step=0.02)
+    bag = script.in_time_order().write(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"run\.bag: two lasers or robots share /scan, every other scan is of"):
+        open_recording([bag])

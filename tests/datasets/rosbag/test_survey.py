@@ -74,3 +74,27 @@ def test_the_laser_that_is_asked_for_is_taken():
     scans = [("blind", EMPTY), ("front", SOME)]
     assert surveyed(*scans, laser_frame="/blind").laser.frame == "blind"
     assert surveyed(*scans, laser_frame="rear").laser is None
+
+
+def rooms(number, lasers, seed=0):
+    """Scans of lasers that take turns, each of which slowly drives through another room."""
+    random = np.random.default_rng(seed)
+    places = [random.uniform(1.0, 9.0, beams) for beams in lasers]
+    for k in range(number):
+        which = k % len(places)
+        yield "laser", places[which] * (1.0 + 0.01 * k / number) + random.normal(0.0, 0.01, len(places[which]))
+
+
+@pytest.mark.parametrize(
+    ("lasers", "alternate"), [([180], False), ([180, 180], True), ([180, 361], True), ([180, 180, 180], False)]
+)
+def test_scans_of_two_lasers_in_turn_are_noticed(lasers, alternate):
+    assert surveyed(*rooms(60, lasers)).laser.alternates() is alternate
+    assert not surveyed(*rooms(10, lasers)).laser.alternates()
+
+
+def test_a_scan_without_hits_is_unlike_none():
+    blind = ("laser", np.full(180, np.inf))
+    scans = [scan for one in rooms(60, [180]) for scan in (one, blind)]
+    assert not surveyed(*scans).laser.alternates()
+    assert not surveyed(*[blind] * 60).laser.alternates()
