@@ -93,6 +93,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     corner = header.T_map_image
     geometry = GridGeometry(header.resolution, corner.x, corner.y, rows, cols)
     check_geometry(path, geometry)
+    _tell_of_transparency(Path(path), image, header)
     if _frees_the_unknown(image, header):
         logger.warning(
             "%s: by free_thresh %g what its map saver left unknown (%d) would be free: taken as unknown",
@@ -122,15 +123,29 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
 def occupancy_of_image(image: MapImage, header: RosMapHeader) -> npt.NDArray[np.int8]:
     """Return the occupancy (rows, cols) that map_server publishes: 0 to 100, -1 unknown; row grows with y.
 
-    Colours are averaged, and in trinary mode alpha with them; in scale mode what is not opaque is unknown. Source:
-    map_io.cpp of nav2_map_server.
+    Colours are averaged, and what is not opaque is unknown but in raw mode, as map_io.cpp of nav2_map_server has it in
+    2025. Before, and in ROS 1, alpha was averaged with the colours in trinary mode: `alpha: average` in the yaml.
     """
-    sums, white = image.channel_sum(with_alpha=header.mode == "trinary")
+    sums, white = image.channel_sum(with_alpha=_averages_alpha(header))
     # A pixel's occupancy depends on the sum of its channels alone: one value for each, looked up afterwards.
     occupancy = _occupancies(np.arange(white + 1), white, header)[sums]
-    if header.mode == "scale" and image.alpha is not None:
+    if image.alpha is not None and header.mode != "raw" and not _averages_alpha(header):
         occupancy[image.alpha < image.maximum] = -1
     return np.ascontiguousarray(occupancy[::-1])
+
+
+def _averages_alpha(header: RosMapHeader) -> bool:
+    return header.mode == "trinary" and header.alpha == "average"
+
+
+def _tell_of_transparency(path: Path, image: MapImage, header: RosMapHeader) -> None:
+    """Say how much of a picture is transparent, and what that is taken for."""
+    share = 0.0 if image.alpha is None else float((image.alpha < image.maximum).mean())
+    if share == 0.0 or header.mode == "raw":
+        return
+    taken = "alpha is averaged with the colours" if _averages_alpha(header) else "taken as unknown"
+    other = "" if header.mode == "scale" or _averages_alpha(header) else "; `alpha: average` reads it as in ROS 1"
+    logger.warning("%s: %.0f %% of the picture is not opaque: %s%s", path, 100.0 * share, taken, other)
 
 
 def _frees_the_unknown(image: MapImage, header: RosMapHeader) -> bool:
@@ -142,7 +157,9 @@ def _frees_the_unknown(image: MapImage, header: RosMapHeader) -> bool:
         return False
     if not header.free_threshold > (255 - UNKNOWN_PIXEL) / 255.0:
         return False
-    sums, white = image.channel_sum(with_alpha=True)
+    sums, white = image.channel_sum(with_alpha=_averages_alpha(header))
+    if image.alpha is not None and not _averages_alpha(header):
+        sums = sums[image.alpha == image.maximum]
     values, counts = np.unique(sums, return_counts=True)
     of_savers = np.isin(values * 255, np.array(_OF_SAVERS) * white)
     return bool((values * 255 == UNKNOWN_PIXEL * white).any() and counts[~of_savers].sum() <= _MENDED * counts.sum())

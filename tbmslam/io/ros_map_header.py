@@ -16,6 +16,7 @@ from tbmslam.io.map_check import MAX_TURN, MapFileError, check_file
 logger = logging.getLogger(__name__)
 
 Mode = Literal["trinary", "scale", "raw"]
+Alpha = Literal["unknown", "average"]
 _MAX_BYTES = 1 << 16
 _MAX_CELL_M = 1.0
 
@@ -38,6 +39,8 @@ class RosMapHeader:
         Occupancies above and below which a pixel counts as occupied and free.
     mode
         What a pixel's value means.
+    alpha
+        In trinary mode, whether what is not opaque is unknown, or alpha is averaged with the colours.
     """
 
     image: Path
@@ -47,6 +50,7 @@ class RosMapHeader:
     occupied_threshold: float
     free_threshold: float
     mode: Mode
+    alpha: Alpha = "unknown"
 
 
 def read_ros_map_header(path: Path) -> RosMapHeader:
@@ -79,6 +83,9 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         raise MapFileError(f"{path}: negate must be 0 or 1, it is {reprlib.repr(negate)}: correct it")
     if mode not in get_args(Mode):
         raise MapFileError(f"{path}: mode must be trinary, scale or raw, it is {reprlib.repr(mode)}: correct it")
+    alpha = values.get("alpha", "unknown")  # a key of our own, which map_server passes over
+    if alpha not in get_args(Alpha):
+        raise MapFileError(f"{path}: alpha must be unknown or average, it is {reprlib.repr(alpha)}: correct it")
     occupied, free = (_number(path, key, values[key]) for key in ("occupied_thresh", "free_thresh"))
     if not 0.0 <= free < occupied <= 1.0:
         raise MapFileError(
@@ -87,7 +94,9 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         )
     image = _image_path(path, values["image"])
     T_map_image = SE2(x, y, wrap_angle(yaw))
-    return RosMapHeader(image, resolution, T_map_image, bool(negate), occupied, free, cast("Mode", mode))
+    return RosMapHeader(
+        image, resolution, T_map_image, bool(negate), occupied, free, cast("Mode", mode), cast("Alpha", alpha)
+    )
 
 
 def _parse(path: Path) -> dict[object, object]:

@@ -25,17 +25,18 @@ def grid_of(cells):
     return grid
 
 
-def published(pixel, mode="trinary", negate=False, alpha=None, maximum=255, free=0.196, occupied=0.65):
+def published(pixel, mode="trinary", negate=False, alpha=None, maximum=255, average=False):
     """One pixel as nav2_map_server turns it to occupancy: a plain twin written from map_io.cpp."""
+    free, occupied = 0.196, 0.65
     colours = list(pixel) if isinstance(pixel, tuple) else [pixel] * 3
-    if mode == "trinary" and alpha is not None:
+    if mode == "trinary" and alpha is not None and average:
         colours.append(alpha)
     shade = sum(colours) / len(colours) / maximum
     if mode == "raw":
         percent = math.floor(shade * 255 + 0.5)
         return percent if 0 <= percent <= 100 else -1
     p = shade if negate else 1.0 - shade
-    if mode == "scale" and alpha is not None and alpha != maximum:
+    if (mode == "scale" or not average) and alpha is not None and alpha != maximum:
         return -1
     if p > occupied + 1e-12:
         return 100
@@ -44,8 +45,8 @@ def published(pixel, mode="trinary", negate=False, alpha=None, maximum=255, free
     return -1 if mode == "trinary" else round((p - free) / (occupied - free) * 100.0)
 
 
-def read_by_rules(pixels, mode, negate, maximum=255):
-    header = RosMapHeader(Path("map.pgm"), 0.05, SE2(0, 0, 0), negate, 0.65, 0.196, mode)
+def read_by_rules(pixels, mode, negate, maximum=255, alpha="unknown"):
+    header = RosMapHeader(Path("map.pgm"), 0.05, SE2(0, 0, 0), negate, 0.65, 0.196, mode, alpha)
     return occupancy_of_image(MapImage(pixels, maximum), header)
 
 
@@ -61,7 +62,8 @@ def test_every_grey_is_read_as_nav2_reads_it(mode, negate, maximum):
 @pytest.mark.parametrize("negate", [False, True])
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
 @pytest.mark.parametrize("channels", [2, 3, 4])
-def test_colours_and_alpha_are_read_as_nav2_reads_them(mode, negate, channels):
+@pytest.mark.parametrize("average", [False, True])
+def test_colours_and_alpha_are_read_as_nav2_reads_them(mode, negate, channels, average):
     pixels = np.random.default_rng(channels).integers(0, 256, size=(20, 20, channels), dtype=np.uint8)
     pixels[:10, :, -1] = 255
     expected = []
@@ -69,10 +71,11 @@ def test_colours_and_alpha_are_read_as_nav2_reads_them(mode, negate, channels):
         for values in row:
             alpha = values[-1] if channels in {2, 4} else None
             colours = (values[0],) * 3 if channels == 2 else tuple(values[:3])
-            expected.append(published(colours, mode, negate, alpha))
+            expected.append(published(colours, mode, negate, alpha, average=average))
     # A grey with alpha is one colour and alpha in the file, and three for map_server.
     spread = pixels if channels != 2 else pixels[..., [0, 0, 0, 1]]
-    assert read_by_rules(spread, mode, negate).ravel().tolist() == expected
+    found = read_by_rules(spread, mode, negate, alpha="average" if average else "unknown")
+    assert found.ravel().tolist() == expected
 
 
 def test_the_yaml_is_what_map_server_reads(tmp_path):
@@ -183,17 +186,31 @@ def test_a_turned_map_lies_where_its_yaw_says(tmp_path, yaw):
     assert known == pytest.approx(199, rel=0.05)
 
 
-def test_alpha_hides_cells_in_scale_mode(tmp_path):
+@pytest.mark.parametrize("mode", ["scale", "trinary"])
+def test_alpha_hides_cells(tmp_path, mode, caplog):
     image = np.zeros((1, 3, 4), dtype=np.uint8)
     image[..., 3] = [255, 254, 0]
     cv2.imwrite(str(tmp_path / "map.png"), image)
     (tmp_path / "map.yaml").write_text(
-        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\nmode: scale\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: {mode}\n"
     )
     masses = read_ros_map(tmp_path / "map.yaml").masses
+    assert "map.yaml: 67 % of the picture is not opaque: taken as unknown" in caplog.text
     np.testing.assert_allclose(masses[0, :, OCCUPIED], [0.9, 0.0, 0.0], atol=1e-6)
     np.testing.assert_array_equal(masses[0, 1:, UNKNOWN], [1.0, 1.0])
+
+
+def test_alpha_is_averaged_where_that_is_asked_for(tmp_path, caplog):
+    image = np.zeros((1, 2, 4), dtype=np.uint8)
+    image[..., 3] = [255, 0]
+    cv2.imwrite(str(tmp_path / "map.png"), image)
+    (tmp_path / "map.yaml").write_text(
+        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\nalpha: average\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    np.testing.assert_allclose(read_ros_map(tmp_path / "map.yaml").masses[0, :, OCCUPIED], [0.9, 0.9], atol=1e-6)
+    assert "50 % of the picture is not opaque: alpha is averaged with the colours" in caplog.text
 
 
 def test_a_missing_image_is_named(tmp_path):

@@ -70,6 +70,7 @@ def test_a_relative_path_to_the_yaml_is_kept(tmp_path, monkeypatch):
         ({"negate": "[]"}, r"negate must be 0 or 1, it is \[\]"),
         ({"mode": "fancy"}, "mode must be trinary, scale or raw, it is 'fancy'"),
         ({"mode": "{}"}, "mode must be trinary, scale or raw"),
+        ({"alpha": "0.5"}, "alpha must be unknown or average, it is 0.5: correct it"),
         ({"free_thresh": "0.7"}, "thresholds must be 0 <= free_thresh < occupied_thresh <= 1, they are 0.7 and 0.65"),
         ({"occupied_thresh": "65"}, "thresholds must be"),
         ({"image": "''"}, "image must name a file, it is ''"),
