@@ -13,6 +13,7 @@ from typing import IO, Any
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.printable import printable
+from tools.command_line.environment import check_environment
 from tools.command_line.interruption import forget_interruption, hear_interruption, heard_interruption
 
 
@@ -84,6 +85,7 @@ def ended(
     try:
         interruption.ends_at_once = False
         print_anything()
+        check_environment()
         code = work() or DONE
         if sys.stdout is not None:
             sys.stdout.flush()
