@@ -127,7 +127,7 @@ class Slam:
         with self._watch.during("rendering"):
             grid = self._rendered(keyframes)
         counts = len(trajectory), len(keyframes)
-        logger.info("%s: %d scans, %d keyframes, %.1f m", self.name, *counts, trajectory.length())
+        logger.info("%s: %d scans, %d keyframes, %.1f m", self.name, *counts, trajectory.driven())
         drive = Drive(self.name, trajectory, keyframes)
         if optimised is not None:
             drive = replace(drive, closures=optimised.closed_pairs(), motions=optimised.motions)

@@ -69,7 +69,7 @@ class MappedRobot:
         wanted, cell = self.said("config", "map", "resolution"), self.tbm_map.grid.geometry.resolution
         if isinstance(wanted, float) and cell > 1.01 * wanted:
             said.append(f"the map is so large that its cells are {cell:g} m and not {wanted:g} m")
-        length = sum(drive.trajectory.length() for drive in self.tbm_map.drives)
+        length = sum(drive.trajectory.driven() for drive in self.tbm_map.drives)
         if length > 0.0 and not any(len(drive.closures) for drive in self.tbm_map.drives):
             said.append(f"no loop was closed in {length:.0f} m, so nothing tells how far the drive drifted")
         return said
@@ -126,7 +126,7 @@ def _figures(maps: list[TbmMap]) -> dict[str, str]:
     drives = [drive for one in maps for drive in one.drives]
     return {
         "scans": f"{sum(len(drive.trajectory) for drive in drives):,}",
-        "driven": f"{sum(drive.trajectory.length() for drive in drives):.0f} m",
+        "driven": f"{sum(drive.trajectory.driven() for drive in drives):.0f} m",
         "loops closed": f"{sum(len(drive.closures) for drive in drives):,}",
         "known area": f"{sum(known_m2(one) for one in maps):.0f} m²",
     }
@@ -157,7 +157,7 @@ def _row(name: str, robot: MappedRobot, drive: Drive) -> list[str]:
         str(len(drive.trajectory)),
         str(read) if isinstance(read, int) else "–",
         str(len(drive.keyframes)),
-        f"{drive.trajectory.length():.1f}",
+        f"{drive.trajectory.driven():.1f}",
         f"{float(stamps.max() - stamps.min()):.1f}" if len(stamps) else "–",
         str(len(drive.closures)),
         f"{moved:.3f}" if isinstance(moved, float) else "–",

@@ -150,7 +150,7 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
         beams=beams,
         keyframes=len(drive.keyframes),
         duration_s=float(np.ptp(trajectory.stamps)),
-        length_m=trajectory.length(),
+        length_m=trajectory.driven(),
         start_s=start_s,
         reading_s=clock.cpu["reading"],
         mapping_s=clock.cpu["processing"] + clock.cpu["finishing"],

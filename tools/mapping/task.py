@@ -167,7 +167,7 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
         "scans": scans,
         "keyframes": len(drive.keyframes),
         "duration_s": float(np.ptp(drive.trajectory.stamps)),
-        "distance_m": drive.trajectory.length(),
+        "distance_m": drive.trajectory.driven(),
         "known_area_m2": float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2,
         "loops_closed": len(drive.closures),
         "correction_m": slam.correction_m,

@@ -14,6 +14,22 @@ def square():
     )
 
 
+def test_a_robot_at_rest_drives_nowhere(generator):
+    """Two hours at 10 Hz, with poses 2 mm off; then ten metres along an arc, at half a metre a second."""
+    resting = generator.normal(0.0, 0.002, (72_000, 3))
+    turns = np.linspace(0.0, 2.0, 200)
+    arc = np.column_stack((5.0 * np.sin(turns), 5.0 * (1.0 - np.cos(turns)), turns))
+    arc += generator.normal(0.0, 0.002, arc.shape)
+    rest, drive, both = (
+        Trajectory(np.arange(len(poses), dtype=float), poses) for poses in (resting, arc, np.vstack((resting, arc)))
+    )
+    assert rest.length() > 100.0
+    assert rest.driven() < 0.02
+    assert drive.driven() == pytest.approx(10.0, rel=0.005)
+    assert both.driven() == pytest.approx(10.0, rel=0.01)
+    assert Trajectory(np.zeros(0), np.zeros((0, 3))).driven() == 0.0
+
+
 def test_length_is_what_was_travelled():
     assert square().length() == pytest.approx(7.0)
 
