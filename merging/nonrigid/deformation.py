@@ -79,6 +79,20 @@ class Deformation:
         turned = [wrap_angle(one.theta - motion.theta) for one in self.motions]
         return motion, float(np.sqrt(np.mean(apart**2))), float(np.sqrt(np.mean(np.square(turned))))
 
+    def scale(self) -> tuple[float, float]:
+        """Return the scale that brings the tiles' centroids nearest to where they belong, and how much of it that is.
+
+        The latter is the share of the squared distances that a rigid motion leaves and the scale removes; 0 with fewer
+        than three tiles, of which any two fit at some scale.
+        """
+        if len(self.centroids) < 3:
+            return 1.0, 0.0
+        laid = np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])
+        motion, scale = fit_rigid(laid, self.centroids)
+        rigid = motion.apply(self.centroids) - laid.mean(axis=0)
+        left, left_scaled = (float(((factor * rigid + laid.mean(axis=0) - laid) ** 2).sum()) for factor in (1.0, scale))
+        return scale, 1.0 - left_scaled / left if left > 0.0 else 0.0
+
     def inverse(self) -> "Deformation":
         """Return where points of the target belong in this map."""
         centroids = np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])

@@ -38,6 +38,12 @@ from tbmslam.parallel.executor import Call, Executor
 logger = logging.getLogger(__name__)
 
 
+_OTHER_SCALE = 0.01
+"""A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
+_MOSTLY = 0.5
+"""A scale that explains more of the bend than this is told."""
+
+
 @dataclass(frozen=True)
 class DeformedRivals:
     """What speaks for and against each place once the map is bent to fit there.
@@ -181,8 +187,17 @@ def _is_aligned(found: Alignment, there: SE2, config: MergeConfig) -> bool:
     return found.accepted and where is not None and is_same_place(there, where, config.graph, found.covariance)
 
 
+def _other_scale(bend: Deformation) -> float | None:
+    """Return by what a map is too small where a scale is most of how it is bent; else None."""
+    scale, share = bend.scale()
+    return scale if abs(scale - 1.0) > _OTHER_SCALE and share > _MOSTLY else None
+
+
 def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment:
     bent = f"bent by {laid.apart_m:.2f} m and {math.degrees(laid.apart_rad):.1f} degrees one map fits the other"
+    if (scale := _other_scale(laid.bend)) is not None:
+        larger = 100.0 * (max(scale, 1.0 / scale) - 1.0)
+        bent += f", mostly as one is {larger:.1f} % larger: is the resolution of a map wrong?"
     return replace(
         again,
         reason=f"{bent}: confidence {confidence:.3f} among rivals bent as well; straightened: {again.reason}",
@@ -225,6 +240,14 @@ def register_refused_pairs(
     joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
     for (target, source), look in joins.items():
         logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
+        if (scale := _other_scale(look.bend)) is not None:
+            which, other = (target, source) if scale > 1.0 else (source, target)
+            logger.warning(
+                "%s is %.1f %% larger than %s: correct the resolution of the one that is wrong",
+                which,
+                100.0 * (max(scale, 1.0 / scale) - 1.0),
+                other,
+            )
     return joins
 
 

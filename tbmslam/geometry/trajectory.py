@@ -50,7 +50,7 @@ class Trajectory:
     def driven(self) -> float:
         """Return how far the robot drove [m]; motions within `_REST_M` of where it last was do not count.
 
-        The estimated poses of a robot at rest differ by millimetres from scan to scan, over two hours by tens of metres.
+        The estimated poses of a robot at rest differ by millimetres from scan to scan, over hours by tens of metres.
         """
         if not len(self):
             return 0.0

@@ -98,3 +98,18 @@ def test_large_maps_are_drawn_some_rows_at_a_time(rooms, monkeypatch):
     whole = bent().straightened(floor, MOTION)
     monkeypatch.setattr("merging.nonrigid.deformation._BAND", 24)
     np.testing.assert_array_equal(bent().straightened(floor, MOTION).masses, whole.masses)
+
+
+def test_a_scale_is_told_beside_what_else_bends_a_map():
+    for scale in (0.95, 1.0, 1.05):
+        bend = bent(turn=0.0)
+        middle = MIDDLES.mean(axis=0)
+        grown = [
+            SE2(*(scale - 1.0) * (MOTION.apply(c) - MOTION.apply(middle)), 0.0) @ m
+            for c, m in zip(MIDDLES, [MOTION] * 4, strict=True)
+        ]
+        found, share = Deformation(MIDDLES, grown, 4.0).scale()
+        assert found == pytest.approx(scale)
+        assert share == pytest.approx(0.0 if scale == 1.0 else 1.0)
+        assert bend.scale()[1] < 0.5
+    assert Deformation(MIDDLES[:2], [MOTION, SE2(9.0, 0.0, 0.0) @ MOTION], 4.0).scale() == (1.0, 0.0)

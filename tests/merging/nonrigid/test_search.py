@@ -54,6 +54,25 @@ def test_maps_that_fit_nowhere_as_they_are_are_aligned_once_one_is_bent():
     assert deviations(found.covariance)[0] > 0.1  # a bent map lies nowhere exactly
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", [0.95, 1.05])
+def test_a_wrong_resolution_is_named(wrong, caplog):
+    world = make_world("office", 3)
+    first, second = (map_of(world, drive, 0.0) for drive in plan_drives(world, 2, length=75.0, overlap=0.9, seed=1))
+    other = second.grid.geometry._replace(resolution=second.grid.geometry.resolution * wrong)
+    result = merge({"a": first, "b": TbmMap(TbmGrid(other, second.grid.masses))})
+    found = result.alignments["a", "b"]
+    assert found.accepted, found.reason
+    said = "larger: is the resolution of a map wrong?"
+    larger, smaller = ("b", "a") if wrong > 1.0 else ("a", "b")
+    assert said in found.reason
+    assert any(line.startswith(f"{larger} is ") and f" % larger than {smaller}" in line for line in caplog.messages)
+    percent = float(found.reason.partition("mostly as one is ")[2].split()[0])
+    assert percent == pytest.approx(5.0, abs=1.0)
+    for bent_target, bent_source, _ in (bent_maps("store"), bent_maps("office")):
+        assert said not in align(bent_target, bent_source).reason
+
+
 def test_who_is_named_first_does_not_matter():
     target, source, _ = bent_maps("office")
     forth, back = align(target, source), align(source, target)
