@@ -216,6 +216,8 @@ class KnownRecording:
         What its authors allow, how they want to be cited, and where they say so.
     options
         What build_maps needs to be told to read it.
+    truth
+        Where its truth is, if that is not among its files.
     about
         A few words.
     megabytes
@@ -232,6 +234,7 @@ class KnownRecording:
     citation: str
     page: str
     options: str
+    truth: str
     about: str
     megabytes: float | None
     sha256: Mapping[str, str]
@@ -253,6 +256,7 @@ def known_recordings() -> Mapping[str, KnownRecording]:
                 citation=said["citation"],
                 page=said["page"],
                 options=said["options"],
+                truth=said.get("truth", ""),
                 about=recording["about"],
                 megabytes=recording.get("megabytes"),
                 sha256=recording.get("sha256", {}),

@@ -74,6 +74,8 @@ def _list() -> None:
     for recording in known_recordings().values():
         if recording.page != said:
             print(f"{recording.page}\n  licence: {recording.license}\n  cite: {recording.citation}")
+            if recording.truth:
+                print(f"  truth: {recording.truth}")
         said = recording.page
         size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
         print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
