@@ -10,6 +10,7 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     hear_interruption("evaluate")
 
 import argparse
+import math
 import sys
 from typing import Any
 
@@ -103,6 +104,12 @@ def _add_map(command: argparse.ArgumentParser) -> None:
         metavar=("EST.tum", "GT.tum"),
         help="one drive in the map's frame and in the truth's",
     )
+    place.add_argument(
+        "--align",
+        type=float,
+        metavar="M",
+        help="search within M metres and 20 degrees of that, by the walls as merge does, such as on a floor plan",
+    )
     place.add_argument("--refine", action="store_true", help="refine that by laying the walls onto each other")
     command.add_argument(
         "--min-evidence",
@@ -143,6 +150,8 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
             grammar.error("--min-evidence must lie within [0, 1)")
         if args.transform:
             _check_transform(grammar, args.transform)
+        if args.align is not None and not 0.0 < args.align < math.inf:
+            grammar.error("--align must be a number of metres above 0")
         return
     for option in ("step_m", "step_s"):
         if getattr(args, option) is not None and not getattr(args, option) > 0.0:

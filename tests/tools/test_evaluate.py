@@ -109,6 +109,45 @@ def test_a_map_against_its_world(files, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["agree"] > 0.999
 
 
+def draw_plan(folder, world):
+    """Write a building's floor plan as a picture: walls black, rooms white, the rest grey."""
+    geometry = world.grid(0.05)
+    labels = world.occupancy(geometry)
+    pixels = np.where(labels == OCCUPIED, 0, np.where(labels == FREE, 254, 205)).astype(np.uint8)
+    cv2.imwrite(str(folder / "plan.png"), pixels[::-1])
+    (folder / "plan.yaml").write_text(
+        f"image: plan.png\nresolution: 0.05\norigin: [{geometry.origin_x}, {geometry.origin_y}, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return folder / "plan.yaml"
+
+
+def test_a_map_is_laid_onto_a_floor_plan_whose_frame_is_hardly_known(files, tmp_path, capsys):
+    plan = draw_plan(tmp_path, make_world("apartment", 3))
+    x, y, theta = T_WORLD_MAP
+    near = ("--transform", x + 3.0, y - 2.0, np.degrees(theta) + 10.0)
+    assert run("map", files / "map", "--truth", plan, "--json", *near, "--align", 6) == 0
+    figures = json.loads(capsys.readouterr().out)
+    found = figures["T_truth_map"]
+    assert (found["x_m"], found["y_m"]) == pytest.approx((x, y), abs=0.02)
+    assert found["theta_deg"] == pytest.approx(np.degrees(theta), abs=0.2)
+    assert figures["confidence"] > 0.9
+    assert figures["wall_distance_m"] < 0.03
+    assert figures["agree_nearby"] > 0.98
+    for wrong in (("--align", 1), ("--align", 6, "--transform", x, y, 120.0)):
+        assert run("map", files / "map", "--truth", plan, *(near if len(wrong) == 2 else ()), *wrong) == 1
+        assert "of the stated place cannot be told, confidence 0.0" in capsys.readouterr().err
+
+
+def test_the_plan_of_another_building_is_refused(files, tmp_path, capsys):
+    plan = draw_plan(tmp_path, make_world("office", 1))
+    assert run("map", files / "map", "--truth", plan, "--align", 20) == 1
+    error = capsys.readouterr().err
+    assert "cannot be told, confidence 0." in error
+    assert "pass --transform X Y DEG, or check that it is of this floor" in error
+    assert error.count("\n") == 1
+
+
 def rows_of(files):
     return load_map(files / "map").grid.geometry.rows
 

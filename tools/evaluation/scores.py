@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from datasets.synthetic.world.world import World, WorldError, load_world
+from merging import MergeConfig, align
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.masses import OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
@@ -20,17 +22,22 @@ from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.systematic_error import systematic_error
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, relative_errors
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map
+from tbmslam.io.occupancy import masses_from_probability
 from tbmslam.io.pictures import encode_png
 from tbmslam.io.reference_trajectory import ReferenceTrajectory, read_reference
 from tbmslam.io.tum import read_tum
+from tbmslam.map.tbm_map import TbmMap
 from tools.command_line.paths import holds_map
 
 logger = logging.getLogger(__name__)
+
+_MOST_TURN = math.radians(20.0)
+"""A map may be turned by this against the stated place that --align searches around."""
 
 
 class EvaluationError(TbmSlamError):
@@ -107,7 +114,10 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
     truth = _load_truth(args.truth)
     labels = cell_labels(grid, args.min_evidence)
     T_truth_map = _given_transform(args)
-    if args.refine:
+    confidence = None
+    if args.align is not None:
+        T_truth_map, confidence = _aligned(args, grid, truth, T_truth_map)
+    if args.refine or args.align is not None:
         true_labels, true_geometry = _own_labels(truth, grid.geometry.resolution, args.min_evidence)
         T_truth_map = refine_map_transform(labels, grid.geometry, true_labels, true_geometry, T_truth_map)
     true_labels = _labels_at(truth, grid.geometry, T_truth_map, args.min_evidence)
@@ -124,10 +134,49 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
         "map": str(args.map),
         "truth": str(args.truth),
         "T_truth_map": _pose(T_truth_map),
-        "refined": args.refine,
+        "refined": args.refine or args.align is not None,
+        **({} if confidence is None else {"confidence": confidence}),
         **{name: None if math.isnan(value) else value for name, value in figures.items()},
         "wall_distance_m": None if math.isnan(wall_distance) else wall_distance * grid.geometry.resolution,
     }
+
+
+def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, guess: SE2) -> tuple[SE2, float]:
+    """Return where a map lies in the truth near a guess, and how probable that is, by the walls of both.
+
+    Raises
+    ------
+    EvaluationError
+        No place near the guess is probable enough.
+    """
+    whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
+    found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
+    if found.T_target_source is None:
+        raise EvaluationError(f"{args.map} cannot be laid onto {args.truth}: {found.reason}: pass --transform X Y DEG")
+    places = [(found.T_target_source, found.confidence)]
+    places += [(other.T_target_source, other.confidence) for other in found.alternatives]
+    middle = grid.geometry.centre_of(grid.geometry.rows / 2.0, grid.geometry.cols / 2.0)
+    near, far = list[tuple[SE2, float]](), 0.0
+    for place, probability in places:
+        apart = math.dist(place.apply(middle), guess.apply(middle))
+        if apart <= args.align and abs(wrap_angle(place.theta - guess.theta)) <= _MOST_TURN:
+            near.append((place, probability))
+        else:
+            far += probability
+    best, probability = max(near, key=lambda one: one[1], default=(guess, 0.0))
+    confidence = probability / max(1.0 - far, probability, 1e-9)  # the map does not lie in the other places
+    if confidence < MergeConfig().verification.min_confidence:
+        raise EvaluationError(
+            f"{args.map}: where it lies on {args.truth} within {args.align:g} m of the stated place cannot be told, "
+            f"confidence {confidence:.2f} ({found.reason}): pass --transform X Y DEG, or check that it is of this floor"
+        )
+    return best, confidence
+
+
+def _grid_of(world: World, resolution: float) -> TbmGrid:
+    geometry = world.grid(resolution)
+    labels = world.occupancy(geometry)
+    return TbmGrid(geometry, masses_from_probability(np.where(labels == OCCUPIED, 1.0, 0.0), labels != UNKNOWN))
 
 
 def print_report(report: Mapping[str, object], *, as_json: bool) -> None:
