@@ -26,6 +26,8 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py map out/office/robot_0 --truth world/world.npz \\
       --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
       the share of cells that are as in the world, where the trajectories say that the map lies
+  python tools/%(prog)s.py map out/office/merged --truth floor-plan.yaml --transform 12 30 0 --align 5
+      the same on a floor plan, where the map lies within five metres of the stated place
 
 of a map: known_both, known_map, known_truth count cells; agree is the share of the cells known to both that both call
 the same, agree_nearby the same where a neighbouring cell counts too; agree_occupied, agree_free: of the map's occupied

@@ -111,8 +111,8 @@ def transform_section(results: PaperResults, settings: PaperSettings) -> Section
                 "The geometric mean says little of the transform: it is taken over the matches that the transform was "
                 "fitted to, wrong ones included, small distances pull it down, and no mean over keypoints tells what "
                 f"an affine stretch does where there are none.{ratio} A maximum of tens of metres is a wrong match and "
-                "no error of the transform. The paper's pair 2, 0.000 throughout, is what three matches give: three "
-                "points always have an affine transform without any distance left."
+                "no error of the transform. The paper's pair 2, 0.000 throughout, could be what three matches "
+                "give: three points always have an affine transform without any distance left."
             ),
             "The true error includes how bent the two maps are against each other, which no rigid motion removes.",
         ],
