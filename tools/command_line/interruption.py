@@ -4,10 +4,12 @@ Only while Python itself starts, before it reads a program's first line, nobody 
 """
 
 import _thread
+import atexit
 import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -68,6 +70,17 @@ class Interruption:
             os._exit(self.code)
         raise KeyboardInterrupt
 
+    def end_at_last(self) -> None:
+        """End a program that was interrupted when all is tidied, before Python takes itself apart.
+
+        Threads of compiled code may still run then, and crash where what they use is gone.
+        """
+        if self.came is not None:
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(AttributeError, ValueError, OSError):
+                    stream.flush()
+            os._exit(self.code)
+
     def hear_what_is_dropped(self, drop: "Callable[[sys.UnraisableHookArgs], object]") -> None:
         """Hear it a little later once more where it is dropped, as by what compiled code calls back.
 
@@ -99,6 +112,7 @@ def hear_interruption(program: str) -> Interruption:
     A shell that begins a program in the background has it hear no Ctrl-C, and only a main thread can.
     """
     interruption = heard_interruption() or Interruption(program)
+    atexit.register(interruption.end_at_last)  # what is registered first is called last
     if threading.current_thread() is threading.main_thread():
         for number, (usual, _) in _HEARD.items():
             if signal.getsignal(number) is usual:
@@ -108,6 +122,7 @@ def hear_interruption(program: str) -> Interruption:
 
 def forget_interruption(interruption: Interruption) -> None:
     """Have the signals do again what they usually do."""
+    atexit.unregister(interruption.end_at_last)
     for number, (usual, _) in _HEARD.items():
         if signal.getsignal(number) is interruption:
             signal.signal(number, usual)

@@ -12,7 +12,7 @@ import pytest
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
-from tools.command_line.interruption import Interruption, hear_interruption
+from tools.command_line.interruption import Interruption, forget_interruption, hear_interruption
 from tools.command_line.program import ended
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -182,10 +182,38 @@ def test_who_is_not_to_hear_ctrl_c_does_not():
 
 
 @pytest.mark.usefixtures("on_a_terminal")
+@pytest.mark.usefixtures("on_a_terminal")
 def test_who_hears_already_goes_on_to():
     first = hear_interruption("merge")
     assert isinstance(first, Interruption)
     assert hear_interruption("another") is first is signal.getsignal(signal.SIGINT)
+    forget_interruption(first)
+
+
+ENDS_WITH_A_THREAD = """
+import atexit, signal, sys
+from tools.command_line.interruption import hear_interruption
+from tools.command_line.program import ended
+hear_interruption("merge")
+atexit.register(lambda: print("tidied"))
+class Late:
+    def __del__(self): print("taken apart")
+late = Late()
+def work():
+    if sys.argv[1] == "killed":
+        signal.raise_signal(signal.SIGTERM)
+sys.exit(ended("merge", work))
+"""
+
+
+@pytest.mark.parametrize(("how", "code", "said"), [("killed", 143, "tidied\n"), ("done", 0, "tidied\ntaken apart\n")])
+def test_an_interrupted_program_tidies_and_is_not_taken_apart(how, code, said):
+    """Compiled code may still run in threads, and crashes where Python is taken apart beneath it."""
+    command, environment = [sys.executable, "-c", ENDS_WITH_A_THREAD, how], {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.run(  # noqa: S603 - itself
+        command, env=environment, capture_output=True, check=False, text=True, timeout=60
+    )
+    assert (run.returncode, run.stdout) == (code, said)
 
 
 @pytest.mark.usefixtures("on_a_terminal")
