@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.memory import machine_memory
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_masses, count_scans, most_counted
 from tbmslam.kernels.rays.lattice import Lattice
@@ -22,6 +23,7 @@ from tbmslam.sensing.sensor_model import beam_factors
 logger = logging.getLogger(__name__)
 
 _SCANS_AT_ONCE = 1000
+_BYTES_A_CELL = 28  # counts, masses, and what a map is saved from
 
 
 def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
@@ -32,7 +34,8 @@ def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     Raises
     ------
     GridTooLargeError
-        When it would have more cells than that and every beam has its own word, so that the grid grows scan by scan.
+        When the machine has less memory than it takes; or when it would have more cells than that and every beam has
+        its own word, so that the grid grows scan by scan.
     ValueError
         When there are more than two million keyframes.
     """
@@ -123,6 +126,12 @@ def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
             resolution,
             config.resolution,
             config.max_cells,
+        )
+    needed, there = _BYTES_A_CELL * _cells(low, high, resolution), machine_memory()
+    if needed > there:
+        raise GridTooLargeError(
+            "the map spans {:.0f} x {:.0f} m and takes {:.1f} GB to draw, more than the {:.1f} GB there are: use a "
+            "smaller map.max_cells or a coarser map.resolution".format(*(high - low), needed / 1e9, there / 1e9)
         )
     (left, bottom), (right, top) = (np.floor(corner / resolution).astype(int) for corner in (low, high))
     rows, cols = int(top - bottom + 1), int(right - left + 1)

@@ -1,6 +1,4 @@
 import math
-import os
-import sys
 
 import pytest
 
@@ -43,23 +41,6 @@ def test_others_are_not(change, message):
 def test_a_product_that_would_overflow_is_refused():
     with pytest.raises(MapFileError, match="are more than"):
         check_size("a.map", 2**32, 2**32)
-
-
-def test_a_machine_has_memory_and_not_endlessly_much():
-    assert 1e8 < map_check.machine_memory() < 1e15
-
-
-def test_a_container_may_have_less(tmp_path, monkeypatch):
-    for name, text in (("max", "max\n"), ("small", "12345678\n")):
-        (tmp_path / name).write_text(text)
-    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", [str(tmp_path / name) for name in ("max", "none", "small")])
-    assert map_check.machine_memory.__wrapped__() == 12345678
-
-
-def test_what_nobody_knows_is_no_limit(monkeypatch):
-    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", ("/none",) * 2)
-    monkeypatch.delattr(os, "sysconf")
-    assert map_check.machine_memory.__wrapped__() == sys.maxsize
 
 
 def test_a_map_too_large_for_the_machine_is_refused(monkeypatch):

@@ -82,3 +82,15 @@ def test_scans_that_agree_leave_no_conflict_however_many():
     scans = [open_door] * 20 + [shut_door] * 5
     grid = render([Keyframes.from_scans(scans, poses[:25], [MOUNT] * 25)], MapConfig(resolution=0.1))
     assert grid.masses[..., CONFLICT].max() > 0.5
+
+
+def test_few_scans_far_apart_are_refused_where_memory_is_short(monkeypatch):
+    """Sixty scans over a square kilometre would take 1.7 GB."""
+    poses = [SE2(1000.0 * (k % 8) / 7.0, 1000.0 * (k // 8) / 7.0, 0.0) for k in range(60)]
+    scans = [LaserScan(float(k), -1.5, 0.1, 0.1, 30.0, np.full(30, 5.0)) for k in range(60)]
+    drive = Keyframes.from_scans(scans, poses, [SE2.identity()] * 60)
+    monkeypatch.setattr("tbmslam.map.rendering.machine_memory", lambda: 1_000_000_000)
+    said = r"the map spans \d+ x \d+ m and takes 1\.\d GB to draw, more than the 1\.0 GB there are: use a smaller"
+    with pytest.raises(GridTooLargeError, match=said):
+        render([drive], MapConfig())
+    assert render([drive], MapConfig(max_cells=30_000_000)).is_known().any()
