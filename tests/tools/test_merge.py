@@ -54,7 +54,14 @@ def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsy
     [([], "disjunctive", disjunctive), (["--rule", "dempster"], "dempster", dempster)],
 )
 def test_the_cells_follow_the_rule_and_the_report_names_it(folders, tmp_path, options, rule, combine):
-    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), *options]) == 0
+    """Of cells that are not certain: where all is, a contradiction is unknown by either rule."""
+    for name in ("here", "there"):
+        sure = map_folder.load_map(folders / name).grid
+        masses = 0.75 * sure.masses + np.float32([0.0, 0.0, 0.0, 0.25])
+        map_folder.save_map(tmp_path / name, TbmMap(TbmGrid(sure.geometry, masses)))
+    folders = tmp_path
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path / "out"), *options]) == 0
+    tmp_path /= "out"
     report, merged = json.loads((tmp_path / "report.json").read_text()), map_folder.load_map(tmp_path).grid
     assert report["fusion"]["rule"] == rule
     here, there = (
