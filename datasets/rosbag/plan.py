@@ -3,6 +3,9 @@
 import logging
 import math
 from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
 
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, find_robot_frame
@@ -10,17 +13,18 @@ from datasets.odometry.source import Mounting
 from datasets.options import RecordingOptions
 from datasets.profiles import STATA_SENSOR_POSE, with_profile
 from datasets.rosbag.files import BagFiles, Message
-from datasets.rosbag.message_types import TF_TYPES
+from datasets.rosbag.message_types import SCAN_TYPE, TF_TYPES
 from datasets.rosbag.messages import FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import ChosenTopics, choose_topics, is_static
 from datasets.scans.beam_angles import angle_warning
-from datasets.scans.clocks import ClockFinding, compare_clocks, lags_of_unset
+from datasets.scans.clocks import LATENCY_LIMIT_S, ClockFinding, compare_clocks, lags_of_unset
 from tbmslam.geometry.se2 import SE2
 
 logger = logging.getLogger(__name__)
 
 _MOST_STATIC = 2000
+_SCANS_FOR_DELAY = 50
 _NEVER_ALL_BEYOND = 100.0  # where a robot drives on the floor, something is nearer [m]
 _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
 
@@ -111,6 +115,8 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
         )
     odometry_lags = _odometry_lags(survey, frames, topics, source)
     clock = compare_clocks(laser.lags, odometry_lags, laser.sweep())
+    if clock.offset:
+        clock = compare_clocks(laser.lags, odometry_lags, max(_delivery(files, topics.scan), laser.sweep()))
     if options.clock_offset is not None:
         clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
     if clock.warning:
@@ -231,6 +237,20 @@ def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None)
             f"tf says that the laser sits {far:.0f} m from the robot's centre: pass --sensor-pose if it does not"
         )
     return tuple(said)
+
+
+def _delivery(files: BagFiles, scan_topic: str) -> float:
+    """Return how long scans of another laser take until they are recorded [s], of one whose clock is right; 0: unknown.
+
+    What a wrong clock adds cannot be told from that on the laser itself.
+    """
+    delays = []
+    for other in files.of_type(SCAN_TYPE):
+        if other.messages and other.name != scan_topic:
+            some = islice(files.messages([other.name], other.name), _SCANS_FOR_DELAY)
+            lags = [m.bag_time - m.content.stamped(math.nan).stamp for m in some if isinstance(m.content, FramedScan)]
+            delays.append(float(np.median(lags)) if lags else math.nan)
+    return min((delay for delay in delays if 0.0 < delay < LATENCY_LIMIT_S), default=0.0)
 
 
 def _odometry_lags(survey: Survey, frames: Frames | None, topics: ChosenTopics, source: str) -> list[float]:

@@ -47,16 +47,16 @@ def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) ->
     return (either if scan_lag is None else scan_lag, either if odometry_lag is None else odometry_lag)
 
 
-def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], sweep: float = 0.0) -> ClockFinding:
+def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], delay: float = 0.0) -> ClockFinding:
     """Find a constant fault between the stamps of scans and of odometry, by the bag's own clock.
 
     Parameters
     ----------
     scan_lags, odometry_lags
         Bag time minus stamp of the first messages [s].
-    sweep
-        Time from a scan's first beam, which its stamp tells, to its last [s]: a scan is recorded later than that, and
-        no clock is to blame for it.
+    delay
+        How long after its first beam, which its stamp tells, a scan is recorded [s], as far as is known: no clock is to
+        blame for it.
     """
     if len(scan_lags) < _FEWEST:
         return ClockFinding(0.0, None, None)
@@ -66,7 +66,7 @@ def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], s
     if len(odometry_lags) < _FEWEST:
         return ClockFinding(0.0, steady_lag, None)
     odometry_low, odometry_lag, odometry_high = np.percentile(odometry_lags, (10, 50, 90))
-    offset = float(scan_lag - sweep - odometry_lag)
+    offset = float(scan_lag - delay - odometry_lag)
     if abs(offset) < 1.0:
         return ClockFinding(0.0, steady_lag, None)
     apart = f"lag {offset:.2f} s behind" if offset > 0.0 else f"are {-offset:.2f} s ahead of"

@@ -30,3 +30,18 @@ def test_two_robots_on_one_topic_are_refused_in_one_line(script, tmp_path):
     bag = script.in_time_order().write(tmp_path / "run.bag")
     with pytest.raises(DatasetError, match=r"run\.bag: two lasers or robots share /scan, every other scan is of"):
         open_recording([bag])
+
+
+@pytest.mark.parametrize(
+    ("others_lag", "offset"), [(None, 60.04), (0.04, 60.0), (60.04, 60.04)], ids=["alone", "right", "as wrong"]
+)
+def test_how_long_scans_take_to_arrive_is_told_by_a_laser_whose_clock_is_right(script, tmp_path, others_lag, offset):
+    script.drive(100.0, 108.0)
+    for k in range(60):
+        now = 100.5 + 0.1 * k
+        script.scan(now - 60.0, [1.0, 2.0, 3.0 + 0.01 * k], bag_time=now + 0.04)
+        if others_lag is not None:
+            script.scan(now + 0.04 - others_lag, topic="/rear", frame="rear", bag_time=now + 0.04)
+    bag = script.in_time_order().write(tmp_path / "run.bag")
+    recording = open_recording([bag], RecordingOptions(scan_topic="/scan"))
+    assert recording.description["clock_offset_s"] == pytest.approx(offset, abs=1e-3)
