@@ -103,6 +103,10 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
         )
         header = replace(header, free_threshold=_FREE_THRESHOLD)
     occupancy = occupancy_of_image(image, header)
+    if image.alpha is not None and not (occupancy == 100).any():
+        opaque = MapImage(image.pixels[..., :-1], image.maximum)
+        if (occupancy_of_image(opaque, header) == 100).any():
+            logger.warning("%s: holds no wall, since all of its walls are transparent: paint them opaque", path)
     if not (occupancy < 0).any():
         logger.warning(
             "%s: none of its cells is unknown, so that what nobody saw speaks against other maps: paint it grey (%d), "
@@ -123,8 +127,8 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
 def occupancy_of_image(image: MapImage, header: RosMapHeader) -> npt.NDArray[np.int8]:
     """Return the occupancy (rows, cols) that map_server publishes: 0 to 100, -1 unknown; row grows with y.
 
-    Colours are averaged, and what is not opaque is unknown but in raw mode, as map_io.cpp of nav2_map_server has it in
-    2025. Before, and in ROS 1, alpha was averaged with the colours in trinary mode: `alpha: average` in the yaml.
+    Colours are averaged. What is not opaque is unknown but in raw mode, as in nav2_map_server since pull request 5071
+    (2025). Before, and in ROS 1, alpha was averaged with the colours in trinary mode: `alpha: average` in the yaml.
     """
     sums, white = image.channel_sum(with_alpha=_averages_alpha(header))
     # A pixel's occupancy depends on the sum of its channels alone: one value for each, looked up afterwards.

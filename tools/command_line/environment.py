@@ -4,9 +4,9 @@ import os
 
 from tbmslam.errors import TbmSlamError
 
-_LEAST_MB = 1200
-"""Address space that two small maps take to be merged, with two cores: 1260 MB; a small drive takes 1020. With less the
-libraries end with a segmentation fault, or wait for ever."""
+_LEAST_MB = 2000
+"""With two cores two small maps take 1260 MB of address space to be merged, a small drive 1020; with more cores more.
+With less the libraries end with a segmentation fault, or wait for ever."""
 
 
 class UnfitEnvironmentError(TbmSlamError):
@@ -24,8 +24,8 @@ def check_environment() -> None:
     limit = _memory_limit()
     if limit is not None and limit < _LEAST_MB * 10**6:
         raise UnfitEnvironmentError(
-            f"memory is limited to {limit // 10**6} MB (ulimit -v), and the compiled libraries alone take {_LEAST_MB} "
-            "MB: raise the limit to 2000000 kB or more"
+            f"memory is limited to {limit // 10**6} MB (ulimit -v), and compiled code takes up to {_LEAST_MB} MB: "
+            "raise the limit to 2000000 kB or more"
         )
     threads = os.environ.get("NUMBA_NUM_THREADS")
     if threads is not None and not (threads.isascii() and threads.isdigit() and int(threads) > 0):

@@ -55,6 +55,8 @@ def one_line(error: Exception) -> str:
 
 
 DONE, FAILED = 0, 1
+_NO_ROOM = "failed to map segment"
+"""What the system says where there is no memory for a library."""
 
 
 def ended(
@@ -96,10 +98,10 @@ def ended(
         if isinstance(error, KeyboardInterrupt) or interruption.came is not None:
             say(interruption.line)
             return interruption.code
+        no_memory = isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error))
         is_shown = debug and not (isinstance(error, OSError) and error.filename is None and _prints_nothing())
-        if is_shown or not isinstance(error, TbmSlamError | OSError | MemoryError):
+        if is_shown or not isinstance(error, Exception) or not (no_memory or isinstance(error, TbmSlamError | OSError)):
             raise
-        no_memory = isinstance(error, MemoryError)
         say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
         forget_unprinted()
         return FAILED

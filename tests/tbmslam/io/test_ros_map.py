@@ -213,6 +213,20 @@ def test_alpha_is_averaged_where_that_is_asked_for(tmp_path, caplog):
     assert "50 % of the picture is not opaque: alpha is averaged with the colours" in caplog.text
 
 
+@pytest.mark.parametrize(("alpha", "told"), [((0, 255), True), ((255, 0), False), ((255, 255), False)])
+def test_transparent_walls_are_named(tmp_path, caplog, alpha, told):
+    """One cell of wall, and one that is free."""
+    image = np.zeros((1, 2, 4), dtype=np.uint8)
+    image[0, 1, :3] = 254
+    image[0, :, 3] = alpha
+    cv2.imwrite(str(tmp_path / "map.png"), image)
+    (tmp_path / "map.yaml").write_text(
+        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    read_ros_map(tmp_path / "map.yaml")
+    assert ("map.yaml: holds no wall, since all of its walls are transparent" in caplog.text) is told
+
+
 def test_a_missing_image_is_named(tmp_path):
     write_ros_map(tmp_path, grid_of([[(0.0, 0.0)]]))
     (tmp_path / "map.pgm").unlink()

@@ -182,7 +182,6 @@ def test_who_is_not_to_hear_ctrl_c_does_not():
 
 
 @pytest.mark.usefixtures("on_a_terminal")
-@pytest.mark.usefixtures("on_a_terminal")
 def test_who_hears_already_goes_on_to():
     first = hear_interruption("merge")
     assert isinstance(first, Interruption)

@@ -197,3 +197,13 @@ def test_numbers_with_an_exponent_are_no_options():
     parser = Grammar()
     parser.add_argument("--pose", nargs=2, type=float)
     assert parser.parse_args(["--pose", "-1e-05", "-2.5E+1"]).pose == [-1e-05, -25.0]
+
+
+def test_a_library_that_finds_no_memory_is_one_line(capsys):
+    def work():
+        raise ImportError("/lib/x.so: failed to map segment from shared object")
+
+    assert ended("merge", work, out_of_memory="merge fewer maps") == 1
+    assert capsys.readouterr().err == "merge: memory has run out: merge fewer maps\n"
+    with pytest.raises(ImportError, match="no module"):
+        ended("merge", lambda: (_ for _ in ()).throw(ImportError("no module named x")))
