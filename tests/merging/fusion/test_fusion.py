@@ -10,6 +10,7 @@ from merging.fusion.warping import place, warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
 from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.grids.fusion import add_layer
 
 CERTAIN = {"free": (0, 1, 0, 0), "occupied": (0, 0, 1, 0), "unknown": (0, 0, 0, 1)}
 
@@ -187,3 +188,13 @@ def test_the_worst_place_comes_first_with_its_middle_and_area():
 
 def test_no_contradiction_has_no_place():
     assert conflict_places(fusion(np.full((5, 5), 0.05))) == []
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_keeps_as_many_numbers_of_a_cell_as_it_writes(rule):
+    layer = grid((0.0, 0.6, 0.1, 0.3))
+    kept = np.full((1, 1, 16), np.nan, dtype=np.float32)
+    agreed, seen_by = np.empty((1, 1, 4), dtype=np.float32), np.zeros((1, 1), dtype=np.uint16)
+    for _ in range(2):
+        add_layer(RULES[rule].code, layer.masses, 1.0, kept, agreed, seen_by)
+    assert np.flatnonzero(np.isfinite(kept[0, 0])).tolist() == list(range(RULES[rule].width))

@@ -70,3 +70,10 @@ def test_cells_nobody_saw_stay_unknown():
     warped = warp(block(10, 10), SE2(0.0, 0.0, 0.5), LATTICE)
     assert np.all(warped.masses[0, 0] == (0.0, 0.0, 0.0, 1.0))
     assert np.all(warped.masses[..., UNKNOWN][~warped.is_known()] == 1.0)
+
+
+@pytest.mark.parametrize("stretch", [0.0, 5e-7, 1.5e-6, 5e-6, 1e-4])
+def test_a_grid_brought_to_a_cell_size_can_be_laid_on_a_lattice_of_it(stretch):
+    grid = block(20, 30, 0.05, origin=(1.0, -2.0), margin=2)
+    lattice = grid.cropped_to_known().geometry._replace(resolution=0.05 * (1.0 + stretch))
+    assert offset_in(lattice, at_resolution(grid, lattice.resolution).geometry) == (0, 0)

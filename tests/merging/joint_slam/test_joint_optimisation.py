@@ -144,6 +144,17 @@ def test_drives_without_keyframes_stay_rigid(bent_pair):
     assert refine_jointly({"a": maps["a"], "b": replace(maps["b"], drives=(bare,))}, poses, JointConfig()) is None
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_drive_of_two_keyframes_is_enough_and_of_one_is_not(bent_pair, count):
+    """The short drive is one of two of its map; the other one finds the closures."""
+    maps, poses, _ = bent_pair
+    drive = maps["a"].drives[0]
+    short = replace(drive, keyframes=drive.keyframes.part(0, count))
+    both = {**maps, "a": replace(maps["a"], drives=(drive, short))}
+    config = JointConfig(adjustment=AdjustmentConfig(enabled=False))
+    assert (refine_jointly(both, poses, config) is not None) == (count == 2)
+
+
 def test_drives_that_share_nothing_stay_rigid(bent_pair):
     maps, _, _ = bent_pair
     assert refine_jointly(maps, {"a": SE2.identity(), "b": SE2(500.0, 0.0, 0.0)}, JointConfig()) is None

@@ -170,3 +170,20 @@ def test_maps_that_are_joined_or_accepted_already_are_not_tried():
     assert closer(maps, together, {pair: REFUSED}) == {}
     assert closer(maps, apart, {pair: replace(REFUSED, accepted=True)}) == {}
     assert closer(maps, apart, {pair: REFUSED}, OFF) == {}
+
+
+def test_where_it_is_not_aligned_once_bent_the_next_place_is_tried(monkeypatch):
+    """The right place of the target, which has less wall, is offered twice, and refused when it is first tried."""
+    target, source, true = bent_maps("store")
+    tried = []
+
+    def aligned(here, there, config):
+        tried.append(there)
+        return align_whole(here, there, config) if len(tried) > 1 else REFUSED
+
+    monkeypatch.setattr("merging.nonrigid.search.align_whole", aligned)
+    monkeypatch.setattr("merging.nonrigid.search.first_apart", lambda *_: [true.inverse()] * 2)
+    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
+    found = register_nonrigid(target, source, MergeConfig())
+    assert len(tried) == 2
+    assert found is not None

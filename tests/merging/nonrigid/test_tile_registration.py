@@ -57,6 +57,15 @@ def test_a_map_no_larger_than_a_tile_slides_in_halves_at_once(rooms):
     assert [len(tiles) for tiles in small.rounds] == [4, 4]
 
 
+def test_two_large_tiles_slide_before_their_halves(rooms):
+    floor = rooms(1)
+    floor.masses[160:] = (0.0, 0.0, 0.0, 1.0)  # 16 x 8 m are left
+    first, *others = DeformableMap.of(floor, CONFIG).rounds
+    assert len(first) == 2
+    assert len(others) == 2
+    assert all(len(tiles) > 2 for tiles in others)
+
+
 def cut(floor, side_m, most=100):
     return tiles_of(floor, side_m, most, StructureConfig())
 

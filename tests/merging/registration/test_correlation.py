@@ -9,7 +9,8 @@ from hypothesis.extra.numpy import arrays
 from merging import MergeConfig, align
 from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion.warping import warp
-from merging.registration.correlation import _cell_size, _directions, _Layout, distinct, propose
+from merging.registration import correlation
+from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -197,3 +198,13 @@ def test_the_ways_that_walls_face_are_smoothed_over_two_degrees():
     near = np.abs(degrees - 180.0) < 10.0
     spread = math.sqrt(np.average((degrees[near] - 180.0) ** 2, weights=np.maximum(facing[near], 0.0)))
     assert spread == pytest.approx(2.0, abs=0.35)
+
+
+@pytest.mark.parametrize("cell", [0.21, 0.23])
+def test_scores_stay_within_their_arrays(rooms, monkeypatch, cell):
+    """Python checks every index, which compiled loops do not."""
+    walls = structure(rooms(2))
+    search = _Search.of(walls, walls, cell, CONFIG)
+    expected = search.scores(0.3)
+    monkeypatch.setattr(correlation, "multiply", correlation.multiply.py_func)
+    np.testing.assert_allclose(search.scores(0.3), expected, atol=1e-3 * np.abs(expected).max())

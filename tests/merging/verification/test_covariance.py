@@ -111,3 +111,14 @@ def test_the_point_known_best_is_the_middle_of_what_agrees():
     np.testing.assert_allclose(
         known_best_at(exact(one)), np.average(one.points, axis=0, weights=one.weights), atol=0.05
     )
+
+
+def test_a_wall_of_one_cell_is_as_long_as_the_cell():
+    masses = np.full((5, 5, 4), (0.0, 1.0, 0.0, 0.0), dtype=np.float32)
+    masses[:2] = (0.0, 0.0, 0.0, 1.0)
+    masses[2, 2] = (0.0, 0.0, 1.0, 0.0)
+    one = WallMap.from_grid(TbmGrid(GridGeometry(0.5, 0.0, 0.0, 5, 5), masses), StructureConfig())
+    one = replace(one, weights=np.ones(1), normals=np.array([[0.0, 1.0]]))
+    across = math.sqrt(seen_from(exact(one), SE2(-1.25, -1.25, 0.0))[1][1])
+    across_m = (0.5 / CONFIG.wall_m**2 + CONFIG.place_m**-2) ** -0.5
+    assert across == pytest.approx(math.hypot(across_m, CONFIG.bend_m), rel=1e-6)
