@@ -3,38 +3,14 @@
 import json
 import logging
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from datasets import DatasetError, Recording, RecordingOptions, open_recording
+from datasets import DatasetError, open_recording
 from datasets.odometry.se3 import SE3
 from tbmslam.geometry.se2 import SE2
-from tbmslam.sensing.laser_scan import Reading
-
-STAMPS = [100.03 + 0.1 * k for k in range(60)]
-ROLLED_OVER = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-
-
-def ordinary(script, stamps=STAMPS):
-    """Odometry at 20 Hz, scans at 10 Hz, the laser 0.3 m ahead."""
-    script.tf(100.0, "base_link", "laser", SE2(0.3, 0.0, 0.0), topic="/tf_static")
-    script.drive(100.0, 106.5)
-    for k, stamp in enumerate(stamps):
-        script.scan(stamp, [1.0, 2.0, 3.0 + 0.01 * k], bag_time=stamp + 0.02)
-    return script.in_time_order()
-
-
-def assert_close(pose: SE2 | None, expected: SE2, tolerance: float = 1e-3) -> None:
-    assert pose is not None
-    error = expected.inverse() @ pose
-    assert max(map(abs, error)) < tolerance, f"{pose} instead of {expected}"
-
-
-def read(path: Path, **options: object) -> tuple[list[Reading], Recording]:
-    recording = open_recording([path], RecordingOptions(**options))
-    return list(recording), recording
+from tests.datasets.rosbag.ordinary_bag import ROLLED_OVER, STAMPS, assert_close, ordinary, read
 
 
 @pytest.mark.parametrize("kind", ["none", "bz2", "lz4", "sqlite3", "mcap"])
@@ -363,80 +339,10 @@ def test_counts_are_logged_nowhere_but_returned(script, tmp_path, capsys, caplog
     assert recording.counts.summary().startswith("60 of 60 scans used; beams: 100.0 % hit")
 
 
-def test_a_second_laser_on_the_same_topic_is_left_out(script, tmp_path):
-    script.tf(100.0, "base_link", "laser", topic="/tf_static").drive(100.0, 103.0)
-    script.scan(101.0, frame="laser").scan(101.1, [4.0], frame="rear").scan(101.2, [5.0], frame="/laser")
-    readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
-    assert len(readings) == 2
-    assert recording.counts.dropped == {"other_frame": 1}
-
-
-def two_lasers(script):
-    script.tf(99.0, "base_link", "front", topic="/tf_static").drive(100.0, 110.0)
-    for number in range(90):
-        stamp = 100.5 + 0.1 * number
-        script.scan(stamp, [np.inf] * 3, frame="blind").scan(
-            stamp + 0.05, [1.0, 2.0, 3.0 + 0.01 * number], frame="front"
-        )
-    return script.in_time_order()
-
-
-def test_the_laser_that_sees_something_is_taken(script, tmp_path, caplog):
-    caplog.set_level("WARNING")
-    readings, recording = read(two_lasers(script).write(tmp_path / "run.bag"))
-    assert len(readings) == 90
-    assert recording.description["sensor_frame"] == "front"
-    assert recording.counts.dropped == {"other_frame": 90}
-    chosen = next(record.getMessage() for record in caplog.records if "--laser-frame" in record.getMessage())
-    assert "/scan holds scans of several lasers: blind (0 of 41 at the beginning hold hits), front (40 of 40" in chosen
-    assert chosen.endswith("taken front: pass --laser-frame for another")
-    assert "90 scans of other lasers than front are left out" in caplog.text
-
-
-def test_the_laser_that_is_asked_for_is_taken(script, tmp_path, caplog):
-    script.tf(99.0, "base_link", "late", topic="/tf_static").drive(100.0, 110.0)
-    for number in range(90):  # the other one comes after what the survey mostly reads
-        script.scan(100.5 + 0.1 * number, [1.0, 2.0 + 0.01 * number], frame="late" if number > 80 else "laser")
-    path = script.in_time_order().write(tmp_path / "run.bag")
-    readings, recording = read(path, laser_frame="late")
-    assert len(readings) == 9
-    assert recording.description["sensor_frame"] == "late"
-    assert "81 scans of other lasers than late are left out" in caplog.text
-    assert "pass --laser-frame" not in caplog.text
-    caplog.clear()
-    assert read(path)[1].counts.dropped == {"other_frame": 9}
-    assert "9 scans of other lasers than laser are left out" in caplog.text
-
-
-def test_a_laser_that_is_not_there_is_one_line_with_those_that_are(script, tmp_path):
-    path = two_lasers(script).write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError) as caught:
-        open_recording([path], RecordingOptions(laser_frame="rear"))
-    assert str(caught.value) == (
-        f"{path}: no scan of /scan is of a laser in frame rear; there are blind (90 scans), front (90 scans): "
-        "choose one with --laser-frame"
-    )
-
-
 def test_topics_in_blocks_of_their_own(script, tmp_path):
     bag = ordinary(script)
     bag.messages.sort(key=lambda message: message[1])
     assert len(read(bag.write(tmp_path / "run.bag", "bz2"))[0]) == 60
-
-
-@pytest.mark.parametrize(("away", "refused"), [(30.0, False), (1e6, True), (1e300, False)])
-def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
-    script.tf(99.0, "base_link", "laser", SE2(away, 0.0, 0.0), topic="/tf_static").drive(100.0, 103.0).scan(101.0)
-    path = script.write(tmp_path / "run.bag")
-    if refused:
-        with pytest.raises(DatasetError, match=r"tf says that the laser sits 1e\+06 m from .*pass --sensor-pose"):
-            open_recording([path])
-    else:
-        _, recording = read(path)
-        # A place that is not on earth is no transform at all.
-        far = "the laser sits 30 m from the robot's centre" in caplog.text
-        assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
-        assert recording.description["sensor_pose_known"] is far
 
 
 @pytest.mark.parametrize("source", ["tf", "topic"])
