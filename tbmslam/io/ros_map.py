@@ -27,6 +27,8 @@ FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
 _OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
 _MENDED = 0.01
 """So large a share of a map saver's picture may hold other greys, where a brush was drawn over it."""
+_BAND = 256
+"""So many rows of cells are painted at once."""
 _OCCUPIED_THRESHOLD = 0.65
 _FREE_THRESHOLD = 0.196
 """nav2's own saver says 0.25, and then the pixel 205 of unknown cells, 50/255 = 0.19608, is free when read again."""
@@ -66,12 +68,13 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
     for as against, is unknown. The bounds lie near one half because the pignistic probability counts half of UNKNOWN
     either way, and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
     """
-    masses = grid.masses[::-1]
-    balance = masses[..., OCCUPIED] - masses[..., FREE]
-    needed = MIN_BALANCE * (1.0 - masses[..., CONFLICT])
-    pixels = np.full(balance.shape, UNKNOWN_PIXEL, dtype=np.uint8)
-    pixels[balance > needed] = OCCUPIED_PIXEL
-    pixels[-balance > needed] = FREE_PIXEL
+    pixels = np.full(grid.masses.shape[:2], UNKNOWN_PIXEL, dtype=np.uint8)
+    for first in range(0, len(pixels), _BAND):  # whole maps of what is computed would take more memory than the map
+        masses, painted = grid.masses[::-1][first : first + _BAND], pixels[first : first + _BAND]
+        balance = masses[..., OCCUPIED] - masses[..., FREE]
+        needed = MIN_BALANCE * (1.0 - masses[..., CONFLICT])
+        painted[balance > needed] = OCCUPIED_PIXEL
+        painted[-balance > needed] = FREE_PIXEL
     return pixels
 
 

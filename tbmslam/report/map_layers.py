@@ -9,7 +9,7 @@ from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
 from tbmslam.geometry.se2 import FloatArray, way_lengths
 from tbmslam.map.tbm_map import Drive
-from tbmslam.report.palette import Colour, Palette, levels_of
+from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Kind, Marks, Raster, Switch
 
 ROBOT_COLOURS: tuple[Colour, ...] = (
@@ -31,6 +31,9 @@ ROBOT_COLOURS: tuple[Colour, ...] = (
 MOST_CELLS = 9_000_000
 """Larger pictures are shown in coarser cells: a browser needs four bytes for each, in every layer."""
 
+_BAND = 256
+"""So many rows of cells are computed at once: whole maps of numbers would take more memory than the map."""
+
 _WHITE, _UNSEEN, _INK = (255, 255, 255), (204, 210, 217), (24, 28, 34)
 _STEP = 0.05
 _PIGNISTIC = Palette.ramp(_WHITE, _UNSEEN, _INK)
@@ -50,11 +53,18 @@ def map_layers(grid: TbmGrid) -> list[Raster]:
     """Return the pignistic picture and each mass, one of which is shown at a time."""
     geometry, masses = for_display(grid.geometry, grid.masses)
     switch = Switch(MAP, "pignistic", only_one=True, shown=True, note="probability of being occupied; 0.5 is unknown")
-    layers = [Raster(switch, geometry, levels_of(pignistic(masses)), _PIGNISTIC, _STEP)]
+    layers = [Raster(switch, geometry, _pignistic_levels(masses), _PIGNISTIC, _STEP)]
     for name, subset, palette, note in _MASSES:
         switch = Switch(MAP, name, only_one=True, note=note)
         layers.append(Raster(switch, geometry, levels_of(masses[..., subset]), palette, _STEP))
     return layers
+
+
+def _pignistic_levels(masses: Masses) -> Levels:
+    levels = np.empty(masses.shape[:2], dtype=np.uint8)
+    for first in range(0, len(masses), _BAND):
+        levels[first : first + _BAND] = levels_of(pignistic(masses[first : first + _BAND]))
+    return levels
 
 
 def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Masses]:
@@ -64,11 +74,14 @@ def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Ma
         return geometry, cells
     rows, cols = -(-geometry.rows // block), -(-geometry.cols // block)
     below, right = rows * block - geometry.rows, cols * block - geometry.cols
-    padded = cv2.copyMakeBorder(cells, 0, below, 0, right, cv2.BORDER_REPLICATE)
-    coarse = cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA)
-    return geometry._replace(resolution=geometry.resolution * block, rows=rows, cols=cols), np.asarray(
-        coarse, dtype=np.float32
-    )
+    coarse = np.empty((rows, cols, *cells.shape[2:]), dtype=np.float32)
+    step = max(_BAND // block, 1)
+    for first in range(0, rows, step):
+        last = min(first + step, rows)
+        band = cells[first * block : last * block]
+        padded = cv2.copyMakeBorder(band, 0, below if last == rows else 0, 0, right, cv2.BORDER_REPLICATE)
+        coarse[first:last] = cv2.resize(padded, (cols, last - first), interpolation=cv2.INTER_AREA)
+    return geometry._replace(resolution=geometry.resolution * block, rows=rows, cols=cols), coarse
 
 
 def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str, resolution: float) -> list[Marks]:

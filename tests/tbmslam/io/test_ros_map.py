@@ -1,4 +1,5 @@
 import math
+import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -286,3 +287,17 @@ def test_a_map_that_leaves_nothing_unknown_is_told(tmp_path, caplog, pixels, mod
     (tmp_path / "map.yaml").write_text(f"image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n{rules}")
     read_ros_map(tmp_path / "map.yaml")
     assert ("none of its cells is unknown" in caplog.text) is warned
+
+
+def test_painting_a_large_map_takes_hardly_more_than_its_picture(generator):
+    """And gives what painting it at once gives."""
+    masses = generator.dirichlet([1.0, 1.0, 1.0, 1.0], size=(2000, 1500)).astype(np.float32)
+    grid = TbmGrid(GridGeometry(0.05, 0.0, 0.0, 2000, 1500), masses)
+    tracemalloc.start()
+    pixels = ros_pixels(grid)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4 * pixels.size
+    balance, needed = masses[..., OCCUPIED] - masses[..., FREE], np.float32(0.1) * (1.0 - masses[..., 0])
+    expected = np.where(balance > needed, 0, np.where(-balance > needed, 254, 205))
+    np.testing.assert_array_equal(pixels, expected[::-1])

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,19 @@ def test_large_maps_are_shown_in_coarser_cells_that_cover_the_same_place(monkeyp
     assert coarse.shape == (6, 5, 4)
     np.testing.assert_allclose(coarse[..., OCCUPIED], 1.0)
     assert (geometry.origin_x, geometry.origin_y) == (-1.0, 2.0)
+
+
+def test_a_large_map_is_made_coarser_without_a_copy_of_it(generator, monkeypatch):
+    """And as it is at once: blocks of six by six, some of them beyond the border."""
+    monkeypatch.setattr("tbmslam.report.map_layers.MOST_CELLS", 100_000)
+    cells = generator.random((1999, 1501, 4)).astype(np.float32)
+    tracemalloc.start()
+    geometry, coarse = for_display(GridGeometry(0.05, 0.0, 0.0, 1999, 1501), cells)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 0.4 * cells.nbytes
+    assert (geometry.rows, geometry.cols) == coarse.shape[:2] == (334, 251)
+    assert geometry.resolution == pytest.approx(0.3)
+    rows, cols = (np.minimum(np.arange(size), last) for size, last in ((2004, 1998), (1506, 1500)))
+    expected = cells[rows][:, cols].reshape(334, 6, 251, 6, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(coarse, expected, atol=1e-5)
