@@ -136,7 +136,10 @@ def test_a_map_is_laid_onto_a_floor_plan_whose_frame_is_hardly_known(files, tmp_
     assert figures["agree_nearby"] > 0.98
     for wrong in (("--align", 1), ("--align", 6, "--transform", x, y, 120.0)):
         assert run("map", files / "map", "--truth", plan, *(near if len(wrong) == 2 else ()), *wrong) == 1
-        assert "of the stated place cannot be told, confidence 0.0" in capsys.readouterr().err
+        error = capsys.readouterr().err
+        assert "of the stated place cannot be told, confidence 0.0" in error
+        best = [float(word) for word in error.partition("it fits best at ")[2].partition(",")[0].split()]
+        assert best == pytest.approx([x, y, np.degrees(theta)], abs=0.3)
 
 
 def test_the_plan_of_another_building_is_refused(files, tmp_path, capsys):

@@ -166,9 +166,11 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     best, probability = max(near, key=lambda one: one[1], default=(guess, 0.0))
     confidence = probability / max(1.0 - far, probability, 1e-9)  # the map does not lie in the other places
     if confidence < MergeConfig().verification.min_confidence:
+        x, y, theta = found.T_target_source
         raise EvaluationError(
-            f"{args.map}: where it lies on {args.truth} within {args.align:g} m of the stated place cannot be told, "
-            f"confidence {confidence:.2f} ({found.reason}): pass --transform X Y DEG, or check that it is of this floor"
+            f"{args.map}: where it lies on {args.truth} within {args.align:g} m and 20 degrees of the stated place "
+            f"cannot be told, confidence {confidence:.2f}; it fits best at {x:.2f} {y:.2f} {math.degrees(theta):.1f}, "
+            f"confidence {found.confidence:.2f}: pass --transform X Y DEG, or check that it is of this floor"
         )
     return best, confidence
 
