@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
-      split one drive into three robots that share 30 %% of their way
+      split one drive into three robots that share 30 percent of their way
   python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
       one robot a bag, read like the MIT Stata Center recordings
   python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all

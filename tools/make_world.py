@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
-      three robots in an office; together they see all of it, neighbours share 30 %% of their ways
+      three robots in an office; together they see all of it, neighbours share 30 percent of their ways
   python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
 
