@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
@@ -20,6 +21,21 @@ Format = Literal["ros1", "mcap"]
 
 TOPIC, FRAME = "/map", "map"
 _TYPE = "nav_msgs/msg/OccupancyGrid"
+
+_FOREVER = QosTime(9223372036, 854775807)
+"""How ROS 2 writes that a time has no end (`RMW_DURATION_INFINITE`)."""
+_LATCHED = Qos(
+    history=QosHistory.KEEP_LAST,
+    depth=1,
+    reliability=QosReliability.RELIABLE,
+    durability=QosDurability.TRANSIENT_LOCAL,
+    deadline=_FOREVER,
+    lifespan=_FOREVER,
+    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness_lease_duration=_FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
+"""The quality of service of nav2's map server: a viewer that subscribes later still receives the map."""
 
 
 def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: float, kind: Format = "ros1") -> None:
@@ -60,7 +76,8 @@ def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
             writer.write(connection, nanoseconds, bytes(store.serialize_ros1(message, _TYPE)))
         return place
     with Rosbag2Writer(place, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
-        bag.write(bag.add_connection(TOPIC, _TYPE, typestore=store), nanoseconds, store.serialize_cdr(message, _TYPE))
+        topic = bag.add_connection(TOPIC, _TYPE, typestore=store, offered_qos_profiles=(_LATCHED,))
+        bag.write(topic, nanoseconds, store.serialize_cdr(message, _TYPE))
     return next(place.glob("*.mcap"))
 
 

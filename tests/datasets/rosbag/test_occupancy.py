@@ -5,6 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.typesys import Stores, get_typestore
 
 from datasets.rosbag.occupancy import occupancy, write_occupancy_bag
@@ -54,6 +55,15 @@ def test_rosbags_reads_the_map(grid, tmp_path, kind, name, store):
     assert (message.info.origin.position.x, message.info.origin.position.y) == (-1.25, 3.5)
     np.testing.assert_array_equal(message.data.reshape(21, 13), occupancy(grid))
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_viewers_that_subscribe_later_receive_the_map(grid, tmp_path):
+    write_occupancy_bag(tmp_path / "map.mcap", grid, STAMP, "mcap")
+    with AnyReader([tmp_path / "map.mcap"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        (connection,) = reader.connections
+    (offered,) = connection.ext.offered_qos_profiles
+    assert (offered.durability, offered.reliability) == (QosDurability.TRANSIENT_LOCAL, QosReliability.RELIABLE)
+    assert (offered.history, offered.depth) == (QosHistory.KEEP_LAST, 1)
 
 
 @pytest.mark.skipif(shutil.which("rosbag") is None, reason="ROS 1's own rosbag is not installed")
