@@ -1,15 +1,20 @@
 """Paths on the command line: files and folders, lists of maps, extra files of a result."""
 
 import argparse
+import logging
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from datasets.rosbag.occupancy import Format
     from tbmslam.map.tbm_map import TbmMap
 
-_BAGS = {"ros1": "map.bag", "mcap": "map.mcap"}
+logger = logging.getLogger(__name__)
+
+_GEOTIFF = "map.tif"
+_BAGS: "Mapping[Format, str]" = {"ros1": "map.bag", "mcap": "map.mcap"}
 
 
 def add_extra_files(grammar: argparse.ArgumentParser) -> None:
@@ -42,28 +47,38 @@ def check_extra_files(options: argparse.Namespace) -> None:
 
 
 def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
-    """Write what was asked for; what was not, and any when there is no map, is removed as part of an older map.
+    """Write the files that were asked for now, and write those of an earlier run anew, so that all show one map.
+
+    Without a map the files of an earlier run are removed. So is an earlier GeoTIFF where rasterio is not installed.
 
     Raises
     ------
     TbmSlamError
         If a file cannot be written, or what writes it is not installed.
     """
-    if options.geotiff and tbm_map is not None:
-        from tbmslam.io.geotiff import write_geotiff
+    geotiff = folder / _GEOTIFF
+    bags = {kind: folder / name for kind, name in _BAGS.items()}
+    if tbm_map is None:
+        for path in (geotiff, *bags.values()):
+            path.unlink(missing_ok=True)
+        return
+    if options.geotiff or geotiff.exists():
+        from tbmslam.io.geotiff import GeoTiffError, write_geotiff
 
-        write_geotiff(folder / "map.tif", tbm_map.grid)
-    else:
-        (folder / "map.tif").unlink(missing_ok=True)
-    for kind, name in _BAGS.items():
-        if options.occupancy_bag != kind or tbm_map is None:
-            (folder / name).unlink(missing_ok=True)
-    if options.occupancy_bag is not None and tbm_map is not None:
+        try:
+            write_geotiff(geotiff, tbm_map.grid)
+        except GeoTiffError as error:
+            if options.geotiff:
+                raise
+            logger.warning("%s shows an older map and was removed: %s", geotiff, error)
+            geotiff.unlink()
+    wanted = [kind for kind, path in bags.items() if kind == options.occupancy_bag or path.exists()]
+    if wanted:
         from datasets.rosbag.occupancy import write_occupancy_bag
 
         stamps = [float(drive.trajectory.stamps.max()) for drive in tbm_map.drives if len(drive.trajectory)]
-        path = folder / _BAGS[options.occupancy_bag]
-        write_occupancy_bag(path, tbm_map.grid, max(stamps, default=0.0), options.occupancy_bag)
+        for kind in wanted:
+            write_occupancy_bag(bags[kind], tbm_map.grid, max(stamps, default=0.0), kind)
 
 
 def path_argument(text: str) -> Path:

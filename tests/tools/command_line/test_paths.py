@@ -9,21 +9,42 @@ from tbmslam.map.tbm_map import TbmMap
 from tools.command_line.paths import add_extra_files, check_extra_files, list_maps, write_extra_files
 
 MAP = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 3, 4)))
+LARGER = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 5, 6)))
 
 
 def files(folder, tbm_map, *words):
     grammar = argparse.ArgumentParser()
     add_extra_files(grammar)
+    folder.mkdir(exist_ok=True)
     write_extra_files(folder, tbm_map, grammar.parse_args(words))
     return {path.name for path in folder.iterdir()}
 
 
-def test_only_what_was_asked_for_is_written_and_the_rest_of_an_older_map_goes(tmp_path):
+def test_only_the_files_that_were_asked_for_are_written(tmp_path):
     assert files(tmp_path, MAP) == set()
     assert files(tmp_path, MAP, "--occupancy-bag") == {"map.bag"}
-    assert files(tmp_path, MAP, "--occupancy-bag", "mcap") == {"map.mcap"}
+
+
+def test_files_of_an_earlier_run_show_the_new_map(tmp_path):
     pytest.importorskip("rasterio", reason="rasterio is not installed")
-    assert files(tmp_path, MAP, "--geotiff") == {"map.tif"}
+    written = files(tmp_path / "first", MAP, "--geotiff", "--occupancy-bag", "mcap")
+    assert files(tmp_path / "fresh", LARGER, "--geotiff", "--occupancy-bag", "mcap") == written
+    assert files(tmp_path / "first", LARGER) == written
+    for name in written:
+        fresh, again = ((tmp_path / folder / name).read_bytes() for folder in ("fresh", "first"))
+        assert again == fresh, name
+
+
+def test_another_kind_of_bag_keeps_the_first(tmp_path):
+    files(tmp_path, MAP, "--occupancy-bag")
+    assert files(tmp_path, LARGER, "--occupancy-bag", "mcap") == {"map.bag", "map.mcap"}
+
+
+def test_an_earlier_geotiff_that_cannot_be_written_anew_is_removed_with_a_warning(tmp_path, monkeypatch, caplog):
+    (tmp_path / "map.tif").write_bytes(b"an older map")
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    assert files(tmp_path, MAP) == set()
+    assert "map.tif shows an older map and was removed: a GeoTIFF needs rasterio" in caplog.text
 
 
 def test_what_cannot_be_written_is_told_before_the_work(monkeypatch):
