@@ -76,8 +76,8 @@ def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
             writer.write(connection, nanoseconds, bytes(store.serialize_ros1(message, _TYPE)))
         return place
     with Rosbag2Writer(place, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
-        topic = bag.add_connection(TOPIC, _TYPE, typestore=store, offered_qos_profiles=(_LATCHED,))
-        bag.write(topic, nanoseconds, store.serialize_cdr(message, _TYPE))
+        connection = bag.add_connection(TOPIC, _TYPE, typestore=store, offered_qos_profiles=(_LATCHED,))
+        bag.write(connection, nanoseconds, store.serialize_cdr(message, _TYPE))
     return next(place.glob("*.mcap"))
 
 

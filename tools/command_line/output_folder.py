@@ -11,6 +11,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import map_files
 from tbmslam.io.special_file import why_unreadable
+from tools.command_line.paths import EXTRA_FILES
 
 _LOCK = ".tbmslam.lock"
 _TRIES = 100
@@ -80,7 +81,7 @@ def _remove_empty(folders: list[Path]) -> None:
 NAME = "SHA256SUMS"
 _BESIDE_THE_MAP = (
     *("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png"),
-    *("map.tif", "map.bag", "map.mcap"),
+    *EXTRA_FILES,
 )
 """What programs write besides the map, but for the pages, which tell times."""
 

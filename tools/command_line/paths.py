@@ -15,6 +15,8 @@ logger = logging.getLogger(__name__)
 
 _GEOTIFF = "map.tif"
 _BAGS: "Mapping[Format, str]" = {"ros1": "map.bag", "mcap": "map.mcap"}
+EXTRA_FILES = (_GEOTIFF, *_BAGS.values())
+"""Names of the files beside a map that are written if they are asked for."""
 
 
 def add_extra_files(grammar: argparse.ArgumentParser) -> None:
@@ -56,12 +58,11 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
     TbmSlamError
         If a file cannot be written, or what writes it is not installed.
     """
-    geotiff = folder / _GEOTIFF
-    bags = {kind: folder / name for kind, name in _BAGS.items()}
     if tbm_map is None:
-        for path in (geotiff, *bags.values()):
-            path.unlink(missing_ok=True)
+        for name in EXTRA_FILES:
+            (folder / name).unlink(missing_ok=True)
         return
+    geotiff, bags = folder / _GEOTIFF, {kind: folder / name for kind, name in _BAGS.items()}
     if options.geotiff or geotiff.exists():
         from tbmslam.io.geotiff import GeoTiffError, write_geotiff
 

@@ -168,9 +168,10 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     if confidence < MergeConfig().verification.min_confidence:
         x, y, theta = found.T_target_source
         raise EvaluationError(
-            f"{args.map}: where it lies on {args.truth} within {args.align:g} m and 20 degrees of the stated place "
-            f"cannot be told, confidence {confidence:.2f}; it fits best at {x:.2f} {y:.2f} {math.degrees(theta):.1f}, "
-            f"confidence {found.confidence:.2f}: pass --transform X Y DEG, or check that it is of this floor"
+            f"{args.map}: where it lies on {args.truth} within {args.align:g} m and {math.degrees(_MOST_TURN):g} "
+            f"degrees of the stated place cannot be told, confidence {confidence:.2f}; it fits best at "
+            f"{x:.2f} {y:.2f} {math.degrees(theta):.1f}, confidence {found.confidence:.2f}: "
+            "pass --transform X Y DEG, or check that it is of this floor"
         )
     return best, confidence
 
