@@ -1,6 +1,5 @@
 """Many maps whose relative poses nobody knows become one."""
 
-import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, register_refused_pairs
 from merging.pairwise import align_all
 from merging.pose_priors import place_by_priors
+from merging.retrieval import pairs_to_align
 from merging.short_range import with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -39,7 +39,7 @@ class Merge:
     poses
         T_merged_map of every map that went into it.
     alignments
-        What was found for every pair (target, source), refusals with their reasons among them.
+        What was found for every pair (target, source) that was aligned, refusals with their reasons among them.
     left_out
         The maps that did not go into it, and why.
     fusion
@@ -82,11 +82,11 @@ def merge(
 ) -> Merge:
     """Merge maps whose relative poses nobody knows.
 
-    Every pair of maps is aligned, accepted alignments connect maps to groups, and the largest group is fused in the
-    order of the maps. Maps whose poses somebody knows (`MergeConfig.known_poses`) are a group from the start, which is
-    fused however large others are. Maps that this leaves apart are aligned again by what was seen at short range. A
-    doubtful alignment that alone joins two groups must stand for them as wholes. Maps that are still apart are bent to
-    fit.
+    Every pair of maps is aligned; of many maps only the pairs that look alike (`merging.retrieval`). Accepted
+    alignments connect maps to groups, and the largest group is fused in the order of the maps. Maps whose poses
+    somebody knows (`MergeConfig.known_poses`) are a group from the start, which is fused however large others are. Maps
+    that this leaves apart are aligned again by what was seen at short range. A doubtful alignment that alone joins two
+    groups must stand for them as wholes. Maps that are still apart are bent to fit.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def merge(
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_by_priors(maps, config)
-    unknown = [pair for pair in itertools.combinations(maps, 2) if not known.poses.keys() >= set(pair)]
+    unknown = [pair for pair in pairs_to_align(maps, config, executor) if not known.poses.keys() >= set(pair)]
     first = known.alignments | align_all(maps, config, executor, unknown)
     found = MergeState.of(maps, first, partial(_grouped, list(maps), config, executor.watch, known.poses))
     found = with_short_range_alignments(found, config, executor)
@@ -189,6 +189,8 @@ def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment])
         for (target, source), found in alignments.items()
         if (target == name and source in group.poses) or (source == name and target in group.poses)
     }
+    if not tried:
+        return "none of the merged maps looks like it, so that it was aligned with none of them"
     nearest = max(tried, key=lambda one: (tried[one].accepted, tried[one].agreed_wall_m, tried[one].inliers))
     was = "no alignment with a merged map was accepted"
     if tried[nearest].accepted:

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from merging.config.baselines import BaselinesConfig
-from merging.config.groups import GraphConfig, JointConfig
+from merging.config.groups import GraphConfig, JointConfig, RetrievalConfig
 from merging.config.registration import (
     ConsensusConfig,
     CorrelationConfig,
@@ -90,6 +90,7 @@ class MergeConfig(FrozenConfig):
     refinement: RefinementConfig = RefinementConfig()
     verification: VerificationConfig = VerificationConfig()
     covariance: ExactnessConfig = ExactnessConfig()
+    retrieval: RetrievalConfig = RetrievalConfig()
     graph: GraphConfig = GraphConfig()
     pose_priors: KnownPoseConfig = KnownPoseConfig()
     nonrigid: NonrigidConfig = NonrigidConfig()

@@ -50,6 +50,20 @@ class GraphConfig(FrozenConfig):
     robust_width: Annotated[float, Field(gt=0.0)] = 3.0
 
 
+class RetrievalConfig(FrozenConfig):
+    """Which pairs of many maps are aligned.
+
+    Parameters
+    ----------
+    neighbours
+        Each map is aligned with so many others that look most like it, and with those that it looks most like.
+    """
+
+    PUBLIC: ClassVar = ()
+
+    neighbours: Count = 20
+
+
 class JointConfig(FrozenConfig):
     """Joint optimisation of the drives of several robots.
 
