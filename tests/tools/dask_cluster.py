@@ -15,11 +15,23 @@ class DaskCluster:
 
     def __init__(self, folder, workers):
         self.folder, self.count = folder, workers
-        self.workers = []
+        self.started, self.workers = [], []
 
     def __enter__(self):
+        try:
+            return self._begin()
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def __exit__(self, *_):
+        for process in reversed(self.started):
+            process.kill()
+            process.wait()
+
+    def _begin(self):
         listing = self.folder / "scheduler.json"
-        self.scheduler = self._start(
+        self._start(
             "scheduler",
             "--host",
             "127.0.0.1",
@@ -30,16 +42,11 @@ class DaskCluster:
             "--scheduler-file",
             listing,
         )
-        self._wait(listing.is_file)
+        self._wait(lambda: _is_written(listing))
         self.address = json.loads(listing.read_text())["address"]
         for _ in range(self.count):
             self.start_worker()
         return self
-
-    def __exit__(self, *_):
-        for process in [*self.workers, self.scheduler]:
-            process.kill()
-            process.wait()
 
     def start_worker(self):
         self.workers.append(
@@ -59,10 +66,21 @@ class DaskCluster:
     def _start(self, what, *words):
         command = [sys.executable, "-m", "dask", what, *map(str, words)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-        return subprocess.Popen(command, cwd=self.folder, env=environment, stderr=subprocess.DEVNULL)  # noqa: S603
+        self.started.append(
+            subprocess.Popen(command, cwd=self.folder, env=environment, stderr=subprocess.DEVNULL)  # noqa: S603
+        )
+        return self.started[-1]
 
     def _wait(self, is_so, seconds=60):
         end = time.monotonic() + seconds
         while not is_so():
             assert time.monotonic() < end
             time.sleep(0.05)
+
+
+def _is_written(listing):
+    """Return whether the scheduler has not only opened this file but filled it."""
+    try:
+        return "address" in json.loads(listing.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return False
