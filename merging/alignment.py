@@ -38,7 +38,7 @@ class Alternative:
         return replace(self, T_target_source=self.T_target_source.inverse(), covariance=covariance)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Alignment:
     """The answer to "where does the source map lie in the target's frame?".
 
@@ -74,6 +74,8 @@ class Alignment:
         How exact it is if it is right; see `merging.verification.covariance`. None where the method does not tell.
     bent_m
         How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are.
+    lead
+        Of `correlation`, the score of the best place over that of the next one, on coarse cells; 0 where there is none.
     ambiguous
         Whether it was refused because the maps fit well in several places.
     alternatives
@@ -98,9 +100,18 @@ class Alignment:
     confidence: float = 0.0
     covariance: Covariance | None = None
     bent_m: float = 0.0
+    lead: float = 0.0
     ambiguous: bool = False
     alternatives: tuple[Alternative, ...] = ()
     evidence: Evidence | None = None
+
+    def __repr__(self) -> str:
+        """Return the answer in a line: the pose of the source in the target's frame, and why it is believed or not."""
+        verdict = "accepted" if self.accepted else "refused"
+        if self.T_target_source is None:
+            return f"Alignment({verdict}: {self.reason})"
+        x, y, degrees = format_pose(self.T_target_source)
+        return f"Alignment({verdict}, x {x} m, y {y} m, turned {degrees} degrees: {self.reason})"
 
     def at(self, T_target_source: SE2, evidence: Evidence, confidence: float, covariance: Covariance) -> "Alignment":
         """Return the answer with a place, what the maps say for and against it, its probability and exactness."""

@@ -2,7 +2,7 @@
 
 from merging.alignment import Alignment
 from merging.config import MergeConfig
-from merging.nonrigid.search import register_nonrigid
+from merging.nonrigid.search import may_be_deformed, register_nonrigid
 from merging.rigid_alignment import align_whole
 from tbmslam.map.tbm_map import TbmMap
 
@@ -31,5 +31,5 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
     """
     config = config or MergeConfig()
     found = align_whole(target, source, config)
-    closer = None if found.accepted else register_nonrigid(target, source, config)
+    closer = register_nonrigid(target, source, config) if may_be_deformed(found, config) else None
     return found if closer is None else closer.alignment

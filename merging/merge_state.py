@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from merging.alignment import Alignment, Pair
 from merging.map_graph.grouping import Group
@@ -44,10 +45,22 @@ class MergeState:
         """Return what a first look found."""
         return cls(grouping, maps, alignments, grouping(alignments))
 
+    @cached_property
+    def _numbers(self) -> Mapping[str, int]:
+        """The number of the group that each map is in."""
+        return {name: number for number, group in enumerate(self.groups) for name in group.poses}
+
+    def group_of(self, name: str) -> Group:
+        """Return the group that a map is in."""
+        return self.groups[self._numbers[name]]
+
+    def are_joined(self, pair: Pair) -> bool:
+        """Return whether the maps of a pair are in one group."""
+        return self._numbers[pair[0]] == self._numbers[pair[1]]
+
     def apart(self) -> list[Pair]:
-        """Return the pairs whose maps are in different groups."""
-        where = {name: number for number, group in enumerate(self.groups) for name in group.poses}
-        return [pair for pair in self.alignments if where[pair[0]] != where[pair[1]]]
+        """Return the pairs that were aligned and whose maps are in different groups."""
+        return [pair for pair in self.alignments if not self.are_joined(pair)]
 
     def with_alignments(
         self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None

@@ -15,9 +15,8 @@ from merging.merge_state import MergeState
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, register_refused_pairs
-from merging.pairwise import align_all
 from merging.pose_priors import place_by_priors
-from merging.retrieval import pairs_to_align
+from merging.rounds import with_pairs_aligned
 from merging.short_range import with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -28,7 +27,7 @@ from tbmslam.parallel.progress import Watch
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Merge:
     """What became of some maps.
 
@@ -66,6 +65,16 @@ class Merge:
     judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Return which maps became one, and why the others did not, a line each."""
+        count = len(self.poses) + len(self.left_out)
+        merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
+        return "\n".join([f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())])
+
+    def _repr_png_(self) -> bytes | None:
+        """Return what a notebook shows: the merged map, where there is one."""
+        return None if self.merged is None else self.merged._repr_png_()
+
     def laid(self, name: str, maps: Mapping[str, TbmMap]) -> tuple[TbmGrid, SE2]:
         """Return the grid of a map that went into it, straightened where it was, and its pose in the merged map."""
         if self.joint is None:
@@ -82,11 +91,11 @@ def merge(
 ) -> Merge:
     """Merge maps whose relative poses nobody knows.
 
-    Every pair of maps is aligned; of many maps only the pairs that look alike (`merging.retrieval`). Accepted
-    alignments connect maps to groups, and the largest group is fused in the order of the maps. Maps whose poses
-    somebody knows (`MergeConfig.known_poses`) are a group from the start, which is fused however large others are. Maps
-    that this leaves apart are aligned again by what was seen at short range. A doubtful alignment that alone joins two
-    groups must stand for them as wholes. Maps that are still apart are bent to fit.
+    Every pair of maps is aligned; of many maps only the pairs that look alike (`merging.rounds`). Accepted alignments
+    connect maps to groups, and the largest group is fused in the order of the maps. Maps whose poses somebody knows
+    (`MergeConfig.known_poses`) are a group from the start, which is fused however large others are. Maps that this
+    leaves apart are aligned again by what was seen at short range. Groups that only doubtful alignments join must fit
+    as wholes. Maps that are still apart are bent to fit.
 
     Parameters
     ----------
@@ -110,9 +119,9 @@ def merge(
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_by_priors(maps, config)
-    unknown = [pair for pair in pairs_to_align(maps, config, executor) if not known.poses.keys() >= set(pair)]
-    first = known.alignments | align_all(maps, config, executor, unknown)
-    found = MergeState.of(maps, first, partial(_grouped, list(maps), config, executor.watch, known.poses))
+    grouping = partial(_grouped, list(maps), config, executor.watch, known.poses)
+    found = MergeState.of(maps, known.alignments, grouping)
+    found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
     found = _with_looks(found, register_refused_pairs(found, config, executor))

@@ -1,18 +1,19 @@
-"""Which maps may show one place: of a thousand maps only those that look alike are aligned.
+"""How much two maps look alike, before anything is aligned: of a thousand maps few pairs show one place.
 
 A map has places every two metres along its walls. Each place has a signature that does not depend on the map's frame:
-the distances and facings of the walls around it. Two maps are alike if many places of the first have a match in the
-second that is better than in other maps, and if the matches keep the distances between the places.
+the distances and facings of the walls around it. Distant places of one building look alike by chance; how much they do
+is estimated from each map itself. Two maps are alike if many places of the first have a match in the second that beats
+chance, and if the matches keep the distances between the places.
 """
 
-import itertools
-import logging
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from merging.alignment import Pair
 from merging.config import MergeConfig
@@ -23,8 +24,6 @@ from tbmslam.kernels.search.place_matches import common_weight
 from tbmslam.kernels.search.place_signatures import FACINGS, pair_signature, spread_points
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
-
-logger = logging.getLogger(__name__)
 
 # Chosen on 120 maps of 20 simulated buildings and 38 maps cut from real drives; 8 m, and bins of 0.5 m, find fewer.
 _STEP_M, _RADIUS_M = 2.0, 6.0
@@ -38,8 +37,15 @@ _MOVABLE = 0.5
 _SCALE = 3000.0
 """Signatures are whole numbers of this length: float32 adds up whole numbers below 2**24 exactly, in any order, so that
 every machine and number of threads finds the same matches."""
-_OUTSTANDING = 2.5
-"""Standard deviations above the mean of all maps at which a match gains the weight 1."""
+_ELSEWHERE_M = 8.0
+"""Places of a map that are farther apart than this show different surroundings: what looks alike there is chance."""
+_CHANCE, _CHANCE_SPREAD, _CHANCE_COUNT = 0.93, 0.05, 10.0
+"""Mean and standard deviation of the similarity of such places in 200 simulated maps. They count as many as the last:
+a small map has few distant places."""
+_LEAST = 1e-6
+"""Weight of no agreement at all."""
+_SUREST = 5.0
+"""A match that beats chance by more standard deviations than this counts no more."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +58,13 @@ class MapPlaces:
         Where they are (P, 2) in the map's frame [m].
     signatures
         What they look like (P, B): whole numbers.
+    chance
+        Mean and standard deviation (P, 2) of each place's similarity to places elsewhere.
     """
 
     points: FloatArray
     signatures: npt.NDArray[np.float32]
+    chance: FloatArray
 
     def __len__(self) -> int:
         """Return the number of places."""
@@ -69,18 +78,41 @@ class MapPlaces:
         chosen = spread_points(points, _WALL_CELL_M, max(len(points), 1))
         points, normals = points[chosen], normals[chosen]
         if not len(points):
-            return cls(np.zeros((0, 2)), np.zeros((0, _BINS * FACINGS), dtype=np.float32))
+            return cls(np.zeros((0, 2)), np.zeros((0, _BINS * FACINGS), dtype=np.float32), np.zeros((0, 2)))
         blocks, member = np.unique(np.floor(points / _STEP_M), axis=0, return_inverse=True)
         counts = np.bincount(member.ravel(), minlength=len(blocks))
         centres = np.column_stack([np.bincount(member.ravel(), axis, len(blocks)) / counts for axis in points.T])
         around = cKDTree(points).query_ball_point(centres, _RADIUS_M, return_sorted=True)
         places = [(centre, _thinned(np.array(near))) for centre, near in zip(centres, around, strict=True)]
         places = [(centre, near) for centre, near in places if len(near) >= _FEWEST_WALLS]
-        signatures = [pair_signature(points[near], normals[near], _WIDTH_M, _BINS) for _, near in places]
-        return cls(
-            np.array([centre for centre, _ in places]).reshape(-1, 2),
-            np.rint(_SCALE * np.array(signatures).reshape(-1, _BINS * FACINGS)).astype(np.float32),
-        )
+        described = [pair_signature(points[near], normals[near], _WIDTH_M, _BINS) for _, near in places]
+        where = np.array([centre for centre, _ in places]).reshape(-1, 2)
+        signatures = np.rint(_SCALE * np.array(described).reshape(-1, _BINS * FACINGS)).astype(np.float32)
+        return cls(where, signatures, _chance(where, signatures))
+
+    def beaten_chance(self, similarities: FloatArray) -> FloatArray:
+        """Return by how many standard deviations the best of some similarities (P, Q) beat chance (P,).
+
+        The best of Q draws from a normal distribution lies about sqrt(2 ln Q) standard deviations above its mean.
+        """
+        mean, deviation = self.chance.T
+        most_by_chance = mean + deviation * math.sqrt(2.0 * math.log(similarities.shape[1]))
+        return np.asarray((similarities.max(axis=1) - most_by_chance) / deviation)
+
+
+def _chance(points: FloatArray, signatures: npt.NDArray[np.float32]) -> FloatArray:
+    """Return mean and standard deviation (P, 2) of the similarity of each place to those of its map that are far."""
+    elsewhere = cdist(points, points) > _ELSEWHERE_M
+    similarities = _similarities(signatures, signatures)
+    counts = _CHANCE_COUNT + elsewhere.sum(axis=1)
+    means = (_CHANCE_COUNT * _CHANCE + np.where(elsewhere, similarities, 0.0).sum(axis=1)) / counts
+    squares = np.where(elsewhere, (similarities - means[:, None]) ** 2, 0.0).sum(axis=1)
+    return np.column_stack((means, np.sqrt((_CHANCE_COUNT * _CHANCE_SPREAD**2 + squares) / counts)))
+
+
+def _similarities(signatures: npt.NDArray[np.float32], others: npt.NDArray[np.float32]) -> FloatArray:
+    """Return the cosines (P, Q) between signatures."""
+    return np.asarray(signatures @ others.T, dtype=np.float64) / _SCALE**2
 
 
 def _thinned(near: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -88,67 +120,49 @@ def _thinned(near: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return near if len(near) <= _MOST_WALLS else near[np.arange(_MOST_WALLS) * len(near) // _MOST_WALLS]
 
 
-def likeness(maps: Sequence[MapPlaces]) -> FloatArray:
-    """Return how much maps look alike (N, N): the log of a ratio to what is usual for both.
+def likeness(one: MapPlaces, other: MapPlaces) -> float:
+    """Return how much two maps look alike: the log of the weight of the matches that beat chance and agree, both ways.
 
-    It is symmetric. A map is not like itself, and a map without places is like none: -inf.
-
-    Parameters
-    ----------
-    maps
-        The places of two maps or more.
+    It is per place, in the geometric mean of both maps; large maps agree in more places by chance. It is symmetric and
+    does not depend on further maps. A map without places is like none: -inf.
     """
-    alike = np.full((len(maps), len(maps)), -np.inf)
-    described = [number for number, one in enumerate(maps) if len(one)]
-    if len(described) > 1:
-        logs = np.array(
-            [_common_logs(number, [maps[other] for other in described]) for number in range(len(described))]
-        )
-        alike[np.ix_(described, described)] = logs + logs.T
-    np.fill_diagonal(alike, -np.inf)
-    return alike
+    if not (len(one) and len(other)):
+        return -math.inf
+    similarities = _similarities(one.signatures, other.signatures)
+    agreeing = _common_log(one, other, similarities) + _common_log(other, one, similarities.T)
+    return agreeing - 0.5 * math.log(len(one) * len(other))
 
 
-def _common_logs(index: int, maps: Sequence[MapPlaces]) -> FloatArray:
-    """Return the log of how much of one map is matched in each map (N,), less the median; 0 for itself."""
-    one, others = maps[index], [number for number in range(len(maps)) if number != index]
-    similarities = [one.signatures @ maps[other].signatures.T for other in others]
-    best = np.column_stack([values.max(axis=1) for values in similarities])
-    deviation = np.maximum(best.std(axis=1, keepdims=True), 1.0)
-    weights = np.exp(np.maximum((best - best.mean(axis=1, keepdims=True)) / deviation, 0.0) - _OUTSTANDING)
-    logs = np.zeros(len(maps))
-    for column, (other, values) in enumerate(zip(others, similarities, strict=True)):
-        matched, weight = values.argmax(axis=1), np.ascontiguousarray(weights[:, column])
-        common = common_weight(one.points, maps[other].points, matched, weight, _TOLERANCE_M, _NEAREST_M)
-        logs[other] = np.log(common + 1e-3)
-    logs[others] -= np.median(logs[others])
-    return logs
+def _common_log(one: MapPlaces, other: MapPlaces, similarities: FloatArray) -> float:
+    """Return the log of the weight of the matches of one map's places that agree."""
+    weights = np.exp(np.minimum(one.beaten_chance(similarities), _SUREST))
+    matched = similarities.argmax(axis=1)
+    common = common_weight(one.points, other.points, matched, weights, _TOLERANCE_M, _NEAREST_M)
+    return math.log(common + _LEAST)
 
 
-def pairs_to_align(maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> list[Pair]:
-    """Return the pairs of each map with the maps most like it: all pairs where there are few maps.
+def likeness_of_all(maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> dict[Pair, float]:
+    """Return how much maps look alike, for every pair in their order.
 
     Parameters
     ----------
     maps
         Maps by name.
     config
-        With how many others a map is aligned.
+        What counts as a wall.
     executor
-        What finds the places of each map.
+        What compares them.
     """
-    names = list(maps)
-    pairs = list(itertools.combinations(names, 2))
-    neighbours = config.retrieval.neighbours
-    if len(names) <= neighbours + 1 or config.method != "correlation":
-        return pairs
-    calls = [Call(f"places of {name}", _places, (CompressedGrid(maps[name].grid), config)) for name in names]
-    places: list[MapPlaces] = executor.results(calls, "describing", "maps")
-    with executor.watch.during("retrieval"):
-        nearest = np.argsort(-likeness(places), axis=1, kind="stable")[:, :neighbours]
-    chosen = {frozenset((name, names[other])) for name, row in zip(names, nearest, strict=True) for other in row}
-    logger.info("%d of %d pairs of maps look alike and are aligned", len(chosen), len(pairs))
-    return [pair for pair in pairs if frozenset(pair) in chosen]
+    places = [Call(f"places of {name}", _places, (CompressedGrid(one.grid), config)) for name, one in maps.items()]
+    calls = [Call(f"likeness of {name}", _likeness_to, tuple(places[: n + 1])) for n, name in enumerate(maps)]
+    rows: list[list[float]] = executor.results(calls, "comparing", "maps")
+    return {(one, other): rows[n][m] for m, one in enumerate(maps) for n, other in enumerate(maps) if m < n}
+
+
+def _likeness_to(*maps: MapPlaces) -> list[float]:
+    """Return how much the last of some maps looks like each of the others."""
+    *others, last = maps
+    return [likeness(last, other) for other in others]
 
 
 def _places(sent: CompressedGrid, config: MergeConfig) -> MapPlaces:

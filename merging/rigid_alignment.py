@@ -7,8 +7,9 @@ from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
 from merging.fusion.warping import at_resolution, check_cell_size
+from merging.registration.correlation import propose
 from merging.registration.features import Features, describe, match
-from merging.registration.hypotheses import Candidate, find_candidates, refine_all
+from merging.registration.hypotheses import Candidate, best_of, lead_of, refine_all
 from merging.registration.ransac import find_consensus
 from merging.scoring.confidence import confidences
 from merging.scoring.decoys import score_hypotheses
@@ -134,8 +135,10 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
     """Align by the most likely of all rotations and shifts."""
     if source.wall_m > target.wall_m:  # the search is not the same both ways; who is named first must not matter
         return _by_correlation(source, target, config).reversed()
-    found = Alignment("correlation", accepted=False, reason="no rotation and shift brings the walls together")
-    candidates = find_candidates(target, source, config)
+    proposals = propose(target, source, config.correlation)
+    candidates = best_of(proposals.motions, target, source, config)
+    reason = "no rotation and shift brings the walls together"
+    found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source))
     if not candidates:
         return found
     return _judged(found, candidates, (target, source), config)

@@ -3,7 +3,8 @@
 `slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
 memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
 `align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
-is worth. `merge` prints what a merge costs by area, beside the paper's own program. `split` cuts recordings into robots
+is worth. `merge` prints what a merge costs by area, beside the paper's own program. `fleet` merges many maps of many
+buildings. `split` cuts recordings into robots
 that do not know of each other, maps each, merges the maps and holds the result against the recording mapped uncut.
 `perturb` maps recordings as they are and a little different, and prints by how much the errors grow. `strangers`
 counts how often maps that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a
@@ -16,12 +17,13 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     hear_interruption("benchmark")
 
 import argparse
+import re
 import sys
 from typing import Any
 
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import Grammar, ended, examples
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -47,23 +49,24 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 """
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(program: str = "benchmark") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = Grammar(
-        prog="benchmark", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     more: dict[str, Any] = {
-        "epilog": EXAMPLES.replace("%(prog)s", "benchmark"),
+        "epilog": examples(EXAMPLES, program),
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
     commands = grammar.add_subparsers(
-        dest="command", required=True, metavar="slam|scaling|align|merge|split|perturb|strangers|limits"
+        dest="command", required=True, metavar="slam|scaling|align|merge|fleet|split|perturb|strangers|limits"
     )
     for name, about, add in (
         ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam),
         ("scaling", "cost of a scan against the length of the drive and the size of map", _add_scaling),
         ("align", "how often pairs of maps are aligned rightly", _add_align),
         ("merge", "cost of a merge against the area of the maps, and of many robots", _add_merge),
+        ("fleet", "cost and errors of merging many maps of many buildings", _add_fleet),
         ("split", "recordings cut into robots, mapped and merged again", _add_split),
         ("perturb", "how much errors grow when recordings are a little different", _add_perturb),
         ("strangers", "how often maps that do not belong together are merged", _add_strangers),
@@ -165,19 +168,32 @@ def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
 
 
+def _add_fleet(fleet: argparse.ArgumentParser) -> None:
+    fleet.add_argument(
+        "sizes",
+        nargs="*",
+        default=["1x40", "40x1"],
+        metavar="BUILDINGSxMAPS",
+        help="how many buildings, and maps of each (1x40 40x1)",
+    )
+    fleet.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other buildings (0)")
+    fleet.add_argument("--workers", type=int, default=1, metavar="N", help="processes; the result is the same (1)")
+    fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs instead")
+
+
 def _add_limits(limits: argparse.ArgumentParser) -> None:
     limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    grammar = parser()
+def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
     args = grammar.parse_args(argv)
     try:
         _check(args)
     except ValueError as error:
         grammar.error(str(error))
-    return ended("benchmark", lambda: _run(args), debug=args.debug)
+    return ended(program, lambda: _run(args), debug=args.debug)
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -196,6 +212,8 @@ def _check(args: argparse.Namespace) -> None:
             raise ValueError(f"--repeat and --workers must be positive, --robots within 0 and {MOST_ROBOTS}")
         if not all(1.0 <= area <= 1e7 for area in args.areas) or not 1e-3 <= args.resolution <= 100.0:
             raise ValueError("--areas must lie within 1 and 1e7 m2, --resolution within 0.001 and 100 m")
+    elif args.command == "fleet":
+        _check_fleet(args)
     elif args.command == "split":
         _check_split(args)
     elif args.command == "perturb":
@@ -204,10 +222,7 @@ def _check(args: argparse.Namespace) -> None:
         if not 1e-4 <= args.share <= 1.0:
             raise ValueError(f"--share must lie within 0.0001 and 1, got {args.share}")
     elif args.command == "strangers":
-        if min(args.pairs, args.workers) < 1 or min(args.seed, args.sets) < 0:
-            raise ValueError("--pairs and --workers must be positive, --seed and --sets not negative")
-        if args.sets and args.json:
-            raise ValueError("--json keeps pairs, not --sets")
+        _check_strangers(args)
     else:
         _check_drives(args)
 
@@ -217,6 +232,28 @@ def _numbers(option: str, text: str) -> list[float]:
         return [float(word) for word in text.split(",")]
     except ValueError:
         raise ValueError(f"{option} must be numbers with commas between, got {text!r}") from None
+
+
+def _check_strangers(args: argparse.Namespace) -> None:
+    """Refuse numbers of `strangers` that mean nothing; see `_check`."""
+    if min(args.pairs, args.workers) < 1 or min(args.seed, args.sets) < 0:
+        raise ValueError("--pairs and --workers must be positive, --seed and --sets not negative")
+    if args.sets and args.json:
+        raise ValueError("--json keeps pairs, not --sets")
+
+
+def _check_fleet(args: argparse.Namespace) -> None:
+    """Turn the texts of `fleet` into what they mean; see `_check`."""
+    if args.workers < 1 or args.seed < 0:
+        raise ValueError("--workers must be positive, --seed not negative")
+    args.sizes = [_fleet_size(text) for text in args.sizes]
+
+
+def _fleet_size(text: str) -> tuple[int, int]:
+    size = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text)
+    if size is None or not 2 <= int(size[1]) * int(size[2]) <= MOST_ROBOTS:
+        raise ValueError(f"a fleet is BUILDINGSxMAPS, as 30x10, of 2 to {MOST_ROBOTS} maps, got {text!r}")
+    return int(size[1]), int(size[2])
 
 
 def _check_split(args: argparse.Namespace) -> None:
@@ -284,6 +321,10 @@ def _run(args: argparse.Namespace) -> None:
         from tools.benchmarks.merge import benchmark_merge
 
         benchmark_merge(args)
+    elif args.command == "fleet":
+        from tools.benchmarks.fleet import benchmark_fleet
+
+        benchmark_fleet(args)
     elif args.command == "split":
         from tools.benchmarks.split import benchmark_split
 

@@ -55,13 +55,18 @@ class RetrievalConfig(FrozenConfig):
 
     Parameters
     ----------
+    few
+        Up to so many maps all pairs are aligned. Where 24 maps of three real drives were aligned in rounds, one of them
+        was not joined: the pairs that join it share little, and do not look alike.
     neighbours
-        Each map is aligned with so many others that look most like it, and with those that it looks most like.
+        In each round a map is aligned with so many others that look most like it. With 3, 7 and 12 all 30 maps are
+        joined that three real drives were cut into; with 3 and 7 two of them are not.
     """
 
     PUBLIC: ClassVar = ()
 
-    neighbours: Count = 20
+    few: Count = 30
+    neighbours: tuple[Count, ...] = (3, 7, 15)
 
 
 class JointConfig(FrozenConfig):

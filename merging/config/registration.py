@@ -216,6 +216,10 @@ class NonrigidConfig(FrozenConfig):
         Side of the tiles that slide at first, about [m]; later ones have half of it.
     most
         Tiles of a map at the most; those of larger maps are larger.
+    min_lead
+        Pairs are tried in which the correlation scores the best place higher than the next one by this factor. Of 66
+        bent pairs of simulated floors that are aligned so the least has 1.08; 60 of 187 pairs of different places have
+        less than 1.05, and a quarter of the time is saved.
     places
         So many of the places that the correlation likes most are tried.
     rivals
@@ -231,6 +235,7 @@ class NonrigidConfig(FrozenConfig):
     enabled: bool = True
     side_m: Metres = 16.0
     most: Annotated[int, Field(ge=2)] = 24
+    min_lead: Annotated[float, Field(ge=0.0)] = 1.05
     places: Count = 1
     rivals: Count = 8
     min_agreement: Share = 0.5

@@ -14,7 +14,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config.groups import GraphConfig
 from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, hypotheses_of, is_same_place
-from merging.map_graph.links import links_of
+from merging.map_graph.links import GroupLinks
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_graph import MotionEdge
@@ -77,14 +77,10 @@ def groups_of(
     trusted = _without_outvoted(offers, config)
     groups = [centroids.group(known)[1]] if known else []
     groups += [{name: SE2.identity()} for name in names if name not in known]
-    while True:
-        joints = links_of(groups, trusted, config)
-        if not joints:
-            break
-        best = max(joints, key=lambda joint: joint[:2])
-        groups[best.first] |= {name: best.motion @ pose for name, pose in groups[best.second].items()}
-        del groups[best.second]
-    ordered = [{name: group[name] for name in names if name in group} for group in groups]
+    links = GroupLinks(groups, trusted, config)
+    while found := links.all():
+        links.join(max(found, key=lambda link: link[:2]))
+    ordered = [{name: group[name] for name in names if name in group} for group in groups if group]
     finished = [_finished(group, offers, centroids, config) for group in ordered]
     return sorted(
         finished, key=lambda group: (known.keys().isdisjoint(group.poses), -len(group), list(names).index(group.first))

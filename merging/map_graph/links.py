@@ -1,6 +1,5 @@
 """Where groups of maps may lie in each other's frames, and what speaks for it: alignments, and ways over others."""
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -37,13 +36,46 @@ class GroupLink(NamedTuple):
     motion: SE2
 
 
-def links_of(
-    groups: Sequence[Mapping[str, SE2]], offers: Sequence[PoseHypothesis], config: GraphConfig
-) -> list[GroupLink]:
-    """Return of any two groups the place for which most speaks, where enough does."""
-    links = _Links(groups, offers)
-    pairs = itertools.combinations(range(len(groups)), 2)
-    return [joint for pair in pairs if (joint := _best_link(links, *pair, config)) is not None]
+class GroupLinks:
+    """Groups that grow as links join them; what a join does not concern is not looked at again.
+
+    Parameters
+    ----------
+    groups
+        Poses of the maps of each group in its frame; changed as they are joined, and empty once in another.
+    offers
+        Where maps may lie in each other's frames.
+    config
+        When two places are one, and how much must speak for a link.
+    """
+
+    def __init__(self, groups: Sequence[dict[str, SE2]], offers: Sequence[PoseHypothesis], config: GraphConfig) -> None:
+        self.groups, self._offers, self._config = groups, offers, config
+        self._found: dict[tuple[int, int], GroupLink] = {}
+        links = _Links(groups, offers)
+        self._look(links, links.pairs())
+
+    def all(self) -> list[GroupLink]:
+        """Return of any two groups the place for which most speaks, where enough does."""
+        return [self._found[pair] for pair in sorted(self._found)]
+
+    def join(self, link: GroupLink) -> None:
+        """Put the second group of a link into the first."""
+        self.groups[link.first].update({n: link.motion @ pose for n, pose in self.groups[link.second].items()})
+        self.groups[link.second].clear()
+        links = _Links(self.groups, self._offers)
+        self._found = {pair: one for pair, one in self._found.items() if link.second not in pair}
+        # Only the links to the group, and those that may lead over it, are others than before.
+        near = {link.first, *links.neighbours(link.first)}
+        self._look(links, [pair for pair in links.pairs() if near.issuperset(pair)])
+
+    def _look(self, links: "_Links", pairs: Sequence[tuple[int, int]]) -> None:
+        for pair in pairs:
+            best = _best_link(links, *pair, self._config)
+            if best is None:
+                self._found.pop(pair, None)
+            else:
+                self._found[pair] = best
 
 
 class _Links:
@@ -72,6 +104,14 @@ class _Links:
         for pair, joining in found.items():
             counts[pair] = len(joining)
         self._counts, self._begins = counts, np.cumsum(counts).reshape(counts.shape) - counts
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs of groups that offers join, the first group before the second."""
+        return [(int(first), int(second)) for first, second in np.argwhere(np.triu(self._counts))]
+
+    def neighbours(self, group: int) -> list[int]:
+        """Return the groups that offers join with a group."""
+        return [int(other) for other in np.flatnonzero(self._counts[group])]
 
     def between(self, first: int, second: int) -> slice:
         """Return which links lead from one group to another."""

@@ -82,7 +82,7 @@ class DeformedRivals:
             How maps are bent, and what is looked at.
         """
         mirror = DeformableMap.of(mirrored(source.grid), config)
-        decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation), config)
+        decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
         places = [place, *_rivals(target, source, proposals, config)]
         motions = first_apart(places, source.structure, len(places))
         own, others = (
@@ -162,7 +162,7 @@ def _bent_onto(
     target: TbmGrid, fixed: WallMap, source: DeformableMap, config: MergeConfig
 ) -> NonrigidRegistration | None:
     """Deform a map at the places that look best, until it is aligned at one."""
-    proposals = propose(fixed, source.structure, config.correlation)
+    proposals = propose(fixed, source.structure, config.correlation).motions
     for place in first_apart(proposals, source.structure, config.nonrigid.places):
         laid = deform(fixed, source, place, config)
         if laid is None:
@@ -209,6 +209,14 @@ def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment
     )
 
 
+def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
+    """Tell whether a pair may show one place, if it was refused: whether one place stands out in the correlation.
+
+    The correlation bears with some tenths of a metre, so that the true place of a deformed map stands out in it.
+    """
+    return not refused.accepted and refused.lead >= config.nonrigid.min_lead
+
+
 def register_refused_pairs(
     found: MergeState,
     config: MergeConfig,
@@ -225,7 +233,7 @@ def register_refused_pairs(
     executor
         Who bends them.
     """
-    pairs = [pair for pair in found.apart() if not found.alignments[pair].accepted]
+    pairs = [pair for pair in found.apart() if may_be_deformed(found.alignments[pair], config)]
     if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}
     maps = {

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -110,8 +111,23 @@ class _Layout:
         return float(np.quantile(np.abs(self.walls), 0.8))
 
 
-def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> list[SE2]:
-    """Return the most promising motions T_target_source, the best first, no two of them alike.
+class Proposals(NamedTuple):
+    """The most promising motions of one map in the frame of another.
+
+    Parameters
+    ----------
+    motions
+        T_target_source (K,), the best first, no two of them alike.
+    scores
+        How much more wall agrees there than disagrees (K,), about [m].
+    """
+
+    motions: list[SE2]
+    scores: FloatArray
+
+
+def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> Proposals:
+    """Return the most promising motions T_target_source.
 
     Parameters
     ----------
@@ -119,7 +135,7 @@ def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> list
         What the maps say for certain; a map without walls aligns with nothing.
     """
     if len(target.points) == 0 or len(source.points) == 0:
-        return []
+        return Proposals([], np.zeros(0))
     cell = _cell_size(target, source, config)
     search = _Search.of(target, source, cell, config)
     steps = math.ceil(2.0 * math.pi / min(max(cell / max(search.moving.spread(), cell), 0.01), 0.05))
@@ -131,7 +147,8 @@ def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> list
         peaks.append(np.column_stack((values, shifts.real, shifts.imag, np.full(len(values), theta))))
     places = np.concatenate(peaks)
     best = distinct(places[:, 1:], places[:, 0], 3.0 * cell, 5.0 * math.pi / steps, config.proposals)
-    return [_motion(search.fixed.centre, search.moving.centre, x + 1j * y, theta) for x, y, theta in places[best, 1:]]
+    fixed, moving = search.fixed.centre, search.moving.centre
+    return Proposals([_motion(fixed, moving, x + 1j * y, theta) for x, y, theta in places[best, 1:]], places[best, 0])
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from merging.config import MergeConfig
-from merging.registration.correlation import distinct, propose
+from merging.registration.correlation import Proposals, distinct, propose
 from merging.verification.evidence import Evidence, examine_all, support_m
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.geometry.se2 import SE2, FloatArray, compose
@@ -12,6 +12,9 @@ from tbmslam.wall_limits import FACING
 
 _ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
 """Alignments farther apart than this are different answers, not one answer twice."""
+
+_LEAST_SCORE_M = 1.0
+"""So little wall agrees anywhere by chance [m]."""
 
 Candidate = tuple[SE2, Evidence]
 """A motion T_target_source and what the maps say about it."""
@@ -23,7 +26,7 @@ def find_candidates(target: WallMap, source: WallMap, config: MergeConfig) -> li
     The correlation proposes many motions on coarse cells; a few hundred walls slide and some more judge all of
     them, and all walls the best.
     """
-    return best_of(propose(target, source, config.correlation), target, source, config)
+    return best_of(propose(target, source, config.correlation).motions, target, source, config)
 
 
 def best_of(proposals: list[SE2], target: WallMap, source: WallMap, config: MergeConfig) -> list[Candidate]:
@@ -51,6 +54,15 @@ def refine_all(target: WallMap, source: WallMap, motions: list[SE2], config: Mer
     reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
     some = target.some(how.many_walls), source.some(how.many_walls)
     return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
+
+
+def lead_of(proposals: Proposals, source: WallMap) -> float:
+    """Return the score of the best of some proposals over that of the best one elsewhere; 0 where there is none."""
+    if not proposals.motions:
+        return 0.0
+    best = {motion: float(score) for motion, score in zip(*proposals, strict=True)}
+    scores = [best[motion] for motion in elsewhere(proposals.motions, proposals.scores, source, 2)]
+    return max(scores[0], 0.0) / max(*scores[1:], _LEAST_SCORE_M)
 
 
 def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:

@@ -35,3 +35,9 @@ def test_it_is_written_with_lists_of_numbers():
     assert written["T_target_source"] == list(PLACE)
     assert written["covariance"] == COVARIANCE
     assert written["alternatives"][0]["T_target_source"] == list(ELSEWHERE)
+
+
+def test_it_is_shown_in_a_line():
+    found = Alignment("correlation", True, "confidence 0.986", SE2(3.0, -2.0, math.pi / 2.0))
+    assert repr(found) == "Alignment(accepted, x 3.000 m, y -2.000 m, turned 90.00 degrees: confidence 0.986)"
+    assert repr(Alignment("correlation", False, "the map is empty")) == "Alignment(refused: the map is empty)"

@@ -1,11 +1,13 @@
 """Bridges between groups of maps of small floors; two floors hold the same small room, by which maps of both align."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from merging import MergeConfig, merge, merged_group
-from merging.alignment import Alignment
-from merging.bridges import bridges_of, refute_bridge
+from merging.alignment import Alignment, Alternative
+from merging.bridges import bridges_of, refute_bridge, without_refuted_bridges
 from merging.fusion.warping import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
@@ -89,8 +91,9 @@ def test_a_refuted_bridge_keeps_its_pose_and_says_why_it_is_refused(strangers):
     aligned = align_all(strangers, CONFIG)
     before = aligned["b", "c"]
     assert 0.9 < before.confidence < CONFIG.graph.sure_alone
-    (pair, refusal), fitting = refuted(strangers, aligned)
-    assert (pair, refusal.accepted, refusal.T_target_source) == (("b", "c"), False, before.T_target_source)
+    found, fitting = refuted(strangers, aligned)
+    refusal = found["b", "c"]
+    assert (refusal.accepted, refusal.T_target_source) == (False, before.T_target_source)
     assert refusal.confidence < CONFIG.graph.min_whole
     assert refusal.reason.startswith("groups of 2 and 2 maps")
     assert refusal.reason.endswith(before.reason)
@@ -100,21 +103,21 @@ def test_a_refuted_bridge_keeps_its_pose_and_says_why_it_is_refused(strangers):
 def test_a_true_bridge_stands_and_its_groups_are_not_aligned_again(neighbours):
     alignments = SURE | stated("bc", 0.95)
     nothing, fitting = refuted(neighbours, alignments)
-    assert nothing is None
+    assert nothing == {}
     assert fitting == {(("b", "c"), frozenset("ab"), frozenset("cd"))}
-    assert refuted({}, alignments, stood=fitting) == (None, set())
+    assert refuted({}, alignments, stood=fitting) == ({}, set())
 
 
 def test_groups_that_fit_elsewhere_do_not_bear_a_bridge_out(neighbours):
     motion = POSES["b"] @ SE2(3.0, 0.0, 0.0) @ POSES["c"].inverse()
-    (_, refusal), _ = refuted(neighbours, SURE | stated("bc", 0.95, motion))
-    assert (refusal.accepted, refusal.confidence) == (False, 0.0)
+    found, _ = refuted(neighbours, SURE | stated("bc", 0.95, motion))
+    assert (found["b", "c"].accepted, found["b", "c"].confidence) == (False, 0.0)
 
 
 def test_groups_without_a_wall_in_common_do_not_bear_a_bridge_out(neighbours):
     lawn = seen(np.zeros((100, 100), dtype=np.int8), np.True_, SE2.identity())
-    (_, refusal), _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | stated("bc", 0.95))
-    assert (refusal.accepted, refusal.confidence) == (False, 0.0)
+    found, _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | stated("bc", 0.95))
+    assert (found["b", "c"].accepted, found["b", "c"].confidence) == (False, 0.0)
 
 
 @pytest.mark.parametrize("tile", [0, 1])
@@ -128,27 +131,58 @@ def test_of_two_poses_that_fit_alike_either_bears_a_bridge_out(tile):
     maps = {"a": seen(both, everywhere, none), "b": seen(both, lower, none), "c": seen(half, half > -1, none)}
     motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
     nothing, fitting = refuted(maps, stated("ab", 0.999, none) | stated("bc", 0.95, motion))
-    assert nothing is None
+    assert nothing == {}
     assert fitting == {(("b", "c"), frozenset("ab"), frozenset("c"))}
 
 
 def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch):
     monkeypatch.setattr(merged_group, "MAX_CELLS", 1000)
     nothing, fitting = refuted(strangers, SURE | stated("bc", 0.95))
-    assert (nothing, len(fitting)) == (None, 1)
+    assert (nothing, len(fitting)) == ({}, 1)
 
 
 def test_the_most_doubtful_bridge_is_checked_first(strangers):
     chain = stated("ab", 0.97) | stated("bc", 0.91) | stated("cd", 0.95)
-    (pair, _), fitting = refuted(strangers, chain)
-    assert (pair, fitting) == (("b", "c"), set())
+    found, fitting = refuted(strangers, chain)
+    assert (list(found), fitting) == ([("b", "c")], set())
+
+
+AGREEING = [stated(pair, p, accepted=False) for pair, p in (("bc", 0.84), ("ad", 0.8), ("bd", 0.7), ("ac", 0.6))]
+
+
+def test_refused_alignments_that_agree_are_a_bridge_as_well(strangers, neighbours):
+    alignments = SURE | AGREEING[0] | AGREEING[1] | AGREEING[2] | AGREEING[3]
+    assert [len(group) for group in state_of(strangers, alignments).groups] == [4]
+    assert sides_of(alignments) == {"bc": ("ab", "cd")}
+    found, _ = refuted(strangers, alignments)
+    assert found.keys() == alignments.keys() - SURE.keys()
+    assert all(one.confidence < CONFIG.graph.min_whole for one in found.values())
+    assert [len(group) for group in state_of(strangers, alignments | found).groups] == [2, 2]
+    assert refuted(neighbours, alignments)[0] == {}
+
+
+def test_a_refuted_bridge_of_a_group_that_stays_is_not_checked_again(strangers):
+    alignments = SURE | AGREEING[0] | AGREEING[1]
+    (group,) = state_of(strangers, alignments).groups
+    found = without_refuted_bridges(MergeState.of(strangers, alignments, lambda _: [group]), CONFIG, Executor())
+    assert found.alignments["b", "c"].confidence < CONFIG.graph.min_whole
+
+
+def test_refuted_alternatives_are_unlikely_too(strangers):
+    elsewhere = SE2(30.0, 0.0, 0.0)
+    (_, second), *_ = AGREEING[1].items()
+    alternative = Alternative(second.T_target_source, 0.8, 10.0)
+    other = {("a", "d"): replace(second, T_target_source=elsewhere, confidence=0.1, alternatives=(alternative,))}
+    found, _ = refuted(strangers, SURE | AGREEING[0] | AGREEING[2] | AGREEING[3] | other)
+    assert (found["a", "d"].confidence, found["a", "d"].T_target_source) == (0.1, elsewhere)
+    assert found["a", "d"].alternatives[0].confidence < CONFIG.graph.min_whole
 
 
 def test_refused_alignments_put_maps_on_sides():
-    # Without the alignment of a and b, the group falls into a, c, d and b.
+    # Without the alignment of a and b, the group falls into a, c, d and b; no accepted one joins d.
     refused = [stated(pair, p, accepted=False) for pair, p in (("ad", 0.84), ("cd", 0.8), ("bd", 0.1))]
     alignments = stated("ab", 0.95) | stated("ac", 0.999) | refused[0] | refused[1] | refused[2]
-    assert sides_of(alignments) == {"ab": ("acd", "b")}
+    assert sides_of(alignments) == {"ab": ("acd", "b"), "ad": ("abc", "d")}
 
 
 @pytest.mark.parametrize(("confidence", "side"), [(0.001, "b"), (0.9, "ab")])

@@ -125,6 +125,8 @@ def test_three_maps_become_one_and_the_foreign_one_is_named(rooms):
     for name, pose in result.poses.items():
         assert_near(pose, TURNS["a"] @ TURNS[name].inverse(), metres=0.1)
     assert list(result.left_out) == ["foreign"]
+    assert repr(result).startswith("Merge of 4 maps: merged a, b, c\n  foreign: no alignment with a merged map")
+    assert result._repr_png_() == result.merged._repr_png_()
     assert "no alignment with a merged map was accepted; with " in result.left_out["foreign"]
     assert len(result.alignments) == 6
 
@@ -166,6 +168,9 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert result.fusion is None
     assert dict(result.poses) == {}
     assert dict(result.left_out) == dict.fromkeys(["one", "two"], "no other map could be aligned with it")
+    why = "no other map could be aligned with it"
+    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}"
+    assert result._repr_png_() is None
 
 
 def test_where_accepted_alignments_outweigh_each_other_that_is_said(rooms, monkeypatch):
@@ -175,7 +180,7 @@ def test_where_accepted_alignments_outweigh_each_other_that_is_said(rooms, monke
         ("b", "c"): accepted_at(20.0, 0.97),
         ("a", "d"): Alignment("correlation", accepted=False, reason="too little"),
     }
-    monkeypatch.setattr("merging.merger.align_all", lambda *_: found)
+    monkeypatch.setattr("merging.rounds.align_all", lambda *_: found)
     as_they_are = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
     result = merge(dict.fromkeys("abcd", TbmMap(rooms(1))), as_they_are)
     assert result.merged is None

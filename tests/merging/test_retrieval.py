@@ -1,59 +1,60 @@
 """Maps of several small floors; of each floor two robots saw overlapping parts."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
 
-from merging import MergeConfig, merge
+from merging import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.fusion.warping import warp
-from merging.retrieval import MapPlaces, likeness, pairs_to_align
+from merging.retrieval import MapPlaces, likeness, likeness_of_all
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
-from tests.merging.conftest import draw_rooms, grid_of_occupancy
-
-FLOORS = range(1, 6)
-
-
-def with_neighbours(count):
-    return MergeConfig.model_validate({"nonrigid": {"enabled": False}, "retrieval": {"neighbours": count}})
-
-
-def seen(floor, cols, T_map_floor):
-    """Return the map of the columns of a floor that a robot saw, in the robot's frame."""
-    part = np.full_like(floor, -1)
-    part[:, cols] = floor[:, cols]
-    grid = grid_of_occupancy(part, 0.05)
-    return TbmMap(warp(grid, T_map_floor, GridGeometry(0.05, -20.0, -20.0, 800, 800)))
+from tests.merging.conftest import draw_rooms
+from tests.merging.floors import maps_of_floors, seen
 
 
 @pytest.fixture(scope="module")
 def maps():
-    parts = {"left": (np.s_[:240], SE2(-2.0, 1.0, 0.4)), "right": (np.s_[80:], SE2(3.0, 4.0, -2.0))}
-    return {
-        f"{floor} {side}": seen(draw_rooms(floor), cols, pose)
-        for floor, (side, (cols, pose)) in itertools.product(FLOORS, parts.items())
-    }
+    return maps_of_floors()
+
+
+@pytest.fixture(scope="module")
+def alike(maps):
+    return likeness_of_all(maps, MergeConfig(), Executor())
 
 
 def places_of(tbm_map):
     return MapPlaces.of(WallMap.from_grid(tbm_map.grid, StructureConfig()))
 
 
-def ranks_of_siblings(alike):
-    """Return how many maps look more like each map than the other map of its floor does."""
-    return np.array([(alike[index] > alike[index, index ^ 1]).sum() for index in range(2 * len(FLOORS))])
+def rank_of_sibling(name, alike):
+    """Return how many maps look more like a map than the other map of its floor does."""
+    floor = name.split()[0]
+    others = {next(other for other in pair if other != name): value for pair, value in alike.items() if name in pair}
+    sibling = next(value for other, value in others.items() if other.split()[0] == floor)
+    return sum(value > sibling for value in others.values())
 
 
-def test_maps_of_one_floor_look_most_alike(maps):
-    alike = likeness([places_of(one) for one in maps.values()])
-    np.testing.assert_array_equal(alike, alike.T)
-    assert (ranks_of_siblings(alike) < 2).all()
-    assert (ranks_of_siblings(alike) == 0).sum() >= 8
+def test_maps_of_one_floor_look_most_alike(maps, alike):
+    assert list(alike) == list(itertools.combinations(maps, 2))
+    ranks = np.array([rank_of_sibling(name, alike) for name in maps])
+    assert (ranks < 3).all()
+    assert (ranks == 0).sum() >= 5
+
+
+def test_likeness_does_not_depend_on_further_maps_nor_on_their_order(maps, alike):
+    some = ("1 right", "3 left", "3 right")
+    assert likeness_of_all({name: maps[name] for name in some}, MergeConfig(), Executor()).items() <= alike.items()
+    assert likeness(places_of(maps["3 left"]), places_of(maps["1 right"])) == alike["1 right", "3 left"]
+
+
+def test_processes_find_the_same_likeness(maps, alike):
+    assert likeness_of_all(maps, MergeConfig(), Executor(2)) == alike
 
 
 def test_signatures_do_not_depend_on_the_frame():
@@ -71,33 +72,30 @@ def test_similarities_are_exact_whole_numbers(maps):
     assert exact.max() < 2**24
 
 
-def test_a_few_maps_are_aligned_in_all_pairs(maps):
-    every_pair = list(itertools.combinations(maps, 2))
-    assert pairs_to_align(maps, with_neighbours(len(maps) - 1), Executor()) == every_pair
-    assert pairs_to_align(maps, MergeConfig(), Executor()) == every_pair
-    by_keypoints = with_neighbours(1).model_copy(update={"method": "features"})
-    assert len(pairs_to_align(maps, by_keypoints, Executor())) == 45
+def test_chance_is_what_distant_places_of_the_map_have_in_common(maps):
+    places = places_of(maps["2 right"])
+    for number in (0, len(places) // 2, len(places) - 1):
+        similar = [0.93] * 10  # what other maps have counts as ten places
+        similar += [
+            float(places.signatures[number] @ places.signatures[other]) / 3000.0**2
+            for other in range(len(places))
+            if math.dist(places.points[number], places.points[other]) > 8.0
+        ]
+        mean = sum(similar) / len(similar)
+        squares = 10 * 0.05**2 + sum((one - mean) ** 2 for one in similar[10:])
+        assert places.chance[number] == pytest.approx((mean, math.sqrt(squares / len(similar))), rel=1e-6)
 
 
-def test_each_of_many_maps_is_aligned_with_those_most_like_it(maps):
-    pairs = pairs_to_align(maps, with_neighbours(2), Executor())
-    assert {(f"{floor} left", f"{floor} right") for floor in FLOORS} <= set(pairs)
-    assert all(any(name in pair for pair in pairs) for name in maps)
-    assert pairs == sorted(pairs)
-    assert len(pairs) <= 20
+def test_what_looks_alike_everywhere_beats_chance_less(maps):
+    places = places_of(maps["2 right"])
+    often, seldom = (
+        MapPlaces(places.points, places.signatures, np.full((len(places), 2), (mean, 0.05))) for mean in (0.99, 0.9)
+    )
+    others = places_of(maps["2 left"])
+    assert likeness(often, others) < likeness(seldom, others)
 
 
 def test_a_map_without_walls_is_like_none(maps):
-    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20)))
-    assert len(places_of(empty)) == 0
-    alike = likeness([places_of(one) for one in (*maps.values(), empty)])
-    assert (alike[-1] == -np.inf).all()
-    np.testing.assert_array_equal(alike[:-1, :-1], likeness([places_of(one) for one in maps.values()]))
-
-
-def test_merging_many_maps_aligns_few_pairs_and_says_which_maps_it_left_apart(maps):
-    found = merge(maps, with_neighbours(1))
-    assert set(found.poses) == {"1 left", "1 right"}
-    assert len(found.alignments) <= len(maps)
-    assert found.alignments.keys() >= {("1 left", "1 right"), ("2 left", "2 right")}
-    assert "none of the merged maps looks like it" in found.left_out["2 left"]
+    empty = places_of(TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20))))
+    assert len(empty) == 0
+    assert likeness(empty, places_of(maps["1 left"])) == likeness(empty, empty) == -math.inf

@@ -17,14 +17,12 @@ from datasets.synthetic.map_pairs.pairs import Building
 from datasets.synthetic.map_pairs.sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
 from merging import MergeConfig, merge
 from merging.alignment import Pair
-from merging.map_graph.grouping import Group, groups_of
-from tbmslam.geometry.se2 import SE2
-from tbmslam.map.tbm_map import TbmMap
+from merging.map_graph.grouping import groups_of
 from tbmslam.parallel.worker_pool import worker_pool
+from tools.benchmarks.placed_maps import is_right, joined_pairs, known_pair, maps_by_name, shuffled
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of, some_part
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
-from tools.map_pairs.files import KnownPair, grid_of
 
 MAPS = 6
 """Maps of a set."""
@@ -99,16 +97,16 @@ def summary(met: list[StrangerSet]) -> ResultTable:
 def meet_set(number_of_set: int, seed: int) -> StrangerSet:
     """Make a set and merge it; the same numbers make the same set."""
     placed = make_set(number_of_set, seed)
-    maps = {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
+    maps = maps_by_name(placed)
     config = MergeConfig()
     found = merge(maps, config).alignments
-    pairs = {pair: _known(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
-    joined = _joined(groups_of(list(maps), found, config.graph))
-    right = [pair for pair, where in joined.items() if _is_right(pairs[pair], where)]
+    pairs = {pair: known_pair(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
+    joined = joined_pairs(groups_of(list(maps), found, config.graph))
+    right = [pair for pair, where in joined.items() if is_right(pairs[pair], where)]
     return StrangerSet(
         kind_of(number_of_set),
         number_of_set,
-        tuple(pair for pair, one in found.items() if one.accepted and not _is_right(pairs[pair], one.T_target_source)),
+        tuple(pair for pair, one in found.items() if one.accepted and not is_right(pairs[pair], one.T_target_source)),
         tuple(pair for pair in joined if pair not in right),
         len(right),
         sum(known.T_target_source is not None for known in pairs.values()),
@@ -132,30 +130,11 @@ def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
     else:
         both = maps_of_mirrored if kind == "mirrored" else maps_of_far_ends
         placed = list(both(_building(first, rng), half, rng))
-    return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(MAPS).tolist())}
+    return shuffled(placed, rng)
 
 
 def _building(number_of_building: int, rng: np.random.Generator) -> Building:
     return some_part(building_of(number_of_building, rng), rng)
-
-
-def _known(pair: Pair, placed: dict[str, PlacedMap], maps: dict[str, TbmMap]) -> KnownPair:
-    target, source = (placed[name] for name in pair)
-    motion = target.T_map_building @ source.T_map_building.inverse() if target.place == source.place else None
-    return KnownPair("-".join(pair), maps[pair[0]], maps[pair[1]], motion, 0.0)
-
-
-def _joined(groups: list[Group]) -> dict[Pair, SE2]:
-    """Return where the second of any two maps of a group lies in the first's frame."""
-    return {
-        (a, b): group.poses[a].inverse() @ group.poses[b]
-        for group in groups
-        for a, b in itertools.combinations(sorted(group.poses), 2)
-    }
-
-
-def _is_right(known: KnownPair, where: SE2 | None) -> bool:
-    return known.T_target_source is not None and where is not None and known.is_near(where)
 
 
 def _row(kind: str, about: str, met: list[StrangerSet]) -> list[str]:

@@ -84,7 +84,7 @@ class Trial:
         moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as the aligner does
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
         source = DeformableMap.of(grid, config, structures[moving])
-        proposals = propose(target, source.structure, config.correlation)
+        proposals = propose(target, source.structure, config.correlation).motions
         laid = deform(target, source, proposals[0], config)
         if laid is None:
             return None

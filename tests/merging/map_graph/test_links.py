@@ -11,7 +11,7 @@ from merging.alignment import Alignment, Alternative
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
 from merging.map_graph.hypothesis import hypotheses_of
-from merging.map_graph.links import _are_same, links_of
+from merging.map_graph.links import GroupLinks, _are_same
 from tbmslam.geometry.se2 import SE2
 from tests.merging.slow_links import slow_links_of
 
@@ -44,17 +44,25 @@ def anywhere(rng):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), count=st.integers(2, 9), wrong=st.sampled_from([0.0, 0.2, 0.6]))
-def test_joints_are_those_of_the_slow_twin(seed, count, wrong):
+def test_links_are_those_of_the_slow_twin_after_every_join(seed, count, wrong):
     rng = np.random.default_rng(seed)
     places, alignments = crowd(count, rng, wrong)
     offers = [offer for pair, found in alignments.items() for offer in hypotheses_of(pair, found, CONFIG)]
     groups = [{} for _ in range(int(rng.integers(1, count + 1)))]
     for name, place in places.items():
         groups[int(rng.integers(len(groups)))][name] = place
-    found, expected = links_of(groups, offers, CONFIG), slow_links_of(groups, offers, CONFIG)
-    assert [joint[1:4] for joint in found] == [joint[1:4] for joint in expected]
-    assert [joint.support for joint in found] == pytest.approx([joint[0] for joint in expected])
-    assert [joint.motion for joint in found] == [joint[4] for joint in expected]
+    links = GroupLinks(groups, offers, CONFIG)
+    assert_same(links.all(), slow_links_of(groups, offers, CONFIG))
+    while found := links.all():
+        links.join(found[int(rng.integers(len(found)))])
+        assert_same(links.all(), slow_links_of(groups, offers, CONFIG))
+    assert sum(len(group) for group in groups) == count
+
+
+def assert_same(found, expected):
+    assert [link[1:4] for link in found] == [link[1:4] for link in expected]
+    assert [link.support for link in found] == pytest.approx([link[0] for link in expected])
+    assert [link.motion for link in found] == [link[4] for link in expected]
 
 
 def test_forty_maps_that_all_align_are_grouped_in_seconds():

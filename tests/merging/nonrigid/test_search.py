@@ -23,7 +23,7 @@ from tests.merging.bent_floor import bent_maps
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
 
-REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere")
+REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere", lead=2.0)
 OFF = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 
 
@@ -170,6 +170,7 @@ def test_maps_that_are_joined_or_accepted_already_are_not_tried():
     assert closer(maps, together, {pair: REFUSED}) == {}
     assert closer(maps, apart, {pair: replace(REFUSED, accepted=True)}) == {}
     assert closer(maps, apart, {pair: REFUSED}, OFF) == {}
+    assert closer(maps, apart, {pair: replace(REFUSED, lead=1.04)}) == {}  # in the correlation no place stands out
 
 
 def test_where_it_is_not_aligned_once_bent_the_next_place_is_tried(monkeypatch):

@@ -38,7 +38,7 @@ def error_of(found, true, grid):
 @pytest.mark.parametrize("motion", [SE2(0.0, 0.0, 0.0), SE2(-31.0, 8.0, math.radians(143.0)), SE2(7.7, 2.1, -2.2)])
 def test_the_true_motion_is_proposed_first(rooms, motion):
     source = left_part(rooms(3), 0.6)
-    best = propose(structure(warp(rooms(3), motion, rooms(3).geometry)), structure(source), CONFIG)[0]
+    best = propose(structure(warp(rooms(3), motion, rooms(3).geometry)), structure(source), CONFIG).motions[0]
     metres, degrees = error_of(best, motion, source)
     assert metres < 0.4
     assert degrees < 3.0
@@ -50,23 +50,25 @@ def test_a_turn_is_found_that_the_ways_of_most_walls_speak_against(rooms):
     rows, cols = np.mgrid[0 : source.geometry.rows, 0 : source.geometry.cols]
     askew = ((cols + 0.4 * rows) % 12 < 2) & (cols > 170)
     source.masses[askew] = (0.0, 0.0, 1.0, 0.0)
-    metres, degrees = error_of(propose(structure(target), structure(source), CONFIG)[0], SE2.identity(), target)
+    metres, degrees = error_of(propose(structure(target), structure(source), CONFIG).motions[0], SE2.identity(), target)
     assert metres < 0.4
     assert degrees < 3.0
     blind = CONFIG.model_copy(update={"turns_share": 0.02})
-    assert all(abs(math.degrees(one.theta)) > 3.0 for one in propose(structure(target), structure(source), blind))
+    assert all(
+        abs(math.degrees(one.theta)) > 3.0 for one in propose(structure(target), structure(source), blind).motions
+    )
 
 
 def test_no_two_proposals_are_alike(rooms):
-    proposals = propose(structure(rooms(1)), structure(rooms(1)), CONFIG)
+    proposals = propose(structure(rooms(1)), structure(rooms(1)), CONFIG).motions
     assert 100 < len(proposals) <= CONFIG.proposals
     assert len(set(proposals)) == len(proposals)
 
 
 def test_a_map_without_walls_proposes_nothing(rooms):
     blank = structure(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20)))
-    assert propose(blank, structure(rooms(1)), CONFIG) == []
-    assert propose(structure(rooms(1)), blank, CONFIG) == []
+    assert propose(blank, structure(rooms(1)), CONFIG).motions == []
+    assert propose(structure(rooms(1)), blank, CONFIG).motions == []
     alignment = align(TbmMap(rooms(1)), TbmMap(grid_with_one_free_cell()), MergeConfig(method="correlation"))
     assert not alignment.accepted
     assert alignment.reason == "the source map holds no wall: nothing tells how they lie"
@@ -183,7 +185,7 @@ def layout(grid, cell=0.2):
 
 def test_turns_are_so_fine_that_a_wall_far_from_the_centre_moves_by_a_cell(rooms):
     walls = structure(rooms(3))
-    turns = np.unique([one.theta % (2.0 * math.pi) for one in propose(walls, walls, CONFIG)])
+    turns = np.unique([one.theta % (2.0 * math.pi) for one in propose(walls, walls, CONFIG).motions])
     step, cell = np.diff(turns).min(), _cell_size(walls, walls, CONFIG)
     assert step == pytest.approx(cell / layout(rooms(3), cell).spread(), rel=0.05)
 

@@ -1,0 +1,65 @@
+"""Pairs of many maps, aligned in rounds: first those that look most alike, then those that may join groups.
+
+The cost of a merge would else grow with the square of the maps: a thousand maps have half a million pairs, and few of
+these show one place.
+"""
+
+import itertools
+import logging
+from collections.abc import Collection, Sequence
+
+from merging.alignment import Pair
+from merging.config import MergeConfig
+from merging.merge_state import MergeState
+from merging.pairwise import align_all
+from merging.retrieval import likeness_of_all
+from tbmslam.parallel.executor import Executor
+
+logger = logging.getLogger(__name__)
+
+
+def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
+    """Align pairs of maps of different groups: all pairs of a few maps, the likeliest pairs of many.
+
+    In the first round each map is aligned with the few maps that look most like it, in later rounds with more of them,
+    where that may join groups. Two maps that fit nothing so far are not tried further: a map that fits none of those
+    most like it is a stranger to the others, unless these are many that belong together.
+
+    Parameters
+    ----------
+    found
+        The maps, and what is known of them so far.
+    config
+        How many pairs are aligned in a round, and how.
+    executor
+        What compares and aligns the maps.
+    """
+    how = config.retrieval
+    pairs = [pair for pair in itertools.combinations(found.maps, 2) if not found.are_joined(pair)]
+    if len(found.maps) <= how.few or config.method != "correlation":
+        return found.with_alignments(align_all(found.maps, config, executor, pairs))
+    alike = likeness_of_all(found.maps, config, executor)
+    likeliest_first = sorted(alike, key=lambda pair: -alike[pair])
+    for turn, neighbours in enumerate(how.neighbours):
+        near = _nearest(likeliest_first, neighbours)
+        new = [pair for pair in pairs if pair in near and pair not in found.alignments]
+        new = [pair for pair in new if not turn or _may_join(pair, found)]
+        if new:
+            found = found.with_alignments(align_all(found.maps, config, executor, new))
+    logger.info("%d of %d pairs of maps were aligned", len(found.alignments), len(pairs))
+    return found
+
+
+def _nearest(likeliest_first: Sequence[Pair], count: int) -> Collection[Pair]:
+    """Return the pairs of each map with so many others that look most like it."""
+    near = dict[str, list[Pair]]()
+    for pair in likeliest_first:
+        for name in pair:
+            if len(near.setdefault(name, [])) < count:
+                near[name].append(pair)
+    return {pair for some in near.values() for pair in some}
+
+
+def _may_join(pair: Pair, found: MergeState) -> bool:
+    """Tell whether two maps are in different groups, one of them of several maps."""
+    return not found.are_joined(pair) and any(len(found.group_of(name)) > 1 for name in pair)

@@ -1,0 +1,54 @@
+import json
+
+import numpy as np
+import pytest
+
+from merging.map_graph.grouping import Group
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tools.benchmark import main
+from tools.benchmarks.fleet import _joined, _placed, make_fleet
+from tools.map_pairs.files import grid_of
+
+
+@pytest.fixture(scope="module")
+def placed():
+    return make_fleet(2, 3, seed=3)
+
+
+def test_a_fleet_is_so_many_maps_of_each_building_and_the_same_again(placed):
+    assert sorted(one.place for one in placed.values()) == ["building 0"] * 3 + ["building 1"] * 3
+    again = make_fleet(2, 3, seed=3)
+    assert all(np.array_equal(one.occupancy, again[name].occupancy) for name, one in placed.items())
+    assert not np.array_equal(make_fleet(2, 3, seed=4)["map_0"].occupancy, placed["map_0"].occupancy)
+
+
+def test_joins_are_counted_by_the_truth(placed):
+    maps = {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
+    here = [name for name, one in placed.items() if one.place == "building 0"]
+    stranger = next(name for name, one in placed.items() if one.place == "building 1")
+    right = {name: placed[name].T_map_building.inverse() for name in here}
+    shifted = {**right, here[2]: SE2(0.0, 2.0, 0.0) @ right[here[2]]}
+    assert _joined([Group(right)], placed, maps) == (3, 0)
+    assert _joined([Group(shifted)], placed, maps) == (1, 2)
+    assert _joined([Group({**right, stranger: SE2.identity()})], placed, maps) == (3, 3)
+    assert _placed([Group(right)], placed) == 3
+    assert _placed([Group({here[0]: SE2.identity(), stranger: SE2.identity()})], placed) == 2
+
+
+def test_maps_of_a_building_are_merged_and_counted(tmp_path, capsys):
+    figures = tmp_path / "fleet.json"
+    assert main(["fleet", "1x2", "--seed", "1", "--json", str(figures)]) == 0
+    (run,) = json.loads(figures.read_text())["fleets"]
+    assert (run["maps"], run["aligned"], run["groups"]) == (2, 1, 1)
+    assert (run["right"], run["possible"], run["wrong"], run["placed"]) == (1, 1, 0, 2)
+    assert 0.0 < run["cpu_s"] < 60.0
+    assert "| 1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("size", ["1", "1x1", "axb", "-1x4", "9999x9999"])
+def test_a_size_that_means_nothing_is_wrong_usage(size, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["fleet", "--", size])
+    assert left.value.code == 2
+    assert "BUILDINGSxMAPS" in capsys.readouterr().err

@@ -1,0 +1,160 @@
+"""What it takes to merge the sessions of many robots in many buildings, and whether each building becomes one map."""
+
+import argparse
+import dataclasses
+import itertools
+import json
+import resource
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.synthetic.map_pairs.sets import PlacedMap, maps_of
+from merging import MergeConfig, merge
+from merging.map_graph.grouping import Group, groups_of
+from tbmslam.io.atomic_file import write_text
+from tbmslam.map.tbm_map import TbmMap
+from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
+from tools.benchmarks.placed_maps import is_right, joined_pairs, known_pair, maps_by_name, shuffled
+from tools.benchmarks.result_table import ResultTable, write_tables
+from tools.benchmarks.strangers import building_of
+from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+
+HEAD = (
+    *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),
+    *("CPU s", "wall s", "peak MB"),
+)
+NOTES = """\
+Simulated maps of buildings, all merged at once. groups: those of two maps or more. joined: pairs of maps in one group,
+rightly where that puts the second within 0.5 m and 4 degrees of its true place. placed: maps in the largest group of
+their building. CPU s: of all processes of this machine; peak MB: of the merging process."""
+
+_SEEDS_APART = 100_000
+"""Numbers of buildings between those of one seed and those of the next."""
+
+
+@dataclass(frozen=True)
+class FleetRun:
+    """Figures of one fleet.
+
+    Parameters
+    ----------
+    buildings, maps
+        How many there were.
+    aligned
+        Pairs of maps that were aligned.
+    groups
+        Groups of two maps or more.
+    right, possible
+        Pairs of maps of one building that were joined rightly, and all of them.
+    wrong
+        Pairs of maps that were joined wrongly.
+    placed
+        Maps in the largest group of their building.
+    cpu_s, wall_s
+        Time that the merge took.
+    peak_memory_mb
+        Most memory that a process held.
+    """
+
+    buildings: int
+    maps: int
+    aligned: int
+    groups: int
+    right: int
+    possible: int
+    wrong: int
+    placed: int
+    cpu_s: float
+    wall_s: float
+    peak_memory_mb: float
+
+
+def benchmark_fleet(args: argparse.Namespace) -> None:
+    """Merge fleets of the given sizes and print what became of them."""
+    machine = describe_machine()
+    runs = [
+        in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler) for size in args.sizes
+    ]
+    table = ResultTable(HEAD, [_row(run) for run in runs])
+    print(text_table(*table))
+    print(NOTES)
+    print(machine_line(machine))
+    if args.json:
+        write_text(args.json, json.dumps({"machine": machine, "fleets": [dataclasses.asdict(run) for run in runs]}))
+    write_tables(args.table, machine, {"fleets": table})
+
+
+def run_fleet(buildings: int, maps_each: int, seed: int, workers: int, scheduler: str | None) -> FleetRun:
+    """Make a fleet and merge it; the same numbers make the same fleet."""
+    placed = make_fleet(buildings, maps_each, seed)
+    maps = maps_by_name(placed)
+    config, begin, cpu = MergeConfig(), time.perf_counter(), _cpu_s()
+    found = merge(maps, config, workers, scheduler=scheduler)
+    wall_s, cpu_s = time.perf_counter() - begin, _cpu_s() - cpu
+    groups = [group for group in groups_of(list(maps), found.alignments, config.graph) if len(group) > 1]
+    right, wrong = _joined(groups, placed, maps)
+    return FleetRun(
+        buildings,
+        len(maps),
+        len(found.alignments),
+        len(groups),
+        right,
+        sum(one.place == other.place for one, other in itertools.combinations(placed.values(), 2)),
+        wrong,
+        _placed(groups, placed),
+        cpu_s,
+        wall_s,
+        peak_memory_mb(),
+    )
+
+
+def make_fleet(buildings: int, maps_each: int, seed: int) -> dict[str, PlacedMap]:
+    """Return so many maps of each of some buildings, in any order; the same numbers make the same maps."""
+    rng = np.random.default_rng([seed, buildings, maps_each])
+    placed = [
+        dataclasses.replace(one, place=f"building {index}")
+        for index in range(buildings)
+        for one in maps_of(building_of(seed * _SEEDS_APART + index, rng), maps_each, rng)
+    ]
+    return shuffled(placed, rng)
+
+
+def _joined(groups: list[Group], placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> tuple[int, int]:
+    """Return how many pairs of maps were joined rightly, and how many wrongly."""
+    joined = joined_pairs(groups)
+    right = sum(is_right(known_pair(pair, placed, maps), where) for pair, where in joined.items())
+    return right, len(joined) - right
+
+
+def _placed(groups: list[Group], placed: Mapping[str, PlacedMap]) -> int:
+    largest = Counter[str]()
+    for group in groups:
+        for place, count in Counter(placed[name].place for name in group.poses).items():
+            largest[place] = max(largest[place], count)
+    return largest.total()
+
+
+def _cpu_s() -> float:
+    """Return the CPU time of this process and of those that it has waited for."""
+    uses = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(use.ru_utime + use.ru_stime for use in uses)
+
+
+def _row(run: FleetRun) -> list[str]:
+    return [
+        str(run.buildings),
+        str(run.maps),
+        str(run.maps * (run.maps - 1) // 2),
+        str(run.aligned),
+        str(run.groups),
+        number(100.0 * run.right / run.possible, 1) if run.possible else "-",
+        str(run.wrong),
+        number(100.0 * run.placed / run.maps, 1) if run.possible else "-",
+        number(run.cpu_s, 0),
+        number(run.wall_s, 0),
+        number(run.peak_memory_mb, 0),
+    ]

@@ -1,0 +1,44 @@
+"""Simulated maps whose true places are known, and what a merge made of them."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from datasets.synthetic.map_pairs.sets import PlacedMap
+from merging.alignment import Pair
+from merging.map_graph.grouping import Group
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tools.map_pairs.files import KnownPair, grid_of
+
+
+def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
+    """Return maps in any order, by names that do not tell their places."""
+    return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(len(placed)).tolist())}
+
+
+def maps_by_name(placed: Mapping[str, PlacedMap]) -> dict[str, TbmMap]:
+    """Return the maps themselves."""
+    return {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
+
+
+def known_pair(pair: Pair, placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> KnownPair:
+    """Return a pair of maps with the truth about it."""
+    target, source = (placed[name] for name in pair)
+    motion = target.T_map_building @ source.T_map_building.inverse() if target.place == source.place else None
+    return KnownPair("-".join(pair), maps[pair[0]], maps[pair[1]], motion, 0.0)
+
+
+def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
+    """Return where the second of any two maps of a group lies in the first's frame."""
+    return {
+        (a, b): group.poses[a].inverse() @ group.poses[b]
+        for group in groups
+        for a, b in itertools.combinations(sorted(group.poses), 2)
+    }
+
+
+def is_right(known: KnownPair, where: SE2 | None) -> bool:
+    """Tell whether a pair shows one place, and a motion T_target_source puts the source there."""
+    return known.T_target_source is not None and where is not None and known.is_near(where)
