@@ -27,8 +27,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
             return
         root, staging = Path(self.root), Path(tempfile.mkdtemp())
         self._staging = staging
-        scripts = self.metadata.core.scripts
-        commands = {target.rpartition(":")[2]: command for command, target in scripts.items()}
+        commands = {program: f"tbmslam {command}" for command, program in programs_of(root).items()}
         for package, home in HOMES.items():
             for source in sorted((root / package).rglob("*")):
                 if source.is_file() and "__pycache__" not in source.parts:
@@ -70,7 +69,16 @@ def for_wheel(source: Path, commands: dict[str, str]) -> str:
             lines[node.lineno - 1] = line[: node.col_offset] + re.sub(
                 r"^from (\w+)", r"from tbmslam.\1", line[node.col_offset :]
             )
-    text = "".join(lines).replace("python tools/%(prog)s.py", commands.get(source.stem, "%(prog)s"))
+    text = "".join(lines).replace("python tools/%(prog)s.py", "%(prog)s")
     for program, command in commands.items():
-        text = text.replace(f"python tools/{program}.py", command).replace(f'prog="{program}"', f'prog="{command}"')
+        text = text.replace(f"python tools/{program}.py", command)
     return text
+
+
+def programs_of(root: Path) -> dict[str, str]:
+    """Return the programs that `tbmslam` runs, by their commands."""
+    tree = ast.parse((root / "tbmslam" / "commands.py").read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PROGRAMS":
+            return {command: program for command, (program, _) in ast.literal_eval(node.value).items()}
+    raise ValueError("tbmslam/commands.py has no PROGRAMS")

@@ -1,51 +1,81 @@
-"""The programs as commands of an installed tbmslam."""
+"""The command `tbmslam`: the programs under one name."""
+
+import importlib
+import sys
+from collections.abc import Sequence
 
 from tools.command_line.interruption import hear_interruption
 
+PROGRAMS = {
+    "map": ("build_maps", "turn recordings into one belief map per robot"),
+    "merge": ("merge", "merge maps whose relative poses nobody knows"),
+    "evaluate": ("evaluate", "compare trajectories and maps with the truth"),
+    "download": ("download", "download public recordings by name"),
+    "world": ("make_world", "simulate robots in a building, and write their bags"),
+    "benchmark": ("benchmark", "measure speed, memory and errors"),
+    "config": ("print_config", "print all parameters as TOML"),
+    "warm-up": ("warm_up", "compile everything now, so that the first map does not wait"),
+    "completion": ("completion", "print what completes these commands in a shell"),
+}
+"""What is run by each command: a module of `tools`; and what it does."""
 
-def build_maps() -> int:
-    """Run tbm-build-maps."""
-    hear_interruption("build_maps")
-    from tools.build_maps import main  # noqa: PLC0415 - each command loads its own program
+USAGE = """usage: tbmslam [--help] [--version] COMMAND ...
 
-    return main()
+Recordings of several robots in, one trustworthy 2D map out.
 
+commands:
+{commands}
 
-def merge() -> int:
-    """Run tbm-merge."""
-    hear_interruption("merge")
-    from tools.merge import main  # noqa: PLC0415
-
-    return main()
-
-
-def evaluate() -> int:
-    """Run tbm-evaluate."""
-    hear_interruption("evaluate")
-    from tools.evaluate import main  # noqa: PLC0415
-
-    return main()
-
-
-def benchmark() -> int:
-    """Run tbm-benchmark."""
-    hear_interruption("benchmark")
-    from tools.benchmark import main  # noqa: PLC0415
-
-    return main()
+`tbmslam COMMAND --help` lists the options of a command, with examples.
+"""
+WRONG_USAGE = 2
 
 
-def make_world() -> int:
-    """Run tbm-make-world."""
-    hear_interruption("make_world")
-    from tools.make_world import main  # noqa: PLC0415
+def run() -> int:
+    """Run the command that the process was started with, and return its exit code."""
+    words = sys.argv[1:]
+    hear_interruption(f"tbmslam {words[0]}" if words and words[0] in PROGRAMS else "tbmslam")
+    return main(words)
 
-    return main()
+
+def main(words: Sequence[str]) -> int:
+    """Run a command and return its exit code.
+
+    Parameters
+    ----------
+    words
+        The command and its arguments.
+    """
+    command = words[0] if words else ""
+    if command in PROGRAMS:
+        program = importlib.import_module(f"{_TOOLS}.{PROGRAMS[command][0]}")
+        return int(program.main(list(words[1:]), f"tbmslam {command}"))
+    if command in ("-h", "--help"):
+        sys.stdout.write(usage())
+        return 0
+    if command == "--version":
+        sys.stdout.write(f"tbmslam {version()}\n")
+        return 0
+    what = f"there is no command {command!r}" if command else "a command is missing"
+    sys.stderr.write(f"tbmslam: error: {what}; there are {', '.join(PROGRAMS)} (tbmslam --help tells what they do)\n")
+    return WRONG_USAGE
 
 
-def download() -> int:
-    """Run tbm-download."""
-    hear_interruption("download")
-    from tools.download import main  # noqa: PLC0415
+def usage() -> str:
+    """Return what `--help` prints."""
+    width = max(map(len, PROGRAMS))
+    return USAGE.format(commands="\n".join(f"  {name:{width}}  {about}" for name, (_, about) in PROGRAMS.items()))
 
-    return main()
+
+def version() -> str:
+    """Return the installed version."""
+    from importlib import metadata  # noqa: PLC0415 - it takes longer to load than all else
+
+    try:
+        return metadata.version("tbmslam")
+    except metadata.PackageNotFoundError:
+        return "of a source tree that is not installed"
+
+
+_TOOLS = hear_interruption.__module__.rpartition(".command_line")[0]
+"""The package of the programs; a wheel has it elsewhere."""

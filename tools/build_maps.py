@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from tools.command_line.configuration_options import add_configuration_options
 from tools.command_line.loading import loading
-from tools.command_line.paths import add_extra_files, path_argument
+from tools.command_line.paths import add_extra_files, check_exist, path_argument
 from tools.command_line.program import Grammar, ended
 from tools.command_line.recording_options import add_recording_options, given_options
 from tools.mapping.viewer_option import add_viewer_option
@@ -39,10 +39,10 @@ exit codes: 0 done, 1 something is wrong (one line says what; what was finished 
 MOST_ROBOTS = 10_000
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = Grammar(
-        prog="build_maps", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(
         "recordings", nargs="*", type=path_argument, metavar="RECORDING", help="bags, logs, or directories of them"
@@ -105,21 +105,22 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
     )
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    grammar = parser()
+def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
     args = grammar.parse_args(argv)
     _check_usage(grammar, args)
     return ended(
-        "build_maps",
-        lambda: _run(grammar, args, argv),
+        program,
+        lambda: _run(grammar, args, argv, program),
         debug=args.debug,
         interrupted="run the same again to go on, finished robots are kept",
         out_of_memory="use a coarser map.resolution, a smaller map.max_cells or fewer --workers",
     )
 
 
-def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None) -> None:
+def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None, program: str) -> None:
+    check_exist(args.recordings, "no such file or directory")
     with loading():
         from tools.command_line.configuration import whole_text
         from tools.command_line.program import typed_command
@@ -130,7 +131,7 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[
     if args.print_config:
         print(whole_text(config), end="")
     else:
-        build_maps(args, config, typed_command("build_maps", argv))
+        build_maps(args, config, typed_command(program, argv))
 
 
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

@@ -30,10 +30,10 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 """
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(program: str = "download") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = Grammar(
-        prog="download", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     what = grammar.add_argument_group("what")
     what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
@@ -46,13 +46,13 @@ def parser() -> argparse.ArgumentParser:
     return grammar
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    grammar = parser()
+def main(argv: list[str] | None = None, program: str = "download") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
         grammar.error("name a recording, or ask for the --list")
-    return ended("download", lambda: _run(args), debug=args.debug, interrupted="run the same again to go on")
+    return ended(program, lambda: _run(args), debug=args.debug, interrupted="run the same again to go on")
 
 
 def _run(args: argparse.Namespace) -> None:

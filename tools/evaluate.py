@@ -16,7 +16,7 @@ from typing import Any
 
 from tools.command_line.loading import loading
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import Grammar, ended, examples
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -38,13 +38,13 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 """
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(program: str = "evaluate") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = Grammar(
-        prog="evaluate", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     more: dict[str, Any] = {
-        "epilog": EXAMPLES.replace("%(prog)s", "evaluate"),
+        "epilog": examples(EXAMPLES, program),
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
     commands = grammar.add_subparsers(dest="command", required=True, metavar="trajectory|map")
@@ -130,12 +130,12 @@ def _add_output(command: argparse.ArgumentParser) -> None:
     output.add_argument("--debug", action="store_true", help="show a traceback when something fails")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    grammar = parser()
+def main(argv: list[str] | None = None, program: str = "evaluate") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
     args = grammar.parse_args(argv)
     _check(grammar, args)
-    return ended("evaluate", lambda: _run(args), debug=args.debug, out_of_memory="crop the maps, or use coarser cells")
+    return ended(program, lambda: _run(args), debug=args.debug, out_of_memory="crop the maps, or use coarser cells")
 
 
 def _run(args: argparse.Namespace) -> None:

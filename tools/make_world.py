@@ -63,10 +63,10 @@ FAULTS = (
 )
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(program: str = "make_world") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = Grammar(
-        prog="make_world", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(
         "-o", "--out", type=path_argument, required=True, help="folder for everything; made when missing"
@@ -121,9 +121,9 @@ def _add_laser(laser: argparse._ArgumentGroup) -> None:
     laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    grammar = parser()
+def main(argv: list[str] | None = None, program: str = "make_world") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
     args = grammar.parse_args(argv)
     if args.format == "mcap" and args.compression != "none":
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
@@ -131,7 +131,7 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error(f"--no-return must be no range that the laser may measure, got {args.no_return:g}")
     if args.drive_seed is not None and args.drive_seed < 0:
         grammar.error(f"--drive-seed must not be negative, got {args.drive_seed}")
-    return ended("make_world", lambda: _run(grammar, args), debug=args.debug)
+    return ended(program, lambda: _run(grammar, args), debug=args.debug)
 
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

@@ -18,10 +18,12 @@ from tools.command_line.configuration_options import add_configuration_options
 from tools.command_line.loading import loading
 from tools.command_line.paths import (
     add_extra_files,
+    check_exist,
     check_extra_files,
     holds_map,
     list_maps,
     path_argument,
+    unique_names,
     write_extra_files,
 )
 from tools.command_line.program import DONE, Grammar, ended, typed_command
@@ -69,51 +71,54 @@ report says why), 130 interrupted
 """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; return its exit code."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
+def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    grammar = parser(program)
+    options = grammar.parse_args(arguments)
     try:
         given, options.maps = options.maps, list_maps(options.maps)
         if not options.print_config:
-            _check(parser, options, given)
+            _check(grammar, options, given)
     except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
-        parser.error(f"the maps cannot be listed: {error}")
+        grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     else:  # who reads a warning about a map has no use for the name of a module
         logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return ended(
-        "merge",
-        lambda: _run(parser, options, arguments),
+        program,
+        lambda: _run(grammar, options, arguments, program),
         debug=options.debug,
         interrupted="run the same again",
         out_of_memory="merge fewer maps, or with a coarser --resolution",
     )
 
 
-def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str] | None) -> int:
+def _run(
+    grammar: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str] | None, program: str
+) -> int:
+    check_exist(options.maps, "does not exist: give a map's folder or file")
     with loading():
         from tools.command_line.configuration import whole_text
 
-    config = _configuration(parser, options)
+    config = _configuration(grammar, options)
     if options.print_config:
         print(whole_text(config), end="")
         return DONE
-    return _merge(options, config.merging, typed_command("merge", arguments))
+    return _merge(options, config.merging, typed_command(program, arguments))
 
 
-def _check(parser: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
+def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
     if options.out is None:
-        parser.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
+        grammar.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
     if len(options.maps) < 2:
-        parser.error(_too_few(given, options.maps))
+        grammar.error(_too_few(given, options.maps))
     if options.workers < 1:
-        parser.error(f"--workers must be at least 1, got {options.workers}")
+        grammar.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:
-        parser.error("a --scheduler has workers of its own: drop --workers")
+        grammar.error("a --scheduler has workers of its own: drop --workers")
     if any(_lies_in(path, options.out) for path in (*options.maps, *given)):
-        parser.error(f"{options.out} holds one of the maps: choose another folder with -o")
+        grammar.error(f"{options.out} holds one of the maps: choose another folder with -o")
 
 
 def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
@@ -128,20 +133,6 @@ def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
     return f"two maps or more are needed, {given[0]} is or holds only one: {remedy}"
 
 
-def unique_names(paths: Sequence[Path]) -> list[str]:
-    """Name maps by their folder or file, with as much of the path before it as tells them apart."""
-    parts = [_naming_parts(path) for path in paths]
-    depth, names = 1, [own[-1] for own in parts]
-    while len(set(names)) < len(set(parts)):
-        depth += 1
-        names = ["/".join(own[-depth:]) for own in parts]
-    # What is left equal is one map given twice.
-    return [
-        name if names[:index].count(name) == 0 else f"{name}#{names[:index].count(name) + 1}"
-        for index, name in enumerate(names)
-    ]
-
-
 def _lies_in(path: Path, folder: Path) -> bool:
     """Tell whether a map would be overwritten by one saved into a folder."""
     if path.is_dir():
@@ -150,22 +141,12 @@ def _lies_in(path: Path, folder: Path) -> bool:
     return file.parent == folder.resolve() and file.stem == "map"
 
 
-def _naming_parts(path: Path) -> tuple[str, ...]:
-    """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
-    try:
-        full = path.resolve()
-    except RuntimeError:  # links in a circle; loading tells that nothing is there
-        full = path.absolute()
-    if full.suffix and not full.is_dir():
-        full = full.parent if full.stem == "map" else full.with_suffix("")
-    return full.parts[1:] or (str(path),)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = Grammar(
-        prog="merge", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+def parser(program: str = "merge") -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = Grammar(
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
+    grammar.add_argument(
         "maps",
         nargs="*",
         type=path_argument,
@@ -173,21 +154,21 @@ def _parser() -> argparse.ArgumentParser:
         help="a map folder, a folder of map folders (the output of build_maps), or a file: .npz, .yaml, .yml, "
         ".tbm_map, .tbm_map.xz, .dat or .dat.gz",
     )
-    parser.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="where the merged map goes")
-    _add_finding(parser.add_argument_group("how maps find each other"))
-    features = parser.add_argument_group("method features (the paper's)")
+    grammar.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="where the merged map goes")
+    _add_finding(grammar.add_argument_group("how maps find each other"))
+    features = grammar.add_argument_group("method features (the paper's)")
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
     features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
     features.add_argument("--descriptor", choices=DESCRIPTORS, help="default: concatenated")
     features.add_argument(
         "--min-inliers", type=int, metavar="N", help="fewest inliers of an accepted alignment, default: 5"
     )
-    _add_fusing(parser.add_argument_group("how cells are fused"))
-    add_configuration_options(parser, "merging.verification.min_confidence=0.9")
-    add_extra_files(parser)
-    parser.add_argument("-v", "--verbose", action="store_true", help="log every step")
-    parser.add_argument("--debug", action="store_true", help="show where an error came from")
-    return parser
+    _add_fusing(grammar.add_argument_group("how cells are fused"))
+    add_configuration_options(grammar, "merging.verification.min_confidence=0.9")
+    add_extra_files(grammar)
+    grammar.add_argument("-v", "--verbose", action="store_true", help="log every step")
+    grammar.add_argument("--debug", action="store_true", help="show where an error came from")
+    return grammar
 
 
 def _add_finding(finding: argparse._ArgumentGroup) -> None:

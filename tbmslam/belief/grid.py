@@ -78,7 +78,7 @@ class GridGeometry(NamedTuple):
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TbmGrid:
     """Cells that hold the masses of the Transferable Belief Model.
 
@@ -102,6 +102,23 @@ class TbmGrid:
             raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
         if not (math.isfinite(self.geometry.origin_x) and math.isfinite(self.geometry.origin_y)):
             raise ValueError(f"origin must be finite, got {self.geometry.origin_x}, {self.geometry.origin_y}")
+
+    def __repr__(self) -> str:
+        """Return its size in a line."""
+        return f"TbmGrid({self.summary()})"
+
+    def summary(self) -> str:
+        """Return its size in words."""
+        g = self.geometry
+        known_m2 = np.count_nonzero(self.is_known()) * g.resolution**2
+        return f"{g.cols} x {g.rows} cells of {g.resolution:g} m, {known_m2:.1f} m2 known"
+
+    def _repr_png_(self) -> bytes | None:
+        """Return what a notebook shows: free is white, occupied black and unknown grey; y grows upwards."""
+        import cv2  # noqa: PLC0415  # slow to load, and only notebooks draw here
+
+        grey = np.rint(255.0 * (1.0 - self.pignistic()[::-1])).astype(np.uint8)
+        return cv2.imencode(".png", grey)[1].tobytes() if grey.size else None
 
     @classmethod
     def unknown(cls, geometry: GridGeometry) -> "TbmGrid":

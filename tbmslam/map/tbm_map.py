@@ -56,7 +56,7 @@ class DriveMotions:
         return len(self.steps)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Drive:
     """One robot's way through the map.
 
@@ -96,6 +96,10 @@ class Drive:
                 f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
             )
 
+    def __repr__(self) -> str:
+        """Return who drove, and how much is known of it, in a line."""
+        return f"Drive({self.name!r}, {len(self.trajectory)} poses, {len(self.keyframes)} keyframes)"
+
     def transformed(self, T_new_old: SE2) -> "Drive":
         """Return the same drive in another frame."""
         return replace(
@@ -105,7 +109,7 @@ class Drive:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TbmMap:
     """A map: one drive where one robot made it, several after a merge, none where only a picture was left.
 
@@ -122,6 +126,15 @@ class TbmMap:
     grid: TbmGrid
     drives: tuple[Drive, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return its size and its drives in a line."""
+        drives = f"; drives of {', '.join(drive.name for drive in self.drives)}" if self.drives else ""
+        return f"TbmMap({self.grid.summary()}{drives})"
+
+    def _repr_png_(self) -> bytes | None:
+        """Return what a notebook shows; see `TbmGrid`."""
+        return self.grid._repr_png_()
 
     def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
         """Return the map in another frame, its drives moved and its grid replaced by one resampled there."""

@@ -69,7 +69,7 @@ def test_bent_maps_are_joined_alike(tmp_path):
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
     groups = [Group({name: SE2.identity()}) for name in maps]
-    refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere")}
+    refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere", lead=2.0)}
     found = MergeState.of(maps, refused, lambda _: groups)
     with DaskCluster(tmp_path, workers=1) as cluster:
         there = register_refused_pairs(found, MergeConfig(), Executor(scheduler=cluster.address))

@@ -86,23 +86,26 @@ def test_a_wheel_brings_no_name_but_its_own(wheel):
         top = {name.partition("/")[0] for name in names}
         assert {name for name in top if not name.endswith(".dist-info")} == {"tbmslam", "merging"}
         assert {"tbmslam/py.typed", "merging/py.typed", "tbmslam/datasets/known_recordings.toml"} <= set(names)
-        help_text = archive.read("tbmslam/tools/build_maps.py").decode()
-    assert "python tools/" not in help_text
-    assert "tbm-build-maps" in help_text
+        programs = [archive.read(f"tbmslam/tools/{name}.py").decode() for name in ("build_maps", "download")]
+    assert not any("python tools/" in text for text in programs)
+    assert "tbmslam map" in programs[1]
 
 
 def test_the_commands_and_the_library_work_beside_the_other_project(installed):
     bin_folder = installed / "venv" / "bin"
+    python = bin_folder / "python"
     small = ("--world", "apartment", "--robots", 2, "--seed", 3, "--beams", 181, "--rate", 5, "--length", 25)
-    shell(bin_folder / "tbm-make-world", *small, "--overlap", 0.6, "-o", "bags", cwd=installed)
-    said = shell(bin_folder / "tbm-build-maps", "bags", "--separate", "--workers", 2, "-o", "maps", cwd=installed)
+    command = bin_folder / "tbmslam"
+    shell(command, "world", *small, "--overlap", 0.6, "-o", "bags", cwd=installed)
+    said = shell(command, "map", "bags", "--separate", "--workers", 2, "-o", "maps", cwd=installed)
     assert "report -> maps/report.html" in said
-    said = shell(bin_folder / "tbm-merge", "maps", "-o", "merged", cwd=installed)
+    said = shell(command, "merge", "maps", "-o", "merged", cwd=installed)
     assert said.splitlines()[-1] == "merged robot_0, robot_1 into merged"
-    assert "stata/2011-01-24-06-18-27" in shell(bin_folder / "tbm-download", "--list", cwd=installed)
-    for name in ("tbm-evaluate", "tbm-benchmark"):
-        assert f"usage: {name}" in shell(bin_folder / name, "--help", cwd=installed)
-    assert shell(bin_folder / "python", "-c", LIBRARY, cwd=installed) == "True ['robot_0', 'robot_1']\n"
+    assert "stata/2011-01-24-06-18-27" in shell(command, "download", "--list", cwd=installed)
+    for name in ("evaluate", "benchmark"):
+        assert f"usage: tbmslam {name}" in shell(command, name, "--help", cwd=installed)
+    assert shell(command, "--version", cwd=installed) == shell(python, "-m", "tbmslam", "--version", cwd=installed)
+    assert shell(python, "-c", LIBRARY, cwd=installed) == "True ['robot_0', 'robot_1']\n"
 
 
 def test_removing_it_leaves_the_other_project_whole(installed):

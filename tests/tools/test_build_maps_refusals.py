@@ -10,6 +10,7 @@ from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.io.tum import TumError
 from tbmslam.sensing.segmentation import SegmentationError
 from tests.tools.built_maps import run
+from tools.command_line.paths import MissingFileError
 from tools.mapping.run import OutputError
 
 
@@ -39,7 +40,10 @@ from tools.mapping.run import OutputError
         (("a", "--config", ""), "an empty text names no file: is a variable of the shell unset?"),
     ],
 )
-def test_wrong_usage_is_exit_2(capsys, arguments, message):
+def test_wrong_usage_is_exit_2(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    for name in "ab":
+        (tmp_path / name).touch()
     with pytest.raises(SystemExit) as left:
         run(*arguments)
     assert left.value.code == 2
@@ -61,7 +65,7 @@ def errors(bag, tmp_path):
     (tmp_path / "bad.tum").write_text("1 2 3\n")
     nowhere = tmp_path / "nowhere.bag"
     return {
-        "no such bag": ((nowhere,), DatasetError, rf"{nowhere}: no such file or directory"),
+        "no such bag": ((nowhere,), MissingFileError, rf"{nowhere}: no such file or directory"),
         "no such preset": ((bag, "--preset", "vinny"), ConfigError, "there is no preset 'vinny'.*did you mean 'viny'"),
         "no such file of parameters": ((bag, "--config", tmp_path / "no.toml"), ConfigError, "cannot be read as TOML"),
         "not TOML": ((bag, "--config", broken), ConfigError, r"broken\.toml: cannot be read as TOML: "),

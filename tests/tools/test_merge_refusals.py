@@ -16,8 +16,8 @@ from tools import merge
     [
         (["-o", "out"], "two maps or more are needed, got 0: name their folders, as out/robot_0 out/robot_1"),
         (
-            ["one", "-o", "out"],
-            "error: one: does not exist: name their folders, as out/robot_0 out/robot_1, or a folder",
+            ["none", "-o", "out"],
+            "error: none: does not exist: name their folders, as out/robot_0 out/robot_1, or a folder",
         ),
         (
             ["one", "two", "-o", "out", "--ratio", "7"],
@@ -31,7 +31,10 @@ from tools import merge
         (["one", "two"], "required: -o/--out"),
     ],
 )
-def test_wrong_usage_is_status_2(capsys, arguments, message):
+def test_wrong_usage_is_status_2(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    for name in ("one", "two"):
+        (tmp_path / name).touch()
     with pytest.raises(SystemExit) as stopped:
         merge.main(arguments)
     assert stopped.value.code == 2

@@ -1,9 +1,9 @@
 """A line on the terminal when a program compiles: its first run would else look as if it never ended."""
 
 import sys
-from typing import Any
+from typing import Any, Self
 
-from numba.core.event import Listener, register
+from numba.core.event import Listener, register, unregister
 from tqdm import tqdm
 
 
@@ -21,6 +21,29 @@ class Compiling(Listener):
 
     def on_end(self, event: Any) -> None:
         """Nothing is left to be said."""
+
+
+class CompiledFunctions(Listener):
+    """Counts the functions that are compiled within a block; what comes from the cache is not compiled."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def on_start(self, event: Any) -> None:
+        """Wait for the end."""
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002
+        """Count a function that is compiled."""
+        self.count += 1
+
+    def __enter__(self) -> Self:
+        """Begin to count."""
+        register("numba:compile", self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Count no more."""
+        unregister("numba:compile", self)
 
 
 _listeners: list[Compiling] = []

@@ -5,7 +5,7 @@ import argparse
 from tools.command_line.paths import path_argument
 
 
-def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> None:
+def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, printing: bool = True) -> None:
     """Add the options about parameters, in a group of their own.
 
     Parameters
@@ -14,6 +14,8 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
         Parser of the program.
     example
         A setting that makes sense there.
+    printing
+        Whether the program may print them instead of doing its work.
     """
     group = parser.add_argument_group("parameters")
     group.add_argument(
@@ -30,8 +32,9 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
     group.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
     )
-    group.add_argument(
-        "--print-config",
-        action="store_true",
-        help="print the parameters with meaning, unit and value as TOML, and do nothing else",
-    )
+    if printing:
+        group.add_argument(
+            "--print-config",
+            action="store_true",
+            help="print the parameters with meaning, unit and value as TOML, and do nothing else",
+        )

@@ -3,9 +3,11 @@
 import argparse
 import logging
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tbmslam.errors import TbmSlamError
 
 if TYPE_CHECKING:
     from datasets.rosbag.occupancy import Format
@@ -82,6 +84,34 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
             write_occupancy_bag(bags[kind], tbm_map.grid, max(stamps, default=0.0), kind)
 
 
+class MissingFileError(TbmSlamError):
+    """What a command names does not exist."""
+
+
+def check_exist(paths: Iterable[Path], fact: str) -> None:
+    """Check that files or folders exist, before anything is loaded that reads them.
+
+    Parameters
+    ----------
+    paths
+        The files or folders.
+    fact
+        What is said of one that does not exist.
+
+    Raises
+    ------
+    MissingFileError
+        If one does not.
+    """
+    for path in paths:
+        try:
+            path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            raise MissingFileError(f"{path}: {fact}") from None
+        except OSError:
+            continue  # what else is wrong with it, its reader tells
+
+
 def path_argument(text: str) -> Path:
     """Return the path that a word of the command line names, as the `type` of an argument.
 
@@ -117,3 +147,28 @@ def holds_map(folder: Path) -> bool:
 def _by_number(folder: Path) -> list[str | tuple[int, str]]:
     """Return a key under which robot_10 comes after robot_9."""
     return [(int(part), part) if index % 2 else part for index, part in enumerate(re.split(r"(\d+)", folder.name))]
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """Name maps by their folder or file, with as much of the path before it as tells them apart."""
+    parts = [_naming_parts(path) for path in paths]
+    depth, names = 1, [own[-1] for own in parts]
+    while len(set(names)) < len(set(parts)):
+        depth += 1
+        names = ["/".join(own[-depth:]) for own in parts]
+    # What is left equal is one map given twice.
+    return [
+        name if names[:index].count(name) == 0 else f"{name}#{names[:index].count(name) + 1}"
+        for index, name in enumerate(names)
+    ]
+
+
+def _naming_parts(path: Path) -> tuple[str, ...]:
+    """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
+    try:
+        full = path.resolve()
+    except RuntimeError:  # links in a circle; loading tells that nothing is there
+        full = path.absolute()
+    if full.suffix and not full.is_dir():
+        full = full.parent if full.stem == "map" else full.with_suffix("")
+    return full.parts[1:] or (str(path),)

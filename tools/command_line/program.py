@@ -9,7 +9,7 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.printable import printable
@@ -54,7 +54,7 @@ def one_line(error: Exception) -> str:
     return printable(" ".join(said.splitlines()))  # names of files may hold line ends
 
 
-DONE, FAILED = 0, 1
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
 _NO_ROOM = "failed to map segment"
 """What the system says where there is no memory for a library."""
 
@@ -146,15 +146,31 @@ def typed_command(program: str, arguments: Sequence[str] | None) -> str:
     arguments
         These; None where it was started from a shell.
     """
-    return shlex.join(sys.orig_argv if arguments is None else [program, *arguments])
+    return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
+
+
+def examples(text: str, program: str) -> str:
+    """Return examples as they are typed where the program is called so: as a file of the source tree, or installed."""
+    if " " in program:  # a command of the installed tbmslam
+        text = text.replace("python tools/%(prog)s.py", "%(prog)s")
+    return text.replace("%(prog)s", program)
 
 
 class Grammar(argparse.ArgumentParser):
-    """Python's, which would lose the help and end as if all were well, and takes -1e-5 for an option."""
+    """Python's, which would lose the help and end as if all were well, and takes -1e-5 for an option.
+
+    A wrong usage is one line: of dozens of options nobody finds the one that is wrong.
+    """
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
+        self.epilog = examples(self.epilog, self.prog) if self.epilog else None
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line, and end the program."""
+        say(f"{self.prog}: error: {printable(' '.join(message.splitlines()))} ({self.prog} --help lists all options)")
+        sys.exit(WRONG_USAGE)
 
     def print_help(self, file: IO[str] | None = None) -> None:  # type: ignore[override]  # typeshed wants less of a file
         """Print the help on stdout or into a file; where stdout takes none, end the program with one line."""

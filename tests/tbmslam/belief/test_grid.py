@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -105,3 +106,13 @@ def test_a_cell_has_a_size(resolution):
 def test_a_grid_lies_somewhere(field):
     with pytest.raises(ValueError, match="origin must be finite, got"):
         TbmGrid.unknown(GEOMETRY._replace(**{field: np.nan}))
+
+
+def test_a_grid_is_shown_in_a_line_and_as_a_picture():
+    grid = TbmGrid.unknown(GridGeometry(0.5, 0.0, 0.0, 3, 4))
+    grid.masses[0, 0] = [0.0, 1.0, 0.0, 0.0]
+    grid.masses[2, 3] = [0.0, 0.0, 1.0, 0.0]
+    assert repr(grid) == "TbmGrid(4 x 3 cells of 0.5 m, 0.5 m2 known)"
+    picture = cv2.imdecode(np.frombuffer(grid._repr_png_(), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.tolist() == [[128, 128, 128, 0], [128] * 4, [255, 128, 128, 128]]
+    assert TbmGrid.unknown(GridGeometry(0.5, 0.0, 0.0, 0, 4))._repr_png_() is None

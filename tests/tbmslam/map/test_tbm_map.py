@@ -82,3 +82,14 @@ def test_steps_are_counted():
 def test_what_is_no_motion_is_refused(steps, informations, message):
     with pytest.raises(ValueError, match=message):
         DriveMotions(steps, informations)
+
+
+def test_a_map_is_shown_in_a_line_and_as_a_picture():
+    pose, scan = SE2(1.0, 2.0, 0.5), LaserScan(7.0, 0.0, 0.1, 0.1, 10.0, np.array([2.0]))
+    keyframes = Keyframes.from_scans([scan], [pose], [pose])
+    drive = Drive("robot_0", Trajectory(np.array([7.0]), np.array([pose])), keyframes)
+    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 3))
+    assert repr(drive) == "Drive('robot_0', 1 poses, 1 keyframes)"
+    assert repr(TbmMap(grid, (drive,))) == "TbmMap(3 x 2 cells of 0.1 m, 0.0 m2 known; drives of robot_0)"
+    assert repr(TbmMap(grid)) == "TbmMap(3 x 2 cells of 0.1 m, 0.0 m2 known)"
+    assert TbmMap(grid)._repr_png_() == grid._repr_png_()

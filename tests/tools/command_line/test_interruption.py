@@ -81,6 +81,7 @@ def test_every_program_hears_ctrl_c_before_it_loads_anything_else(tmp_path, prog
 def test_ctrl_c_while_compiled_code_is_loaded_is_one_line(tmp_path, program, number):
     for name in ("robot_0", "robot_1"):
         save_map(tmp_path / name, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
+    (tmp_path / "nothing.bag").touch()
     assert_is_interrupted(interrupted_at(tmp_path, number, program), program)
 
 
@@ -91,13 +92,13 @@ def test_an_installed_command_hears_it_before_it_loads_its_program(tmp_path):
         "    def find_spec(self, name, path=None, target=None):\n"
         "        name == 'argparse' and signal.raise_signal(signal.SIGINT)\n"
         "sys.meta_path.insert(0, Finder())\n"
-        "from tbmslam.commands import merge; sys.exit(merge())"
+        "from tbmslam.commands import run; sys.argv[1:] = ['merge']; sys.exit(run())"
     )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(  # noqa: S603 - a fixed command
         [sys.executable, "-c", begin], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert (done.returncode, done.stderr) == (130, "merge: interrupted\n")
+    assert (done.returncode, done.stderr) == (130, "tbmslam merge: interrupted\n")
 
 
 @pytest.fixture

@@ -1,0 +1,119 @@
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tbmslam.commands import PROGRAMS, main
+from tools.command_line.configuration import read_configuration, whole_text
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def cpu_seconds(*words):
+    """Return what `python -m tbmslam` printed and its CPU time, the least of three runs [s]."""
+    took = []
+    for _ in range(3):
+        before = os.times()
+        done = subprocess.run(  # noqa: S603 - our own command
+            [sys.executable, "-m", "tbmslam", *words], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        after = os.times()
+        took.append(after.children_user + after.children_system - before.children_user - before.children_system)
+    return done, min(took)
+
+
+def test_help_names_every_command_and_is_quick():
+    done, seconds = cpu_seconds("--help")
+    assert done.returncode == 0
+    assert all(f"\n  {command} " in done.stdout and about in done.stdout for command, (_, about) in PROGRAMS.items())
+    assert seconds < 0.2
+
+
+def test_a_wrong_path_is_told_before_anything_is_loaded():
+    for words, line in (
+        (("map", "none.bag"), "tbmslam map: none.bag: no such file or directory\n"),
+        (
+            ("merge", "none_0", "none_1", "-o", "x"),
+            "tbmslam merge: none_0: does not exist: give a map's folder or file\n",
+        ),
+    ):
+        done, seconds = cpu_seconds(*words)
+        assert (done.returncode, done.stderr) == (1, line)
+        assert seconds < 0.3
+
+
+@pytest.mark.parametrize("command", PROGRAMS)
+def test_each_command_runs_its_program_under_its_own_name(command, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([command, "--help"])
+    assert left.value.code == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"usage: tbmslam {command}")
+    assert printed.count(f"\n  tbmslam {command} ") >= 1
+    assert f"tools/{PROGRAMS[command][0]}.py" not in printed
+    with pytest.raises(SystemExit) as left:
+        main([command, "--no-such-option"])
+    assert left.value.code == 2
+    assert capsys.readouterr().err.startswith(f"tbmslam {command}: error: ")
+
+
+def test_the_version_is_that_of_the_project(capsys):
+    assert main(["--version"]) == 0
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert capsys.readouterr().out in (
+        f"tbmslam {project['version']}\n",
+        "tbmslam of a source tree that is not installed\n",
+    )
+
+
+@pytest.mark.parametrize(("words", "what"), [([], "a command is missing"), (["mapp"], "there is no command 'mapp'")])
+def test_no_command_is_one_line_that_names_them_all(words, what, capsys):
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"tbmslam: error: {what}; there are map, merge, ")
+    assert said.count("\n") == 1
+
+
+def test_config_prints_every_parameter(capsys):
+    assert main(["config", "--set", "map.resolution=0.1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == whole_text(read_configuration(None, None).with_settings(["map.resolution=0.1"]))
+    assert tomllib.loads(printed)["map"]["resolution"] == 0.1
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_bash_completes_commands_and_options(tmp_path, capsys):
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "completion.bash"
+    script.write_text(capsys.readouterr().out, encoding="utf-8")
+    for typed, wanted in ((["ma"], "map"), (["merge", "--rul"], "--rule"), (["evaluate", "traj"], "trajectory")):
+        words = " ".join(f"'{word}'" for word in ("tbmslam", *typed))
+        ask = (
+            f"source {script}; COMP_WORDS=({words}); COMP_CWORD={len(typed)}; "
+            r"$(complete -p tbmslam | sed 's/.*-F \([^ ]*\).*/\1/') tbmslam; echo ${COMPREPLY[@]}"
+        )
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)  # noqa: S603, S607
+        assert wanted in done.stdout.split(), done.stderr
+
+
+@pytest.mark.slow
+def test_warming_up_compiles_once(tmp_path, monkeypatch):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def warm_up():
+        done = subprocess.run(
+            [sys.executable, "-m", "tbmslam", "warm-up"],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return int(done.stdout.split(" functions compiled in ")[0].splitlines()[-1])
+
+    assert warm_up() > 50
+    assert warm_up() < 10

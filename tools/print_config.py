@@ -1,0 +1,48 @@
+"""Print all parameters with meaning, unit and value as TOML, as --config takes them."""
+
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.command_line.interruption import hear_interruption
+
+    hear_interruption("print_config")
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from tools.command_line.configuration_options import add_configuration_options
+from tools.command_line.program import Grammar, ended
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py > mine.toml
+      the defaults, to be edited and given to build_maps or merge with --config mine.toml
+  python tools/%(prog)s.py --config out/robot_0
+      the parameters of an earlier result
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
+"""
+
+
+def parser(program: str = "print_config") -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = Grammar(
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add_configuration_options(grammar, "map.resolution=0.1", printing=False)
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
+
+
+def main(arguments: Sequence[str] | None = None, program: str = "print_config") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    args = parser(program).parse_args(arguments)
+    return ended(program, lambda: _run(args), debug=args.debug)
+
+
+def _run(args: argparse.Namespace) -> None:
+    from tools.command_line.configuration import read_configuration, whole_text
+
+    print(whole_text(read_configuration(args.preset, args.config).with_settings(args.set)), end="")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

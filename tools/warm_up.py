@@ -1,0 +1,84 @@
+"""Compile everything that mapping and merging run, so that no later run waits for it."""
+
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.command_line.interruption import hear_interruption
+
+    hear_interruption("warm_up")
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.command_line.program import DONE, Grammar, ended
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py
+      a minute or two on a new machine, seconds where all is compiled
+  python tools/%(prog)s.py --debug
+      with a traceback, should something fail
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
+"""
+_DRIVE_M = "30"
+
+
+def parser(program: str = "warm_up") -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = Grammar(
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
+
+
+def main(arguments: Sequence[str] | None = None, program: str = "warm_up") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    args = parser(program).parse_args(arguments)
+    return ended(program, _run, debug=args.debug, interrupted="what is compiled stays, run the same again to go on")
+
+
+def _run() -> int:
+    from tools.command_line.compiling import CompiledFunctions
+
+    begin = time.perf_counter()
+    with CompiledFunctions() as compiled, tempfile.TemporaryDirectory() as folder:
+        code = _map_and_merge(Path(folder))
+    if code == DONE:
+        print(f"{compiled.count} functions compiled in {time.perf_counter() - begin:.0f} s")
+    return code
+
+
+def _map_and_merge(folder: Path) -> int:
+    """Map two small simulated drives and merge the maps; return the exit code of the first program that fails."""
+    from tools import build_maps, make_world, merge
+
+    bags, maps, merged = (str(folder / name) for name in ("bags", "maps", "merged"))
+    drive = [
+        "--world",
+        "apartment",
+        "--robots",
+        "2",
+        "--length",
+        _DRIVE_M,
+        "--overlap",
+        "0.6",
+        "--beams",
+        "181",
+        "--rate",
+        "5",
+    ]
+    with contextlib.redirect_stdout(io.StringIO()):
+        return (
+            make_world.main([*drive, "-o", bags])
+            or build_maps.main([bags, "--separate", "--no-truth", "-o", maps])
+            or merge.main([maps, "-o", merged])
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
