@@ -64,7 +64,7 @@ docs/real-drives.png: install
 	$(BIN)/python tools/build_maps.py $(DATA)/fr-clinic/fr-clinic.bag --no-truth -o out/real-drives/clinic
 	$(BIN)/python tools/build_maps.py $(DATA)/intel-real/intel-real.bag --angle-step-deg 1.0 --no-truth -o out/real-drives/intel
 	$(BIN)/python -c "import cv2; \
-	maps = [cv2.imread(f'out/real-drives/{name}/robot_0/pignistic.png') for name in ('clinic', 'intel')]; \
+	maps = [cv2.imread(f'out/real-drives/{name}/pignistic.png') for name in ('clinic/fr-clinic', 'intel/intel-real')]; \
 	boxes = [cv2.boundingRect((abs(one[..., 0].astype(int) - 128) > 8).astype('uint8')) for one in maps]; \
 	maps = [one[y : y + h, x : x + w] for one, (x, y, w, h) in zip(maps, boxes)]; \
 	maps = [cv2.resize(one, (round(500 * one.shape[1] / one.shape[0]), 500), interpolation=cv2.INTER_AREA) for one in maps]; \
@@ -95,9 +95,9 @@ paper: develop
 DATA ?= ../shared/data
 BUILDINGS := ex3 lab_f lab_ipa nlb simona uma vim23 vottero
 REAL = $(foreach one,$(BUILDINGS),$(subst _,-,$(one))=$(DATA)/map-pairs/crop_$(one)_100.npz) \
-    $(foreach one,csail intel aces,$(one)=out/confidence/$(one)/robot_0)
+    $(foreach one,mit-csail intel aces,$(one)=out/confidence/$(one)/$(one))
 confidence: develop
-	$(BIN)/python tools/build_maps.py $(DATA)/mit-csail/mit-csail.bag -o out/confidence/csail
+	$(BIN)/python tools/build_maps.py $(DATA)/mit-csail/mit-csail.bag -o out/confidence/mit-csail
 	$(BIN)/python tools/build_maps.py $(DATA)/intel/intel.bag --angle-step-deg 1.0 -o out/confidence/intel
 	$(BIN)/python tools/build_maps.py $(DATA)/aces/aces.bag --angle-step-deg 1.0 -o out/confidence/aces
 	$(BIN)/python tools/make_map_pairs.py -o out/confidence/real --parts 6 --overlap 50 35 25 15 --largest 600 \

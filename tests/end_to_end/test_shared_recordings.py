@@ -10,6 +10,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.io.tum import read_tum
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
+from tools.command_line.paths import map_folders
 
 # One worker maps each recording once for all of them.
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("shared recordings")]
@@ -39,7 +40,7 @@ def mapped(tmp_path_factory):
     def map_once(shared_data, name):
         if name not in done:
             recording, options = FOLDERS[name]
-            done[name] = build(tmp_path_factory.mktemp("maps"), shared_data / recording, *options) / "robot_0"
+            (done[name],) = map_folders(build(tmp_path_factory.mktemp("maps"), shared_data / recording, *options))
         return done[name]
 
     return map_once
@@ -83,22 +84,22 @@ def test_no_part_of_a_drive_follows_odometry_that_stands_still(shared_data, tmp_
 
 def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 2)
-    merged = merge_maps(tmp_path / "merged", maps / "robot_0", maps / "robot_1")
+    merged = merge_maps(tmp_path / "merged", *map_folders(maps))
     assert merged["merged"] is True
 
 
 def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_is_told(shared_data, tmp_path):
     logs = [shared_data / "cmu-wean" / f"robotdata{number}.log" for number in (1, 2)]
     maps = build(tmp_path / "maps", *logs, "--separate", "--no-truth")
-    drives = [str(maps / "robot_0"), str(maps / "robot_1")]
+    drives = [str(folder) for folder in map_folders(maps)]
     plan = str(shared_data / "cmu-wean" / "wean.dat.gz")
-    told = ["--pose", "robot_0", "34.5", "40", "71"]
+    told = ["--pose", "robotdata1", "34.5", "40", "71"]
     assert merge.main([plan, *drives, *told, "-o", str(tmp_path / "merged")]) == 0
     report = json.loads((tmp_path / "merged" / "report.json").read_text())
-    assert [name for name, one in report["maps"].items() if one["merged"]] == ["wean.dat", "robot_0", "robot_1"]
+    assert [name for name, one in report["maps"].items() if one["merged"]] == ["wean.dat", "robotdata1", "robotdata2"]
     pairs = {(one["target"], one["source"]): one for one in report["pairs"]}
-    assert pairs["robot_0", "robot_1"]["confidence"] >= 0.85
-    assert pairs["wean.dat", "robot_0"]["agreed_wall_m"] > 25.0
+    assert pairs["robotdata1", "robotdata2"]["confidence"] >= 0.85
+    assert pairs["wean.dat", "robotdata1"]["agreed_wall_m"] > 25.0
 
 
 @pytest.mark.parametrize("name", FOLDERS)
@@ -109,6 +110,6 @@ def test_no_laser_is_said_to_be_described_wrong(shared_data, mapped, name):
 
 @pytest.mark.parametrize("name", ["aces", "intel"])
 def test_angles_that_the_converter_stretched_are_told(shared_data, tmp_path, name):
-    folder = build(tmp_path, shared_data / FOLDERS[name][0]) / "robot_0"
+    (folder,) = map_folders(build(tmp_path, shared_data / FOLDERS[name][0]))
     (told,) = [one for one in json.loads((folder / "run.json").read_text())["warnings"] if " fit best where " in one]
     assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")

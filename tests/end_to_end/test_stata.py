@@ -117,7 +117,7 @@ def maps(recording, tmp_path_factory):
 
 
 def test_a_pr2_s_bag_is_mapped_by_its_base_laser(maps, recording, tmp_path):
-    run = json.loads((maps / "robot_0" / "run.json").read_text())
+    run = json.loads((maps / "run" / "run.json").read_text())
     read = run["recording"]
     assert (read["scan_topic"], read["odometry"], read["odom_frame"]) == ("/base_scan", "tf", "odom_combined")
     assert run["counts"]["dropped"] in ({}, {"before_odometry": 1})
@@ -127,15 +127,15 @@ def test_a_pr2_s_bag_is_mapped_by_its_base_laser(maps, recording, tmp_path):
     packed.write_bytes(gzip.compress((recording / "run.bag").read_bytes(), 1))
     again = build(tmp_path / "again", packed, "--profile", "stata", "--frames", "odometry", "--no-truth")
     for name in ("trajectory.tum", "map.pgm"):
-        assert (again / "robot_0" / name).read_bytes() == (maps / "robot_0" / name).read_bytes()
+        assert (again / "run" / name).read_bytes() == (maps / "run" / name).read_bytes()
 
 
 def test_every_program_scores_the_laser_s_truth_alike(maps, recording, tmp_path, capsys):
-    told = json.loads((maps / "truth.json").read_text())["robots"]["robot_0"]["ate_m"]
+    told = json.loads((maps / "truth.json").read_text())["robots"]["run"]["ate_m"]
     assert told < 0.005
     truth = recording / "run.gt.laser.poses"
     capsys.readouterr()
-    estimate = maps / "robot_0" / "trajectory.tum"
+    estimate = maps / "run" / "trajectory.tum"
     assert evaluate.main(["trajectory", str(estimate), "--truth", str(truth), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ate_m"]["rmse"] == pytest.approx(told, abs=1e-6)
     tables = tmp_path / "tables.json"

@@ -44,14 +44,14 @@ def test_one_bag_split_for_two_robots(tmp_path):
     reference = tmp_path / "long" / "robot_0.truth.tum"
     split = ("--robots", 2, "--overlap", 0.5, "--reference", reference)
     maps = build(tmp_path / "maps", bag, *split)
-    report = merge_maps(tmp_path / "merged", maps / "robot_0", maps / "robot_1")
+    report = merge_maps(tmp_path / "merged", maps / "robot_0_0", maps / "robot_0_1")
     truth = json.loads((maps / "truth.json").read_text())["robots"]
     assert {entry["reference"] for entry in truth.values()} == {"robot_0.truth.tum"}
     T_reference_map = {name: SE2(*entry["T_reference_map"]) for name, entry in truth.items()}
-    ((metres, degrees),) = alignment_errors(report, T_reference_map, ["robot_1"]).values()
+    ((metres, degrees),) = alignment_errors(report, T_reference_map, ["robot_0_1"]).values()
     assert metres < 0.10
     assert degrees < 0.5
-    segments = [json.loads((maps / name / "run.json").read_text())["segment"] for name in ("robot_0", "robot_1")]
+    segments = [json.loads((maps / name / "run.json").read_text())["segment"] for name in ("robot_0_0", "robot_0_1")]
     assert segments[0]["start"] == 0
     assert segments[0]["start"] < segments[1]["start"] < segments[0]["stop"] < segments[1]["stop"]
 
@@ -70,7 +70,7 @@ def test_building_twice_gives_the_same_bytes(flat, tmp_path):
     both = [build(tmp_path / name, flat / "robot_0.bag", "--robots", 2) for name in ("first", "second")]
     first, second = map(contents, both)
     assert first == second
-    assert {"truth.json", "robot_0/map.npz", "robot_1/run.json", "robot_1/trajectory.tum"} <= first.keys()
+    assert {"truth.json", "robot_0_0/map.npz", "robot_0_1/run.json", "robot_0_1/trajectory.tum"} <= first.keys()
 
 
 def test_an_mcap_bag_gives_the_map_of_the_ros_1_bag(flat, tmp_path):
@@ -78,12 +78,13 @@ def test_an_mcap_bag_gives_the_map_of_the_ros_1_bag(flat, tmp_path):
     maps = build(
         tmp_path / "maps", flat / "robot_0.bag", mcap / "robot_0", "--separate", "--no-truth", "--frames", "odometry"
     )
-    ros1, ros2 = (load_map(maps / name) for name in ("robot_0", "robot_1"))
+    names = f"{flat.name}_robot_0", "mcap_robot_0"
+    ros1, ros2 = (load_map(maps / name) for name in names)
     assert ros1.grid.geometry == ros2.grid.geometry
     np.testing.assert_allclose(ros1.grid.masses, ros2.grid.masses, atol=1e-6)
     file = next((mcap / "robot_0").glob("*.mcap"))
     alone = build(tmp_path / "file", file, "--frames", "odometry")
-    assert (alone / "robot_0" / "trajectory.tum").read_bytes() == (maps / "robot_1" / "trajectory.tum").read_bytes()
+    assert (alone / "robot_0" / "trajectory.tum").read_bytes() == (maps / names[1] / "trajectory.tum").read_bytes()
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
@@ -117,9 +118,9 @@ def test_several_bags_are_one_recording(tmp_path):
         write_ros1_bag(part, tmp_path / f"{name}.bag")
     build(tmp_path / "whole", tmp_path / "whole.bag")
     build(tmp_path / "parts", tmp_path / "part2.bag", tmp_path / "part1.bag")
-    whole, parts = (tmp_path / name / "robot_0" / "trajectory.tum" for name in ("whole", "parts"))
-    assert parts.read_bytes() == whole.read_bytes()
-    counts = json.loads((tmp_path / "parts" / "robot_0" / "run.json").read_text())
+    whole, parts = tmp_path / "whole" / "whole", tmp_path / "parts" / "part1"  # named after the first by name
+    assert (parts / "trajectory.tum").read_bytes() == (whole / "trajectory.tum").read_bytes()
+    counts = json.loads((parts / "run.json").read_text())
     assert counts["result"]["scans"] == len(robot.readings)
 
 

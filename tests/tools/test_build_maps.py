@@ -36,9 +36,9 @@ def test_times_are_told_as_interval_counts_them(tmp_path, caplog):
     world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
     assert make_world.main([*world, "-o", str(tmp_path / "bags")]) == 0
     assert run(tmp_path / "bags" / "robot_0.bag", "--interval", 5, 15, "-o", tmp_path / "out") == 0
-    told = [one for one in run_record(tmp_path / "out" / "robot_0")["incidents"] if "jumps" in one["what"]]
+    told = [one for one in run_record(tmp_path / "out" / "robot_0_0")["incidents"] if "jumps" in one["what"]]
     assert [one["at_s"] for one in told] == [pytest.approx(10.0, abs=0.5)]
-    assert any(f"robot_0: at {told[0]['at_s']:.1f} s: the odometry jumps" in line for line in caplog.messages)
+    assert any(f"robot_0_0: at {told[0]['at_s']:.1f} s: the odometry jumps" in line for line in caplog.messages)
 
 
 def keys_in(value):
@@ -58,7 +58,7 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
     assert capsys.readouterr().out.count("  of the whole recording 80 of 80 scans used") == 1
     truth = json.loads((tmp_path / "bag" / "truth.json").read_text())
     found = keys_in(list(truth["robots"].values()))
-    for folder in (tmp_path / "log" / "robot_0", tmp_path / "bag" / "robot_1"):
+    for folder in (tmp_path / "log" / "log", tmp_path / "bag" / "robot_0_1"):
         record = run_record(folder)
         del record["config"], record["versions"]  # the first is described by --print-config
         found |= keys_in(record)

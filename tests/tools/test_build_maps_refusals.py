@@ -62,6 +62,7 @@ def errors(bag, tmp_path):
     digits.write_text("seed = " + "9" * 5000)
     os.mkfifo(pipe)
     (robots / "robot_5").mkdir(parents=True)
+    (robots / "robot_5" / "map.npz").touch()
     (tmp_path / "bad.tum").write_text("1 2 3\n")
     nowhere = tmp_path / "nowhere.bag"
     return {

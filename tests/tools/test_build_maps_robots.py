@@ -20,7 +20,7 @@ def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
     intervals = ("--interval", 0, 9, "--interval", 5, 25, "--interval", 20, 30)
     assert run(log, *intervals, "--no-truth", "-o", tmp_path / "out") == 0
     gap = "1 gap of 11.0 s without a scan: what moved meanwhile nobody saw"
-    for name, befell in (("robot_0", False), ("robot_1", True), ("robot_2", False)):
+    for name, befell in (("log_0", False), ("log_1", True), ("log_2", False)):
         record = run_record(tmp_path / "out" / name)
         assert (gap in record["warnings"]) is befell
         assert ("no scans" in [one["what"] for one in record["incidents"]]) is befell
@@ -39,8 +39,8 @@ def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
 def test_one_bag_is_split(bag, tmp_path, monkeypatch, arguments, robots):
     monkeypatch.setattr("tools.mapping.task.save_map", lambda *_: None)
     assert run(bag, "-o", tmp_path, *QUICK, *arguments) == 0
-    segments = [run_record(tmp_path / f"robot_{k}")["segment"] for k in range(robots)]
-    assert len(list(tmp_path.glob("robot_*"))) == robots
+    segments = [run_record(tmp_path / f"robot_0_{k}")["segment"] for k in range(robots)]
+    assert len(list(tmp_path.glob("robot_0_*"))) == robots
     assert segments[0]["start"] == 0
     assert all(before["start"] < after["start"] for before, after in itertools.pairwise(segments))
     shares = segments[0]["stop"] > segments[1]["start"] if robots > 1 else False
@@ -109,12 +109,32 @@ def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
 
 def test_a_robot_of_one_scan_has_no_truth_and_costs_no_other(bag, tmp_path, caplog):
     assert run(bag, "-o", tmp_path, "--interval", 0, 10, "--interval", 10.01, 10.25) == 0
-    assert list(json.loads((tmp_path / "truth.json").read_text())["robots"]) == ["robot_0"]
-    assert "robot_1: it is not known where its map lies: only " in caplog.text
+    assert list(json.loads((tmp_path / "truth.json").read_text())["robots"]) == ["robot_0_0"]
+    assert "robot_0_1: it is not known where its map lies: only " in caplog.text
 
 
 def test_a_second_run_replaces_the_robots_of_the_first(bag, tmp_path):
     assert run(bag, "-o", tmp_path, "--robots", 2, *QUICK) == 0
-    before = (tmp_path / "robot_1" / "map.npz").read_bytes()
+    before = (tmp_path / "robot_0_1" / "map.npz").read_bytes()
     assert run(bag, "-o", tmp_path, "--robots", 2, "--overlap", 0.8, *QUICK) == 0
-    assert (tmp_path / "robot_1" / "map.npz").read_bytes() != before
+    assert (tmp_path / "robot_0_1" / "map.npz").read_bytes() != before
+
+
+def test_each_recording_may_have_its_own_topic_of_scans(bags, tmp_path, capsys):
+    both = (bags / "robot_0.bag", bags / "robot_1.bag", "--separate", "-o", tmp_path, *QUICK)
+    assert run(*both, "--scan-topic", "robot_0=/base_scan", "--scan-topic", "robot_1.bag=/none") == 1
+    said = capsys.readouterr().err
+    assert "1 of 2 robots failed (robot_1)" in said
+    assert "has no topic /none" in said
+    assert run(*both, "--scan-topic", "/none", "--scan-topic", "robot_1=/base_scan") == 1
+    assert "1 of 2 robots failed (robot_0)" in capsys.readouterr().err
+    assert run(*both, "--scan-topic", "monday=/base_scan") == 1
+    assert "--scan-topic monday=/base_scan names no recording: there are robot_0, robot_1" in capsys.readouterr().err
+
+
+def test_parts_of_recordings_have_different_names(bag, tmp_path):
+    other = tmp_path / "robot_0_0.bag"
+    other.write_bytes(bag.read_bytes())
+    assert run(bag, other, "--separate", "--split", "gaps", "-o", tmp_path / "out", *QUICK) == 0
+    named = sorted(path.name for path in (tmp_path / "out").glob("robot_*"))
+    assert named == ["robot_0_0", "robot_0_0_0"]

@@ -27,7 +27,7 @@ def mapped_by_the_program(tmp_path, script):
         script.scan(99.0 + 0.1 * k, ROUND_ROOM, angle_min=-math.pi, step=2.0 * math.pi / 180)
     bag = script.in_time_order().write(tmp_path / "run.bag")
     assert build_maps.main([str(bag), "-o", str(tmp_path / "maps"), "--no-truth"]) == 0
-    return json.loads((tmp_path / "maps" / "robot_0" / "run.json").read_text())
+    return json.loads((tmp_path / "maps" / "run" / "run.json").read_text())
 
 
 def test_d09_scans_before_the_first_transform_are_told_by_the_program(tmp_path, capsys):

@@ -31,6 +31,7 @@ from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.simulated_recording import as_words
+from tools.command_line.paths import map_folders
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.evaluation.truth_file import NAME as TRUTH_FILE
 from tools.evaluation.truth_file import read_truth_file
@@ -102,11 +103,12 @@ def benchmark_split(args: argparse.Namespace) -> None:
             parts = Path(folder) / str(number)
             in_fresh_process(cut, text, 1, parts / "1")
             in_fresh_process(cut, f"{text},frames=odometry", 1, parts / "again")
-            again = in_fresh_process(agreement_of, parts / "again" / "robot_0", parts / "1" / "robot_0")
+            (whole,), (whole_again,) = map_folders(parts / "1"), map_folders(parts / "again")
+            again = in_fresh_process(agreement_of, whole_again, whole)
             for robots in args.robots:
                 sys.stderr.write(f"benchmark: {text}, {robots} robots\n")
                 in_fresh_process(cut, text, robots, parts / str(robots))
-                runs.append(in_fresh_process(run_split, text, parts / str(robots), parts / "1" / "robot_0", again))
+                runs.append(in_fresh_process(run_split, text, parts / str(robots), whole, again))
     rows = [_row(run) for run in runs]
     print(text_table(HEAD, rows))
     for run in runs:

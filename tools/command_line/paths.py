@@ -130,12 +130,15 @@ _MAPS = ("map.npz", "map.yaml")
 
 def list_maps(paths: Iterable[Path]) -> list[Path]:
     """Return maps, and in the place of a folder that is none the map folders in it: robot_0, robot_1, ..."""
-    return [found for path in paths for found in (_maps_in(path) or [path])]
+    return [
+        found
+        for path in paths
+        for found in (map_folders(path) if path.is_dir() and not holds_map(path) else []) or [path]
+    ]
 
 
-def _maps_in(path: Path) -> list[Path]:
-    if not path.is_dir() or holds_map(path):
-        return []
+def map_folders(path: Path) -> list[Path]:
+    """Return the map folders in a folder: robot_0, robot_1, ..., robot_10."""
     return sorted((entry for entry in path.iterdir() if entry.is_dir() and holds_map(entry)), key=_by_number)
 
 

@@ -18,7 +18,12 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """
     scans = parser.add_argument_group("scans")
     scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
-    scans.add_argument("--scan-topic", metavar="TOPIC", help="topic of the scans; in a CARMEN log FLASER ..")
+    scans.add_argument(
+        "--scan-topic",
+        action="append",
+        metavar="[RECORDING=]TOPIC",
+        help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log FLASER ..",
+    )
     scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
     scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
@@ -94,6 +99,16 @@ def options_from(args: argparse.Namespace) -> "RecordingOptions":
     return RecordingOptions(**given_options(args))
 
 
+def scan_topics_of_recordings(args: argparse.Namespace) -> dict[str, str]:
+    """Return the topics of scans that were asked for of single recordings, by the name given for the recording."""
+    return {name: topic for name, topic in _scan_topics(args).items() if name}
+
+
+def _scan_topics(args: argparse.Namespace) -> dict[str, str]:
+    parted = (text.rpartition("=") for text in args.scan_topic or ())
+    return {name: topic for name, _, topic in parted}
+
+
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for about recordings, by the names that `RecordingOptions` has."""
     from tbmslam.geometry.se2 import SE2
@@ -101,7 +116,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
     pose = args.sensor_pose
     values = {
         "profile": args.profile,
-        "scan_topic": args.scan_topic,
+        "scan_topic": _scan_topics(args).get(""),
         "laser_frame": args.laser_frame,
         "odometry": args.odometry,
         "odometry_topic": args.odometry_topic,

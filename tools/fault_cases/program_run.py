@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tools import build_maps, make_world
+from tools.mapping.robot_names import robot_names
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def simulated(folder: Path, *arguments: object) -> Path:
 def mapped(recording: Path, folder: Path, *arguments: object) -> tuple[ProgramRun, dict[str, Any]]:
     """Run build_maps on a recording; return how that ended, and run.json where there is one."""
     done = run_program(build_maps.main, recording, *arguments, "--frames", "odometry", "-o", folder)
-    path = folder / "robot_0" / "run.json"
+    path = folder / robot_names([recording])[0] / "run.json"
     run: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return done, run
 

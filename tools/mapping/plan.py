@@ -7,6 +7,7 @@ from pathlib import Path
 
 from datasets.digest import file_digests
 from datasets.listing import list_recordings
+from tbmslam.configuration.parameters import changed
 from tbmslam.parallel.progress import Watch
 from tbmslam.sensing.segmentation import (
     Itinerary,
@@ -19,6 +20,8 @@ from tbmslam.sensing.segmentation import (
 )
 from tools.command_line.configuration import Configuration
 from tools.command_line.output_folder import OutputError
+from tools.command_line.recording_options import scan_topics_of_recordings
+from tools.mapping.robot_names import robot_names
 from tools.mapping.task import MappingTask, Shelf, finished
 
 
@@ -38,15 +41,33 @@ def plan_mapping(args: argparse.Namespace, config: Configuration, shelf: Shelf, 
         raise OutputError(
             f"--reference needs one trajectory for each recording: {len(groups)}, got {len(args.reference)}"
         )
+    names = robot_names([min(paths, key=lambda path: path.name) for paths in groups])
+    configs = _configs(args, config, dict(zip(names, groups, strict=True)))
     tasks: list[MappingTask] = []
-    for paths in watch.each(groups, "checking", len(groups), "recordings"):
-        files = tuple(file_digests(paths))
+    for (name, own), paths in zip(
+        configs.items(), watch.each(groups, "checking", len(groups), "recordings"), strict=True
+    ):
+        whole = MappingTask(name, paths, tuple(file_digests(paths)), own, None, None, args.out)
         shares = _shares(args)
-        drafts = [_task(args, config, paths, files, len(tasks) + k, share) for k, share in enumerate(shares)]
+        drafts = _parts(args, whole, len(tasks), shares)
         if shares != [None] and (args.split == "gaps" or args.redo or not all(map(finished, drafts))):
-            drafts = _cut(args, config, drafts[0], len(tasks), shelf, watch)
+            drafts = _cut(args, whole, len(tasks), shelf, watch)
         tasks += drafts
     return tasks
+
+
+def _configs(
+    args: argparse.Namespace, config: Configuration, recordings: Mapping[str, tuple[Path, ...]]
+) -> dict[str, Configuration]:
+    """Return each recording's own parameters: its topic of scans may have been given."""
+    configs = dict.fromkeys(recordings, config)
+    for key, topic in scan_topics_of_recordings(args).items():
+        meant = [name for name, paths in recordings.items() if key in {name, *(path.name for path in paths)}]
+        if not meant:
+            raise OutputError(f"--scan-topic {key}={topic} names no recording: there are {', '.join(recordings)}")
+        for name in meant:
+            configs[name] = changed(config, {"recording": {"scan_topic": topic}}, "--scan-topic")
+    return configs
 
 
 def _shares(args: argparse.Namespace) -> list[Mapping[str, object] | None]:
@@ -61,40 +82,35 @@ def _shares(args: argparse.Namespace) -> list[Mapping[str, object] | None]:
     return [{**split, "number": number} for number in range(args.robots)]
 
 
-def _task(
-    args: argparse.Namespace,
-    config: Configuration,
-    paths: tuple[Path, ...],
-    files: tuple[Mapping[str, str | int], ...],
-    index: int,
-    share: Mapping[str, object] | None,
-) -> MappingTask:
-    name = f"robot_{index}"
-    T_own_start = private_frame(config.seed, index) if args.frames == "private" else None
-    return MappingTask(name, paths, files, config, share, T_own_start, args.out / name)
-
-
-def _cut(
-    args: argparse.Namespace, config: Configuration, first: MappingTask, index: int, shelf: Shelf, watch: Watch
+def _parts(
+    args: argparse.Namespace, whole: MappingTask, index: int, shares: Sequence[Mapping[str, object] | None]
 ) -> list[MappingTask]:
+    """Return the robots of a recording: one of its name, or numbered ones where it is cut; `index` of the first."""
+    tasks = []
+    for number, share in enumerate(shares):
+        name = whole.name if share is None else f"{whole.name}_{number}"
+        T_own_start = private_frame(whole.config.seed, index + number) if args.frames == "private" else None
+        tasks.append(
+            dataclasses.replace(whole, name=name, share=share, T_own_start=T_own_start, folder=args.out / name)
+        )
+    return tasks
+
+
+def _cut(args: argparse.Namespace, whole: MappingTask, index: int, shelf: Shelf, watch: Watch) -> list[MappingTask]:
     """Read a recording and return its robots with the parts that are theirs."""
-    recording = shelf.open(first.paths, config.recording)
+    options = whole.config.recording
+    recording = shelf.open(whole.paths, options)
     stamps, poses = [], []
     for reading in watch.each(recording, "reading", recording.expected_scans, "scans"):
         stamps.append(reading.scan.stamp)
         poses.append(reading.T_odom_robot)
-    segments = _segments(args, config.recording.gap_s, Itinerary.from_poses(stamps, poses))
+    segments = _segments(args, options.gap_s, Itinerary.from_poses(stamps, poses))
     shares = _shares(args)
     if args.split == "gaps" and not args.interval:
         shares = [{"split": "gaps", "number": number} for number in range(len(segments))]
     return [
-        dataclasses.replace(
-            _task(args, config, first.paths, first.files, index + k, share),
-            segment=segment,
-            counts=recording.counts,
-            began=stamps[0],
-        )
-        for k, (share, segment) in enumerate(zip(shares, segments, strict=True))
+        dataclasses.replace(task, segment=segment, counts=recording.counts, began=stamps[0])
+        for task, segment in zip(_parts(args, whole, index, shares), segments, strict=True)
     ]
 
 

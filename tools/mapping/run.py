@@ -17,7 +17,7 @@ from tbmslam.report.page import Making
 from tbmslam.report.rerun_viewer import RerunViewer
 from tools.command_line.configuration import Configuration
 from tools.command_line.output_folder import OutputError, changed_files, output_folder, write_checksums
-from tools.command_line.paths import check_extra_files, write_extra_files
+from tools.command_line.paths import check_extra_files, map_folders, write_extra_files
 from tools.command_line.progress import ProgressBars
 from tools.evaluation.truth_file import NAME, read_truth_file
 from tools.mapping.crew import map_all
@@ -27,6 +27,9 @@ from tools.mapping.truth import write_truth
 from tools.mapping.viewer_option import LIVE
 
 logger = logging.getLogger(__name__)
+
+_MERGE_REPORT = "report.json"
+"""A map folder with this file is a merge's."""
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
@@ -128,7 +131,8 @@ def _write_truth(
 
 
 def _refuse_stale_robots(out: Path, names: Sequence[str]) -> None:
-    stale = sorted(path.name for path in out.glob("robot_*") if path.name not in names)
+    made = [path.name for path in map_folders(out) if not (path / _MERGE_REPORT).exists()]
+    stale = [name for name in made if name not in names]
     if stale:
         shown = ", ".join(stale[:5]) + (", ..." if len(stale) > 5 else "")
         raise OutputError(f"{out} holds {shown} of another run: remove it or choose another folder with -o")

@@ -55,7 +55,7 @@ def test_a_recording_is_cut_and_merged_again(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "| robot_0   |" in said
     (run,) = json.loads(figures.read_text())["runs"]
-    assert run["merged"] == ["robot_0", "robot_1"]
+    assert run["merged"] == ["robot_0_0", "robot_0_1"]
     repeated = f"robot_0, 2 robots: truth.json {run['truth_doubt']}"
     assert (repeated in said) is (run["truth_doubt"] is not None)
     for _, _, shared, (metres, degrees) in run["pairs"]:

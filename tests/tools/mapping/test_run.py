@@ -84,12 +84,12 @@ def test_a_split_recording_goes_on_too(bags, tmp_path, names_mapped):
     split = (bags / "robot_0.bag", "--robots", 2, "-o", tmp_path)
     assert run(*split) == 0
     before = results(tmp_path)
-    (tmp_path / "robot_1" / "map.npz").unlink()
+    (tmp_path / "robot_0_1" / "map.npz").unlink()
     assert run(*split) == 0
-    assert names_mapped == ["robot_0", "robot_1", "robot_1"]
+    assert names_mapped == ["robot_0_0", "robot_0_1", "robot_0_1"]
     assert results(tmp_path) == before
     assert run(*split, "--overlap", 0.5) == 0
-    assert names_mapped[3:] == ["robot_0", "robot_1"]
+    assert names_mapped[3:] == ["robot_0_0", "robot_0_1"]
 
 
 @pytest.mark.parametrize("name", ["map.pgm", "trajectory.tum", "run.json", "SHA256SUMS"])
@@ -126,13 +126,13 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     given = (bags / "robot_0.bag", bad, bags / "robot_2.bag", "--separate", "-o", tmp_path / "out")
     assert run(*given) == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("build_maps: 1 of 3 robots failed (robot_1), the others are kept; mend or leave out their ")
+    assert error.startswith("build_maps: 1 of 3 robots failed (bad), the others are kept; mend or leave out their ")
     assert str(bad) in error
     for name in ("robot_0", "robot_2"):
         assert results(tmp_path / "out" / name) == results(mapped / name)
     page = (tmp_path / "out" / "report.html").read_text()
     assert "2 maps were made" in page
-    assert "1 of 3 robots failed (robot_1)" in page
+    assert "1 of 3 robots failed (bad)" in page
 
 
 def test_where_all_recordings_are_bad_nothing_is_said_of_others(tmp_path, capsys):
@@ -140,7 +140,7 @@ def test_where_all_recordings_are_bad_nothing_is_said_of_others(tmp_path, capsys
         (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
     assert run(tmp_path, "--separate", "-o", tmp_path / "out") == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("build_maps: 2 of 2 robots failed (robot_0, robot_1); mend or leave out their recordings")
+    assert error.startswith("build_maps: 2 of 2 robots failed (a, b); mend or leave out their recordings")
 
 
 def test_where_a_recording_is_bad_the_others_keep_their_own_truth(bags, mapped, tmp_path):
