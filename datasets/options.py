@@ -42,6 +42,9 @@ class RecordingOptions:
         Angle between beams [deg] instead of the recorded one; the first beam keeps its direction.
     range_min, range_max
         Limits of the laser [m] instead of the recorded ones.
+    cloud_heights
+        Lowest and highest point of the slice of point clouds that becomes scans, above the robot's frame [m]; None: a
+        quarter of a metre around the sensor, without the floor.
     range_offset
         Added to every range that was measured [m].
     no_return
@@ -76,6 +79,7 @@ class RecordingOptions:
     no_return_codes: tuple[float, ...] = ()
     odometry_scale: float = 1.0
     clock_offset: float | None = None
+    cloud_heights: tuple[float, float] | None = None
     gap_s: float = 2.0
     max_odometry_gap_s: float = 5.0
 
@@ -95,8 +99,8 @@ class RecordingOptions:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.range_min is not None and not self.range_min >= 0.0:
             raise ValueError(f"range_min must not be negative, got {self.range_min}")
-        if self.range_min is not None and self.range_max is not None and not self.range_min < self.range_max:
-            raise ValueError(f"range_min must be below range_max, got {self.range_min} and {self.range_max}")
+        self._check_order("range_min must be below range_max", self.range_min, self.range_max)
+        self._check_order("the first of cloud_heights must be below the second", *(self.cloud_heights or (None, None)))
         if not abs(self.range_offset) <= _LARGEST_OFFSET:
             raise ValueError(f"range_offset must be within {_LARGEST_OFFSET:g} m, got {self.range_offset}")
         if not 1e-6 <= self.odometry_scale <= 1e6:
@@ -109,3 +113,8 @@ class RecordingOptions:
             raise ValueError(f"angle_step_deg must be finite and not 0, got {self.angle_step_deg}")
         if self.clock_offset is not None and not math.isfinite(self.clock_offset):
             raise ValueError(f"clock_offset must be finite, got {self.clock_offset}")
+
+    @staticmethod
+    def _check_order(rule: str, low: float | None, high: float | None) -> None:
+        if low is not None and high is not None and not low < high:
+            raise ValueError(f"{rule}, got {low} and {high}")

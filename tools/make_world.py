@@ -118,6 +118,13 @@ def _add_laser(laser: argparse._ArgumentGroup) -> None:
     laser.add_argument(
         "--sweep", type=float, default=0.0, metavar="S", help="from a scan's first beam to its last [s] (0: one moment)"
     )
+    laser.add_argument(
+        "--rings",
+        type=int,
+        default=0,
+        metavar="N",
+        help="a lidar of N rings in its place, which sends point clouds (0)",
+    )
     laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
 
 
@@ -197,11 +204,13 @@ def _check_moment(fault: "Fault", robots: "Sequence[SimulatedRobot]") -> None:
 
 def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) -> None:
     from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
+    from datasets.synthetic.robot.ring_lidar import RingLidar
 
+    lidar = RingLidar(args.rings) if args.rings else None
     if args.format == "mcap":
-        write_mcap_bag(robot, path, no_return=args.no_return)
+        write_mcap_bag(robot, path, no_return=args.no_return, lidar=lidar)
     else:
-        write_ros1_bag(robot, path, compression=args.compression, no_return=args.no_return)
+        write_ros1_bag(robot, path, compression=args.compression, no_return=args.no_return, lidar=lidar)
     print(f"{path}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
 
 
@@ -211,6 +220,8 @@ def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
     from tbmslam.geometry.se2 import SE2
 
     angle_min, angle_increment = SimulatedLaser.field_of(args.beams)
+    if args.rings:  # a lidar turns
+        angle_min, angle_increment = -math.pi, 2.0 * math.pi / max(args.beams, 1)
     return SimulatedLaser(
         beams=args.beams,
         angle_min=angle_min,

@@ -163,6 +163,11 @@ class NoMotion:
         return self._mounting.at(stamp)
 
 
+def pose_along(steps: list[Step]) -> SE3:
+    """Return where a way of frames leads, each edge as it was first seen."""
+    return reduce(matmul, (_along(step, step.edge.first) for step in steps), SE3.identity())
+
+
 def _along(step: Step, pose: SE3) -> SE3:
     """Return the motion of a step in its direction."""
     return pose if step.down else pose.inverse()

@@ -2,13 +2,17 @@
 
 from collections.abc import Collection, Iterator
 from heapq import merge
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from datasets.clouds.cloud_slice import CloudSlice
+from datasets.clouds.point_cloud import PointCloud
 from datasets.errors import DatasetError
 from datasets.rosbag.message_bytes import Content
 from datasets.rosbag.message_decoder import MessageDecoder
 from datasets.rosbag.message_types import standard_md5_sum
+from datasets.rosbag.messages import FramedScan
 from datasets.rosbag.same_time import check_for_robots
 from datasets.rosbag.source import BagSource
 from datasets.salvage.salvaged_bag import BagConnection, Loss
@@ -52,6 +56,7 @@ class BagFiles:
     def __init__(self, paths: list[Path]) -> None:
         self.paths = paths
         self.topics: dict[str, Topic] = {}
+        self._cut: CloudSlice | None = None
         self._sources = [BagSource(path) for path in paths]
         for source in self._sources:
             for connection in source.connections:
@@ -60,6 +65,21 @@ class BagFiles:
     def of_type(self, *msgtypes: str) -> list[Topic]:
         """Return the topics of some message types, sorted by name."""
         return sorted(topic for topic in self.topics.values() if topic.msgtype in msgtypes)
+
+    def first_clouds(self, topic: str, count: int) -> list[PointCloud]:
+        """Return the first point clouds of a topic, at most so many of them; unreadable ones are left out."""
+        clouds: list[PointCloud] = []
+        for source in self._sources:
+            decoded = MessageDecoder(source.is_ros1).decoded
+            for connection, _, data in islice(source.messages([topic], topic), count - len(clouds)):
+                cloud = decoded(connection.msgtype, data)
+                if isinstance(cloud, PointCloud):
+                    clouds.append(cloud)
+        return clouds
+
+    def slice_clouds(self, cut: CloudSlice) -> None:
+        """Have every point cloud from now on become a scan."""
+        self._cut = cut
 
     def check_for_robots(self, scan_topic: str) -> None:
         """Refuse files that hold different scans from the same time.
@@ -88,7 +108,7 @@ class BagFiles:
         DatasetError
             A topic's type only bears the name of the standard one.
         """
-        streams = [_stream(source, topics, steered_by) for source in self._sources]
+        streams = [_stream(source, topics, steered_by, self._cut) for source in self._sources]
         yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]
 
     def close(self) -> None:
@@ -111,13 +131,16 @@ class BagFiles:
         self.topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
 
 
-def _stream(source: BagSource, topics: Collection[str], steered_by: str) -> Iterator[Message]:
+def _stream(source: BagSource, topics: Collection[str], steered_by: str, cut: CloudSlice | None) -> Iterator[Message]:
     """Yield the decoded messages of one file."""
     if source.is_ros1:
         _check_definitions(source.path, [each for each in source.connections if each.topic in topics])
     decoded = MessageDecoder(source.is_ros1).decoded
     for connection, time, data in source.messages(topics, steered_by):
-        yield Message(connection.topic, connection.msgtype, 1e-9 * time, decoded(connection.msgtype, data))
+        content = decoded(connection.msgtype, data)
+        if isinstance(content, PointCloud):
+            content = None if cut is None else FramedScan(content.frame, cut.scan(content))
+        yield Message(connection.topic, connection.msgtype, 1e-9 * time, content)
 
 
 def _check_definitions(path: Path, connections: list[BagConnection]) -> None:

@@ -1,9 +1,11 @@
 """Bytes of a bag's messages as this project's types."""
 
 import logging
+from typing import Any
 
+from datasets.clouds.point_cloud import PointCloud, PointCloudError, cloud_of
 from datasets.rosbag.message_bytes import Content, reader_of
-from datasets.rosbag.message_types import ECHOES_TYPE, SCAN_TYPE, TF_TYPES, standard_types
+from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES, standard_types
 from datasets.rosbag.messages import poses_of, scan_of, transforms_of
 
 logger = logging.getLogger(__name__)
@@ -22,7 +24,7 @@ class MessageDecoder:
         self._is_ros1 = is_ros1
         self._readers = {name: reader_of(name, is_cdr=not is_ros1) for name in (SCAN_TYPE, *TF_TYPES)}
 
-    def decoded(self, msgtype: str, data: bytes) -> Content | None:
+    def decoded(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
         """Return what a message says; None where its bytes cannot be decoded."""
         if msgtype not in self._readers:
             self._readers[msgtype] = reader_of(msgtype, is_cdr=not self._is_ros1)
@@ -34,7 +36,7 @@ class MessageDecoder:
                 logger.debug("a %s is not laid out as usual: %r", msgtype, error)
         return self._by_rosbags(msgtype, data)
 
-    def _by_rosbags(self, msgtype: str, data: bytes) -> Content | None:
+    def _by_rosbags(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
         """Return the same, whatever the type and the order of bytes."""
         try:
             store = standard_types(self._is_ros1)
@@ -44,4 +46,15 @@ class MessageDecoder:
             return None
         if msgtype in (SCAN_TYPE, ECHOES_TYPE):
             return scan_of(message)
+        if msgtype == CLOUD_TYPE:
+            return _cloud(message)
         return list(transforms_of(message) if msgtype in TF_TYPES else poses_of(message))
+
+
+def _cloud(message: Any) -> PointCloud | None:
+    """Return the points of a message; None where it holds none in space."""
+    try:
+        return cloud_of(message)
+    except PointCloudError as error:
+        logger.debug("a point cloud cannot be read: %s", error)
+        return None

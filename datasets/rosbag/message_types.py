@@ -8,6 +8,7 @@ if TYPE_CHECKING:
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ECHOES_TYPE = "sensor_msgs/msg/MultiEchoLaserScan"
+CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")

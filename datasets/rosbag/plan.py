@@ -7,13 +7,16 @@ from itertools import islice
 
 import numpy as np
 
+from datasets.clouds.cloud_slice import CloudSlice
+from datasets.clouds.slice_choice import choose_slice, mounting
 from datasets.errors import DatasetError
-from datasets.odometry.frames import Frames, Step, find_robot_frame
-from datasets.odometry.source import Mounting
+from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
+from datasets.odometry.se3 import SE3
+from datasets.odometry.source import Mounting, pose_along
 from datasets.options import RecordingOptions
 from datasets.profiles import STATA_SENSOR_POSE, with_profile
 from datasets.rosbag.files import BagFiles, Message
-from datasets.rosbag.message_types import SCAN_TYPE, TF_TYPES
+from datasets.rosbag.message_types import CLOUD_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.rosbag.messages import FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import ChosenTopics, choose_topics, is_static
@@ -24,6 +27,7 @@ from tbmslam.geometry.se2 import SE2
 logger = logging.getLogger(__name__)
 
 _MOST_STATIC = 2000
+_CLOUDS_TO_CHOOSE_BY = 20
 _SCANS_FOR_DELAY = 50
 _NEVER_ALL_BEYOND = 100.0  # where a robot drives on the floor, something is nearer [m]
 _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
@@ -53,6 +57,8 @@ class Plan:
         Bag time minus what counts for the stamps of scans and of odometry where they are unset [s].
     doubts
         What had to be chosen although tf says two things, in sentences.
+    cut
+        How point clouds become scans, where the topic of scans holds clouds.
     """
 
     files: BagFiles
@@ -67,6 +73,7 @@ class Plan:
     clock: ClockFinding
     unset_lags: tuple[float, float] = (0.0, 0.0)
     doubts: tuple[str, ...] = ()
+    cut: CloudSlice | None = None
 
     def topics_to_read(self) -> tuple[str, ...]:
         """Return the topics a pass needs."""
@@ -89,6 +96,10 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     options = with_profile(asked, files.topics)
     topics = choose_topics(files, options)
     files.check_for_robots(topics.scan)
+    cut = None
+    if files.topics[topics.scan].msgtype == CLOUD_TYPE:
+        cut, options = _sliced(files, topics, options)
+        files.slice_clouds(cut)
     survey = _surveyed(files, topics, options)
     laser = _laser(files, options, topics, survey)
     if (near := laser.nearest_usual()) > _NEVER_ALL_BEYOND:
@@ -129,8 +140,32 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
         logger.warning("%s: %s", files.paths[0], stretched)
     unset = lags_of_unset(laser.lags, odometry_lags)
     return Plan(
-        files, options, topics, laser, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts
+        files, options, topics, laser, source, frames, robot_frame, to_sensor, sensor_pose, clock, unset, doubts, cut
     )
+
+
+def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> tuple[CloudSlice, RecordingOptions]:
+    """Choose a slice of the point clouds, and return it with the options for the scans that it gives.
+
+    The height of the sensor is known only when its frame and the robot's are, so the beginning is surveyed twice.
+    """
+    clouds = files.first_clouds(topics.scan, _CLOUDS_TO_CHOOSE_BY)
+    if not clouds:
+        raise DatasetError(
+            f"{files.paths[0]}: no cloud of {topics.scan} holds readable x, y and z: choose another --scan-topic"
+        )
+    files.slice_clouds(CloudSlice(SE3.identity(), -math.inf, math.inf))
+    survey = _surveyed(files, topics, options)
+    laser = _laser(files, options, topics, survey)
+    frames = survey.frames() if options.odometry in ("auto", "tf") else None
+    _, to_sensor = _robot(survey, laser, options, frames, topics)
+    stated = None if to_sensor is None else pose_along(to_sensor)
+    T_robot_sensor = mounting(stated, options.sensor_pose, options.upside_down)
+    own = [cloud for cloud in clouds if plain(cloud.frame) == laser.frame] or clouds
+    cut = choose_slice(T_robot_sensor, options.cloud_heights, options.angle_step_deg, own, topics.scan)
+    known = stated is not None or options.sensor_pose is not None
+    pose = cut.T_robot_scan if known else None
+    return cut, replace(options, sensor_pose=pose, upside_down=False, angle_step_deg=None)
 
 
 def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:

@@ -13,7 +13,7 @@ from datasets.odometry.synchronisation import EXTRAPOLATION_LIMIT_S, Pairing
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
 from datasets.rosbag.files import BagFiles, Message
-from datasets.rosbag.message_types import ECHOES_TYPE, SCAN_TYPE, TF_TYPES
+from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.rosbag.messages import FramedScan
 from datasets.rosbag.plan import Plan, plan_reading
 from datasets.salvage.salvaged_bag import UNTOLD
@@ -121,7 +121,7 @@ class _Pass:
         if isinstance(content, FramedScan):
             self._take_scan(content, message.bag_time, next(cleaned))
         elif content is None:
-            if message.msgtype in (SCAN_TYPE, ECHOES_TYPE):
+            if message.msgtype in (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE):
                 self._counts.scans_read += 1
                 self._counts.drop("unreadable")
         elif message.msgtype in TF_TYPES:
@@ -180,6 +180,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "robot_frame": plan.robot_frame,
         "T_robot_sensor": list(mounting),
         "sensor_pose_known": plan.to_sensor is not None or plan.options.sensor_pose is not None,
+        "cloud_heights_m": None if plan.cut is None else [plan.cut.low, plan.cut.high],
         "upside_down": upside_down,
         "angle_step_deg": plan.options.angle_step_deg,
         "range_min_m": rules.range_min,

@@ -5,10 +5,10 @@ from typing import NamedTuple
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.rosbag.files import BagFiles, Topic
-from datasets.rosbag.message_types import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
+from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.rosbag.same_robot import is_plain_odom, nearness_to, of_same_robot
 
-_CLOUD_TYPES = ("sensor_msgs/msg/PointCloud", "sensor_msgs/msg/PointCloud2")
+_SCAN_TYPES = (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE)
 
 
 class ChosenTopics(NamedTuple):
@@ -49,12 +49,12 @@ def is_static(topic: str) -> bool:
 def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     """Return the one topic of scans."""
     if options.scan_topic is not None:
-        topic = _named(files, options.scan_topic, (SCAN_TYPE, ECHOES_TYPE), "--scan-topic")
+        topic = _named(files, options.scan_topic, _SCAN_TYPES, "--scan-topic")
         if not topic.messages:
             raise DatasetError(f"{_names(files)}: {topic.name} holds no messages: choose another with --scan-topic")
         return topic.name
-    # What has several echoes is mostly there as LaserScan, too.
-    scans = files.of_type(SCAN_TYPE) or files.of_type(ECHOES_TYPE)
+    # What has several echoes is mostly there as LaserScan, too. A level scan says more than the slice of a cloud.
+    scans = files.of_type(SCAN_TYPE) or files.of_type(ECHOES_TYPE) or files.of_type(CLOUD_TYPE)
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
         return filled[0].name
@@ -65,14 +65,10 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     if scans:
         listed = ", ".join(topic.name for topic in scans)
         raise DatasetError(f"{_names(files)}: {listed} holds no messages: there is nothing to map")
-    if clouds := files.of_type(*_CLOUD_TYPES):
-        listed = ", ".join(topic.name for topic in clouds)
-        raise DatasetError(
-            f"{_names(files)} has no LaserScan topic, and point clouds ({listed}) are not read: "
-            "make scans of them with pointcloud_to_laserscan, and record those"
-        )
     listed = ", ".join(sorted(files.topics)) or "no topics at all"
-    raise DatasetError(f"{_names(files)} has no LaserScan topic; it has {listed}: choose another recording")
+    raise DatasetError(
+        f"{_names(files)} has no topic of LaserScan or PointCloud2; it has {listed}: choose another recording"
+    )
 
 
 def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:
@@ -88,7 +84,7 @@ def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[
 
 def _other_scans(files: BagFiles, scan: str) -> list[str]:
     """Return the topics of scans that are not read."""
-    return [topic.name for topic in files.of_type(SCAN_TYPE, ECHOES_TYPE) if topic.messages and topic.name != scan]
+    return [topic.name for topic in files.of_type(*_SCAN_TYPES) if topic.messages and topic.name != scan]
 
 
 def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from datasets.synthetic.robot.ring_lidar import LidarPoints, RingLidar
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
@@ -38,6 +39,23 @@ class Messages:
         """Return a LaserScan; `values` are its fields but header and intensities."""
         header = self._header(nanoseconds, frame)
         return self._bytes("sensor_msgs/msg/LaserScan", header=header, intensities=np.zeros(0, np.float32), **values)
+
+    def cloud(self, nanoseconds: int, frame: str, seen: LidarPoints) -> bytes:
+        """Return a PointCloud2 with fields x, y, z and time."""
+        field, kind = self.store.types["sensor_msgs/msg/PointField"], 7
+        records = np.column_stack((seen.points, seen.times))
+        return self._bytes(
+            "sensor_msgs/msg/PointCloud2",
+            header=self._header(nanoseconds, frame),
+            height=1,
+            width=len(records),
+            fields=[field(name, 4 * index, kind, 1) for index, name in enumerate(("x", "y", "z", "time"))],
+            is_bigendian=False,
+            point_step=16,
+            row_step=16 * len(records),
+            data=np.frombuffer(records.astype("<f4").tobytes(), np.uint8),
+            is_dense=True,
+        )
 
     def transform(
         self, nanoseconds: int, parent: str, child: str, pose: SE2, *, height: float = 0.0, upside_down: bool = False
@@ -98,7 +116,7 @@ class Messages:
         return bytes(self.store.serialize_ros1(message, name) if self.ros1 else self.store.serialize_cdr(message, name))
 
 
-SCAN_TOPIC, ODOMETRY_TOPIC = "/base_scan", "/base_odometry/odom"
+SCAN_TOPIC, CLOUD_TOPIC, ODOMETRY_TOPIC = "/base_scan", "/points", "/base_odometry/odom"
 ODOM_FRAME, ROBOT_FRAME, LASER_FRAME = "odom_combined", "base_footprint", "base_laser_link"
 
 NO_RETURN = 65.533
@@ -128,7 +146,12 @@ class BagWritingError(TbmSlamError):
 
 
 def write_ros1_bag(
-    robot: SimulatedRobot, path: Path, *, compression: Literal["none", "bz2"] = "none", no_return: float = NO_RETURN
+    robot: SimulatedRobot,
+    path: Path,
+    *,
+    compression: Literal["none", "bz2"] = "none",
+    no_return: float = NO_RETURN,
+    lidar: RingLidar | None = None,
 ) -> None:
     """Write a ROS 1 bag, whole or not at all; an older one of that name is replaced.
 
@@ -138,6 +161,8 @@ def write_ros1_bag(
         `none` or `bz2`. Not lz4: what `rosbags` compresses so, ROS 1 itself cannot read.
     no_return
         Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
+    lidar
+        What is in the laser's place and sends point clouds; None: the laser sends its scans.
 
     Raises
     ------
@@ -156,9 +181,9 @@ def write_ros1_bag(
             with writer:
                 connections = {
                     topic: writer.add_connection(topic, kind, typestore=messages.store)
-                    for topic, kind in _topics(messages).items()
+                    for topic, kind in _topics(messages, lidar).items()
                 }
-                for nanoseconds, topic, data in _entries(robot, messages, no_return):
+                for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
                     writer.write(connections[topic], nanoseconds, data)
             _sync(unfinished)
             unfinished.replace(path)
@@ -166,13 +191,17 @@ def write_ros1_bag(
         raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
 
 
-def write_mcap_bag(robot: SimulatedRobot, path: Path, *, no_return: float = NO_RETURN) -> None:
+def write_mcap_bag(
+    robot: SimulatedRobot, path: Path, *, no_return: float = NO_RETURN, lidar: RingLidar | None = None
+) -> None:
     """Write a ROS 2 bag, a folder with metadata and one mcap file, whole or not at all; an older one is replaced.
 
     Parameters
     ----------
     no_return
         Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
+    lidar
+        What is in the laser's place and sends point clouds; None: the laser sends its scans.
 
     Raises
     ------
@@ -191,9 +220,9 @@ def write_mcap_bag(robot: SimulatedRobot, path: Path, *, no_return: float = NO_R
                         typestore=messages.store,
                         offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [],
                     )
-                    for topic, kind in _topics(messages).items()
+                    for topic, kind in _topics(messages, lidar).items()
                 }
-                for nanoseconds, topic, data in _entries(robot, messages, no_return):
+                for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
                     writer.write(connections[topic], nanoseconds, data)
             for file in sorted(unfinished.iterdir()):
                 _sync(file)
@@ -202,28 +231,31 @@ def write_mcap_bag(robot: SimulatedRobot, path: Path, *, no_return: float = NO_R
         raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
 
 
-def _topics(messages: Messages) -> dict[str, str]:
+def _topics(messages: Messages, lidar: RingLidar | None) -> dict[str, str]:
+    scans = (SCAN_TOPIC, "sensor_msgs/msg/LaserScan") if lidar is None else (CLOUD_TOPIC, "sensor_msgs/msg/PointCloud2")
     topics = {
-        SCAN_TOPIC: "sensor_msgs/msg/LaserScan",
+        scans[0]: scans[1],
         ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
         "/tf": messages.tf_type,
     }
     return topics if messages.ros1 else {**topics, "/tf_static": messages.tf_type}
 
 
-def _entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> list[Entry]:
+def _entries(robot: SimulatedRobot, messages: Messages, no_return: float, lidar: RingLidar | None) -> list[Entry]:
     """Return all messages in the order of their recording."""
-    return sorted([*_odometry_entries(robot, messages), *_scan_entries(robot, messages, no_return)], key=lambda e: e[0])
+    scans = _scan_entries(robot, messages, no_return) if lidar is None else _cloud_entries(robot, messages, lidar)
+    height = LASER_HEIGHT if lidar is None else lidar.height
+    return sorted([*_odometry_entries(robot, messages, height), *scans], key=lambda e: e[0])
 
 
-def _odometry_entries(robot: SimulatedRobot, messages: Messages) -> Iterator[Entry]:
+def _odometry_entries(robot: SimulatedRobot, messages: Messages, height: float) -> Iterator[Entry]:
     mount_topic = "/tf" if messages.ros1 else "/tf_static"
     steps = np.diff(robot.odometry.stamps, append=np.inf)
     for index in range(len(robot.odometry)):
         stamp, pose = _nanoseconds(float(robot.odometry.stamps[index])), robot.odometry.pose(index)
         if index == 0 or (messages.ros1 and index % _MOUNT_EVERY == 0):
             mount, is_down = robot.laser.T_robot_sensor, robot.laser.upside_down
-            data = messages.transform(stamp, ROBOT_FRAME, LASER_FRAME, mount, height=LASER_HEIGHT, upside_down=is_down)
+            data = messages.transform(stamp, ROBOT_FRAME, LASER_FRAME, mount, height=height, upside_down=is_down)
             yield stamp, mount_topic, data
         after = robot.odometry.pose(min(index + 1, len(robot.odometry) - 1))
         vx, vy, omega = (rate / float(steps[index]) for rate in (pose.inverse() @ after).log())
@@ -234,10 +266,23 @@ def _odometry_entries(robot: SimulatedRobot, messages: Messages) -> Iterator[Ent
 
 def _scan_entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> Iterator[Entry]:
     for index, reading in enumerate(robot.readings):
-        stamp = _nanoseconds(reading.scan.stamp)
-        taken = stamp if robot.recorded is None else _nanoseconds(float(robot.recorded[index]))
+        stamp, taken = _stamp_and_time(robot, index)
         fields = _scan_fields(reading.scan, robot, no_return)
         yield taken + _SCAN_DELAY, SCAN_TOPIC, messages.scan(stamp, LASER_FRAME, fields)
+
+
+def _cloud_entries(robot: SimulatedRobot, messages: Messages, lidar: RingLidar) -> Iterator[Entry]:
+    rng = np.random.default_rng([len(robot.readings), lidar.rings])
+    for index, reading in enumerate(robot.readings):
+        stamp, taken = _stamp_and_time(robot, index)
+        seen = lidar.points(reading.scan, robot.laser.noise, rng, upside_down=robot.laser.upside_down)
+        yield taken + _SCAN_DELAY, CLOUD_TOPIC, messages.cloud(stamp, LASER_FRAME, seen)
+
+
+def _stamp_and_time(robot: SimulatedRobot, index: int) -> tuple[int, int]:
+    """Return the stamp of a reading, and when it was taken [ns]."""
+    stamp = _nanoseconds(robot.readings[index].scan.stamp)
+    return stamp, stamp if robot.recorded is None else _nanoseconds(float(robot.recorded[index]))
 
 
 def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> dict[str, object]:

@@ -180,7 +180,7 @@ class KnownPoseConfig(FrozenConfig):
         With less agreeing wall than this it is laid exactly as told [m].
     """
 
-    PUBLIC: ClassVar = ("reach_m", "reach_rad")
+    PUBLIC: ClassVar = ("reach_m",)
 
     reach_m: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     reach_rad: Annotated[float, Field(ge=1e-3, le=3.2)] = 0.18

@@ -25,6 +25,13 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log FLASER ..",
     )
     scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
+    scans.add_argument(
+        "--cloud-heights",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="slice of point clouds that becomes scans, above the robot's frame [m] (a band around the sensor)",
+    )
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
     scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
     scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
@@ -125,6 +132,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
         "robot_frame": args.robot_frame,
         "sensor_pose": SE2(pose[0], pose[1], math.radians(pose[2])) if pose else None,
         "upside_down": args.upside_down,
+        "cloud_heights": tuple(args.cloud_heights) if args.cloud_heights else None,
         "angle_step_deg": args.angle_step_deg,
         "range_min": args.range_min,
         "range_max": args.range_max,

@@ -26,7 +26,9 @@ def test_several_scan_topics_are_listed(script, tmp_path):
 
 def test_no_scan_topic(script, tmp_path):
     bag = script.odometry(100.0, SE2.identity()).tf(100.0, "odom", "base_link").write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"run\.bag has no LaserScan topic; it has /odom, /tf: choose another"):
+    with pytest.raises(
+        DatasetError, match=r"run\.bag has no topic of LaserScan or PointCloud2; it has /odom, /tf: choose another"
+    ):
         choose(bag)
 
 
@@ -124,7 +126,7 @@ def test_several_topics_of_echoes_are_listed(script, tmp_path):
         choose(bag)
 
 
-def test_point_clouds_alone_are_refused_with_what_makes_scans_of_them(script, tmp_path):
+def test_clouds_are_taken_where_there_are_no_scans(script, tmp_path):
     def build(types):
         header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 0), "lidar")
         return types["sensor_msgs/msg/PointCloud2"](header, 1, 0, [], False, 12, 0, np.zeros(0, np.uint8), True)
@@ -132,7 +134,7 @@ def test_point_clouds_alone_are_refused_with_what_makes_scans_of_them(script, tm
     script.messages.append((1.0, "/points", "sensor_msgs/msg/PointCloud2", build))
     bag = script.write(tmp_path / "cloud", "mcap")
     with pytest.raises(
-        DatasetError, match=r"point clouds \(/points\) are not read: make scans of them with pointcloud_to"
+        DatasetError, match="no cloud of /points holds readable x, y and z: choose another --scan-topic"
     ):
         choose(bag)
 

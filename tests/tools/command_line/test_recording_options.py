@@ -24,7 +24,7 @@ def test_every_choice_has_an_option():
     words = (
         "--profile stata --scan-topic /s --laser-frame lf --odometry topic --odometry-topic /o --tf-topic /a "
         "--tf-topic /b --odom-frame of --robot-frame rf --sensor-pose 1 2 90 --no-upside-down --angle-step-deg 1 "
-        "--range-min 0.1 --range-max 20 --range-offset -0.05 --no-return drop "
+        "--range-min 0.1 --range-max 20 --range-offset -0.05 --cloud-heights 0.2 0.8 --no-return drop "
         "--no-return-code 8 --no-return-code 9 --odometry-scale 0.001 --clock-offset 82.2 --gap 3 --max-odometry-gap 4"
     )
     assert parse(*words.split()) == RecordingOptions(
@@ -42,6 +42,7 @@ def test_every_choice_has_an_option():
         range_min=0.1,
         range_max=20.0,
         range_offset=-0.05,
+        cloud_heights=(0.2, 0.8),
         no_return="drop",
         no_return_codes=(8.0, 9.0),
         odometry_scale=0.001,

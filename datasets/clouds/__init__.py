@@ -1,0 +1,1 @@
+"""Point clouds, cut at the height of a laser into scans."""
