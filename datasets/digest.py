@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from datasets.errors import DatasetError
-from tbmslam.io.special_file import is_device_or_pipe
+from tbmslam.special_file import is_device_or_pipe
 
 
 def file_digests(paths: Iterable[Path]) -> list[dict[str, str | int]]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from datasets.errors import DatasetError
-from tbmslam.io.special_file import is_device_or_pipe
+from tbmslam.special_file import is_device_or_pipe
 
 _FILES = (".bag", ".db3", ".mcap", ".log", ".clf")
 _PACKED = (".gz", ".bz2", ".xz")

@@ -8,7 +8,7 @@ from datasets.options import RecordingOptions
 from datasets.recording import Recording
 from datasets.rosbag.file_names import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
-from tbmslam.io.special_file import is_device_or_pipe, why_unreadable
+from tbmslam.special_file import is_device_or_pipe, why_unreadable
 
 _MAGICS = (
     (b"#ROSBAG", "rosbag"),

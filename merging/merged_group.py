@@ -15,7 +15,7 @@ from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.map_check import MAX_CELLS
+from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
 

@@ -26,7 +26,7 @@ from merging.verification.evidence import Evidence, examine
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.io.map_check import MAX_CELLS
+from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
 
 logger = logging.getLogger(__name__)

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.loop_closure.loop_closer import LoopCloser
+from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.map.tbm_map import DriveMotions
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.parallel.progress import Watch

@@ -15,10 +15,11 @@ from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.front_end import FrontEnd, make_tracker
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.rendering import render
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview
 from tbmslam.parallel.progress import Watch

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 
 STORAGE_SUFFIXES = (".db3", ".mcap")
 

@@ -5,8 +5,6 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-import numpy.typing as npt
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
@@ -14,8 +12,8 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.occupancy import occupancy_of
 from tbmslam.io.atomic_file import replacing
-from tbmslam.io.ros_map import FREE_PIXEL, OCCUPIED_PIXEL, ros_pixels
 
 Format = Literal["ros1", "mcap"]
 
@@ -81,12 +79,6 @@ def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
     return next(place.glob("*.mcap"))
 
 
-def occupancy(grid: TbmGrid) -> npt.NDArray[np.int8]:
-    """Return what map_server publishes (rows, cols): 0 free, 100 occupied, -1 unknown; row grows with y."""
-    pixels = ros_pixels(grid)[::-1]
-    return np.where(pixels == OCCUPIED_PIXEL, 100, np.where(pixels == FREE_PIXEL, 0, -1)).astype(np.int8)
-
-
 def _message(store: Any, grid: TbmGrid, nanoseconds: int, sequence: dict[str, int]) -> object:
     def make(name: str, **fields: object) -> Any:
         return store.types[name](**fields)
@@ -109,5 +101,5 @@ def _message(store: Any, grid: TbmGrid, nanoseconds: int, sequence: dict[str, in
             height=geometry.rows,
             origin=origin,
         ),
-        data=occupancy(grid).ravel(),
+        data=occupancy_of(grid).ravel(),
     )

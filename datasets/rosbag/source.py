@@ -15,7 +15,7 @@ from datasets.rosbag.file_names import CutFileError, check_files, is_ros1, stora
 from datasets.rosbag.indexed_messages import IndexedMessages, IndexReader, RawMessage, plain
 from datasets.rosbag.packed_file import UnpackedFile, unpacked
 from datasets.salvage.salvaged_bag import BagAnnouncement, Loss, SalvagedBag, announced_by
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 
 if TYPE_CHECKING:
     from rosbags import rosbag2

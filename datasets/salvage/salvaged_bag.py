@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 
 UNTOLD = "it ends too soon and does not tell how much is missing"
 _KEPT_BLOCKS = 6

@@ -8,7 +8,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.io.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
+from tbmslam.map.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
 
 
 class CellSizeError(TbmSlamError):

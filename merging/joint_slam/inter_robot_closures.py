@@ -9,9 +9,9 @@ import numpy.typing as npt
 from merging.config.groups import JointConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import DriveHits, ScanHits
-from tbmslam.map.tbm_map import Drive
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.parallel.progress import Watch
 from tbmslam.tracking.surfel_map import SurfelConfig

@@ -12,7 +12,8 @@ from merging.merger import Merge
 from merging.report.provenance import incidents_of
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.drive import Drive
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch

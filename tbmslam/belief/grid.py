@@ -14,6 +14,8 @@ Masses = npt.NDArray[np.float32]
 SUM_TOLERANCE = 1e-3
 """How far the masses of a cell may miss the sum of one: many updates in float32 round."""
 _CELLS_AT_ONCE = 1 << 20
+_SLIVER = 1e-6
+"""Of a cell: what an edge misses it by is rounding."""
 
 
 class GridGeometry(NamedTuple):
@@ -149,6 +151,23 @@ class TbmGrid:
         """Return the masses of the rows from `first` up to, and without, `last`."""
         return self.masses[first:last]
 
+    def cropped(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmGrid":
+        """Return the cells that a rectangle [m] touches.
+
+        Raises
+        ------
+        ValueError
+            If there are none.
+        """
+        g = self.geometry
+        low = np.floor(np.array([min_y - g.origin_y, min_x - g.origin_x]) / g.resolution + _SLIVER)
+        high = np.ceil(np.array([max_y - g.origin_y, max_x - g.origin_x]) / g.resolution - _SLIVER)
+        (top, left), (bottom, right) = (np.clip(edge, 0, (g.rows, g.cols)).astype(int).tolist() for edge in (low, high))
+        if top >= bottom or left >= right:
+            raise ValueError(f"({min_x}, {min_y}) to ({max_x}, {max_y}) m holds no cell of {g.bounds()}")
+        part = self._part(top, bottom, left, right)
+        return TbmGrid(part.geometry, np.ascontiguousarray(part.masses))
+
     def known_part(self, margin: int = 0) -> "TbmGrid":
         """Return a view of the smallest part that holds every known cell; see `cropped_to_known`."""
         known = self.is_known()
@@ -157,13 +176,13 @@ class TbmGrid:
             return self
         top, bottom = max(rows[0] - margin, 0), min(rows[-1] + 1 + margin, self.geometry.rows)
         left, right = max(cols[0] - margin, 0), min(cols[-1] + 1 + margin, self.geometry.cols)
+        return self._part(int(top), int(bottom), int(left), int(right))
+
+    def _part(self, top: int, bottom: int, left: int, right: int) -> "TbmGrid":
+        """Return a view of some rows and columns."""
         g = self.geometry
         geometry = GridGeometry(
-            g.resolution,
-            g.origin_x + float(left) * g.resolution,
-            g.origin_y + float(top) * g.resolution,
-            int(bottom - top),
-            int(right - left),
+            g.resolution, g.origin_x + left * g.resolution, g.origin_y + top * g.resolution, bottom - top, right - left
         )
         return TbmGrid(geometry, self.masses[top:bottom, left:right])
 

@@ -64,6 +64,16 @@ def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> Tbm
     return PlacedGrid(grid, T_target_source, geometry).drawn()
 
 
+def canvas_of(source: GridGeometry, T_target_source: SE2) -> GridGeometry:
+    """Return the cells of another frame that cover a grid, of the same size."""
+    left, bottom, right, top = source.bounds()
+    corners = T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+    low = corners.min(axis=0)
+    # Rounding must not add a row of cells that the grid does not reach.
+    cols, rows = np.ceil((corners.max(axis=0) - low) / source.resolution - 1e-6).astype(int)
+    return GridGeometry(source.resolution, float(low[0]), float(low[1]), int(rows), int(cols))
+
+
 def _cells_in_source(source: GridGeometry, T_target_source: SE2, target: GridGeometry) -> tuple[np.ndarray, np.ndarray]:
     """Return the affine maps from target (row, col, 1) to the source's row and column, in cells from the corner."""
     T_source_target = T_target_source.inverse()

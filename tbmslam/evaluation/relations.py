@@ -15,8 +15,8 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.special_file import why_unreadable
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+from tbmslam.special_file import why_unreadable
 
 
 class RelationsError(TbmSlamError):

@@ -8,7 +8,7 @@ from glob import escape
 from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.io.special_file import is_device_or_pipe
+from tbmslam.special_file import is_device_or_pipe
 
 
 class FileNotWrittenError(TbmSlamError):

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.occupancy import masses_from_probability
 from tbmslam.geometry.se2 import FloatArray
-from tbmslam.io.map_check import MapFileError, check_file, check_geometry, check_size
-from tbmslam.io.occupancy import masses_from_probability
+from tbmslam.map.map_check import MapFileError, check_file, check_geometry, check_size
 
 DOUBTFUL = (0.2, 0.8)
 """Probabilities between these count as unknown: such cells lie behind walls, where the program only guessed."""

@@ -27,12 +27,14 @@ import numpy as np
 
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.drive_check import stray_number
 from tbmslam.io.keyframe_indices import indices_by_stamp
-from tbmslam.io.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.io.npz import Array, ArrayZip, NpzError, write_npz
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, DriveMotions, TbmMap
+from tbmslam.map.map_check import MapFileError, check_file, check_geometry
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.special_file import why_unreadable
 
 FORMAT_VERSION = 1
 _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64

@@ -5,18 +5,18 @@ import os
 import reprlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import cast, get_args
 
 import numpy as np
 import yaml
 
 from tbmslam.geometry.se2 import SE2, wrap_angle
-from tbmslam.io.map_check import MAX_TURN, MapFileError, check_file
+from tbmslam.io.drive_check import MAX_TURN
+from tbmslam.map.map_check import MapFileError, check_file
+from tbmslam.map.pixel_rule import Alpha, Mode, PixelRule
 
 logger = logging.getLogger(__name__)
 
-Mode = Literal["trinary", "scale", "raw"]
-Alpha = Literal["unknown", "average"]
 _MAX_BYTES = 1 << 16
 _MAX_CELL_M = 1.0
 
@@ -33,24 +33,14 @@ class RosMapHeader:
         Side of a pixel [m].
     T_map_image
         Pose of the picture's lower left corner.
-    negate
-        Whether white is occupied.
-    occupied_threshold, free_threshold
-        Occupancies above and below which a pixel counts as occupied and free.
-    mode
-        What a pixel's value means.
-    alpha
-        In trinary mode, whether what is not opaque is unknown, or alpha is averaged with the colours.
+    pixels
+        What they mean.
     """
 
     image: Path
     resolution: float
     T_map_image: SE2
-    negate: bool
-    occupied_threshold: float
-    free_threshold: float
-    mode: Mode
-    alpha: Alpha = "unknown"
+    pixels: PixelRule
 
 
 def read_ros_map_header(path: Path) -> RosMapHeader:
@@ -94,9 +84,8 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         )
     image = _image_path(path, values["image"])
     T_map_image = SE2(x, y, wrap_angle(yaw))
-    return RosMapHeader(
-        image, resolution, T_map_image, bool(negate), occupied, free, cast("Mode", mode), cast("Alpha", alpha)
-    )
+    pixels = PixelRule(bool(negate), occupied, free, cast("Mode", mode), cast("Alpha", alpha))
+    return RosMapHeader(image, resolution, T_map_image, pixels)
 
 
 def _parse(path: Path) -> dict[object, object]:

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.atomic_file import write_bytes
-from tbmslam.io.map_check import MapFileError, check_file, check_geometry
+from tbmslam.map.map_check import MapFileError, check_file, check_geometry
 
 Layout = Literal["slam", "merging"]
 

@@ -10,8 +10,8 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.io.special_file import why_unreadable
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+from tbmslam.special_file import why_unreadable
 
 
 class TumError(TbmSlamError):

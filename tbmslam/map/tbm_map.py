@@ -1,112 +1,23 @@
 """A map and what made it: the grid, the drives behind it, and where it came from."""
 
+import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import TbmGrid
-from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.map.keyframes import Keyframes
-
-_EIGENVALUES = 1e-12, 1e12
-"""Of an information: nobody knows a motion to a micrometre, and beyond a kilometre a pose graph cannot be solved."""
-
-
-@dataclass(frozen=True)
-class DriveMotions:
-    """The laser's motion from each keyframe to the next, as odometry and scans told it, and how well they knew.
-
-    Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
-    and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
-
-    Parameters
-    ----------
-    steps
-        Motions (S, 3): x [m], y [m], theta [rad] of the later laser as seen from the earlier.
-    informations
-        Inverse covariances (S, 3, 3) of an error in x, y [m] and theta [rad] in the later laser's frame.
-    """
-
-    steps: FloatArray
-    informations: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check that the arrays belong together and hold motions and informations."""
-        count = len(self.steps)
-        if self.steps.shape != (count, 3) or self.informations.shape != (count, 3, 3):
-            raise ValueError(
-                f"steps and informations must have shapes (S, 3) and (S, 3, 3), got {self.steps.shape} and "
-                f"{self.informations.shape}"
-            )
-        if not (np.isfinite(self.steps).all() and np.isfinite(self.informations).all()):
-            raise ValueError("steps and informations must be finite")
-        transposed = np.swapaxes(self.informations, 1, 2)
-        least, most = _EIGENVALUES
-        eigenvalues = np.linalg.eigvalsh(self.informations)
-        if not (np.allclose(self.informations, transposed) and np.all((eigenvalues > least) & (eigenvalues < most))):
-            raise ValueError(
-                f"informations must be symmetric and positive definite, with eigenvalues from {least:g} to {most:g}"
-            )
-
-    def __len__(self) -> int:
-        """Return the number of steps."""
-        return len(self.steps)
-
-
-@dataclass(frozen=True, repr=False)
-class Drive:
-    """One robot's way through the map.
-
-    Parameters
-    ----------
-    name
-        Who drove.
-    trajectory
-        Poses of the robot in the map, one for every scan that was used.
-    keyframes
-        Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
-        no poses at all.
-    closures
-        Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
-    motions
-        What was measured from each keyframe to the next; None where only the poses are known.
-    """
-
-    name: str
-    trajectory: Trajectory
-    keyframes: Keyframes
-    closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
-    motions: DriveMotions | None = None
-
-    def __post_init__(self) -> None:
-        """Check that keyframes are on the trajectory, and closures and motions between keyframes."""
-        indices, poses = self.keyframes.indices, len(self.trajectory)
-        if poses and len(indices) and indices[-1] >= poses:  # they rise
-            raise ValueError(f"keyframes must be among the {poses} poses of the trajectory, got index {indices[-1]}")
-        if self.closures.ndim != 2 or self.closures.shape[1] != 2:
-            raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
-        if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):
-            raise ValueError(f"closures must be between the {len(self.keyframes)} keyframes")
-        steps = max(len(self.keyframes) - 1, 0)
-        if self.motions is not None and len(self.motions) != steps:
-            raise ValueError(
-                f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
-            )
-
-    def __repr__(self) -> str:
-        """Return who drove, and how much is known of it, in a line."""
-        return f"Drive({self.name!r}, {len(self.trajectory)} poses, {len(self.keyframes)} keyframes)"
-
-    def transformed(self, T_new_old: SE2) -> "Drive":
-        """Return the same drive in another frame."""
-        return replace(
-            self,
-            trajectory=self.trajectory.transformed(T_new_old),
-            keyframes=self.keyframes.transformed(T_new_old),
-        )
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import canvas_of, resample
+from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.drive import Drive
+from tbmslam.map.map_check import check_geometry
+from tbmslam.map.map_image import read_image
+from tbmslam.map.pixel_rule import PixelRule, occupancy_of_image
 
 
 @dataclass(frozen=True, repr=False)
@@ -135,6 +46,118 @@ class TbmMap:
     def _repr_png_(self) -> bytes | None:
         """Return what a notebook shows; see `TbmGrid`."""
         return self.grid._repr_png_()
+
+    @classmethod
+    def from_occupancy(
+        cls, occupancy: npt.ArrayLike, resolution: float, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> "TbmMap":
+        """Return the map of an array of occupancies, as `nav_msgs/OccupancyGrid` holds them.
+
+        Parameters
+        ----------
+        occupancy
+            Integers (rows, cols): 0 free to 100 occupied, -1 unknown; row grows with y.
+        resolution
+            Side of a cell [m].
+        origin
+            Outer corner (x, y) of cell (0, 0) [m].
+
+        Raises
+        ------
+        ValueError
+            If the array holds anything else, or the cells cannot be a map's.
+        """
+        cells = np.asarray(occupancy)
+        if cells.ndim != 2 or not cells.size or cells.dtype.kind not in "iu":
+            raise ValueError(f"occupancy must be integers (rows, cols), got {cells.dtype} of shape {cells.shape}")
+        if cells.min() < -1 or cells.max() > 100:
+            raise ValueError(f"occupancy must be from -1 to 100, got {cells.min()} to {cells.max()}")
+        geometry = GridGeometry(float(resolution), float(origin[0]), float(origin[1]), *cells.shape)
+        return cls(TbmGrid(geometry, masses_from_occupancy(cells.astype(np.int8))))
+
+    @classmethod
+    def from_image(
+        cls, path: str | os.PathLike[str], resolution: float, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> "TbmMap":
+        """Read a picture of a map, such as a floor plan: white is free, black occupied, and grey (205) unknown.
+
+        Pixels mean what they mean to nav2 without a yaml file of their own, see `PixelRule`.
+
+        Parameters
+        ----------
+        path
+            PNG, PGM, or what else OpenCV reads.
+        resolution
+            Side of a pixel [m].
+        origin
+            Outer corner (x, y) of the lower left pixel [m].
+
+        Raises
+        ------
+        MapFileError
+            If there is no such picture, or it is no map's.
+        """
+        image = read_image(Path(path))
+        rows, cols = image.pixels.shape[:2]
+        check_geometry(path, GridGeometry(float(resolution), float(origin[0]), float(origin[1]), rows, cols))
+        return cls.from_occupancy(occupancy_of_image(image, PixelRule()), resolution, origin)
+
+    def to_occupancy(self) -> npt.NDArray[np.int8]:
+        """Return the cells (rows, cols) as `nav_msgs/OccupancyGrid` holds them: 0 free, 100 occupied, -1 unknown."""
+        return occupancy_of(self.grid)
+
+    def crop(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmMap":
+        """Return the part of the map within a rectangle [m], to whole cells; the drives stay whole.
+
+        Raises
+        ------
+        ValueError
+            If the rectangle holds no cell of the map.
+        """
+        return replace(self, grid=self.grid.cropped(min_x, min_y, max_x, max_y))
+
+    def rotate(self, theta: float) -> "TbmMap":
+        """Return the map turned anticlockwise about the origin of its frame [rad]; see `resample` of grids."""
+        T_new_old = SE2(0.0, 0.0, theta)
+        return self.moved(T_new_old, resample(self.grid, T_new_old, canvas_of(self.grid.geometry, T_new_old)))
+
+    def resample(self, resolution: float) -> "TbmMap":
+        """Return the map with cells of another size [m]."""
+        if not resolution > 0.0:
+            raise ValueError(f"resolution must be positive, got {resolution}")
+        geometry = self.grid.geometry
+        finer = geometry.resolution / resolution
+        size = {"rows": math.ceil(geometry.rows * finer - 1e-6), "cols": math.ceil(geometry.cols * finer - 1e-6)}
+        cells = geometry._replace(resolution=float(resolution), **size)
+        return replace(self, grid=resample(self.grid, SE2.identity(), cells))
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the map and its drives with matplotlib, where that is installed.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw on; None makes new ones.
+
+        Returns
+        -------
+        The axes, in metres of the map's frame.
+        """
+        if ax is None:
+            import matplotlib.pyplot as plt  # noqa: PLC0415  # an extra, and slow to load
+
+            ax = plt.figure().add_subplot()
+        min_x, min_y, max_x, max_y = self.grid.geometry.bounds()
+        ax.imshow(
+            1.0 - self.grid.pignistic(), cmap="gray", vmin=0.0, vmax=1.0, origin="lower",
+            extent=(min_x, max_x, min_y, max_y), interpolation="nearest",
+        )  # fmt: skip
+        for drive in self.drives:
+            ax.plot(*drive.trajectory.poses[:, :2].T, linewidth=1.0, label=drive.name)
+        ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        if self.drives:
+            ax.legend()
+        return ax
 
     def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
         """Return the map in another frame, its drives moved and its grid replaced by one resampled there."""

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from tbmslam.geometry.se2 import FloatArray, compose, interpolate, inverse
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.map.tbm_map import Drive
+from tbmslam.map.drive import Drive
 
 
 def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
 from tbmslam.geometry.se2 import FloatArray, way_lengths
-from tbmslam.map.tbm_map import Drive
+from tbmslam.map.drive import Drive
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Kind, Marks, Raster, Switch
 

@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.drive import Drive
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
 from tbmslam.report.page import Making, Page, Table
 from tbmslam.report.sheet import Sheet

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import DriveMotions
 from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracker import ScanMatch

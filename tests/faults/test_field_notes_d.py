@@ -28,12 +28,13 @@ from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.map_check import MapFileError, check_size
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.ros_map import read_ros_map, write_ros_map
 from tbmslam.io.tum import TumError, read_tum, write_tum
 from tbmslam.kernels.rays.insertion import __dict__ as insertion_kernels
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.drive import Drive
+from tbmslam.map.map_check import MapFileError, check_size
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
 from tools.map_pairs.files import grid_of

@@ -15,12 +15,12 @@ from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import RelationsError, read_relations
 from tbmslam.io.beesoft_map import read_beesoft_map
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import files_of_map, load_map
 from tbmslam.io.map_npz import drive_lengths, read_map_file
 from tbmslam.io.ros_map import read_ros_map
 from tbmslam.io.tbm_dump import read_tbm_dump
 from tbmslam.io.tum import TumError, read_tum
+from tbmslam.map.map_check import MapFileError
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
 from tools.command_line.configuration import read_configuration

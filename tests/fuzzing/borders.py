@@ -28,8 +28,9 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.tbm_dump import write_tbm_dump
 from tbmslam.io.tum import read_tum
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 from tests.fuzzing import bag_layers, seed_bags
 

@@ -11,8 +11,9 @@ from merging.joint_slam.rendering import redraw
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 
 def map_of(world, drive, bend, T_world_map=None):

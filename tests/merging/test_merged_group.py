@@ -18,9 +18,10 @@ from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.config import MapConfig
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.rendering import render
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
 
 POSES = {"a": SE2.identity(), "b": SE2(3.0, -2.0, 0.7)}

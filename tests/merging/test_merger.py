@@ -12,8 +12,9 @@ from merging.merger import _why_left_out
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 CONFIG = MergeConfig(method="features")
 

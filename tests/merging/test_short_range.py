@@ -21,6 +21,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 from tests.merging.driven_map import map_of
 from tools import build_maps
+from tools.command_line.paths import map_folders
 
 CONFIG = MergeConfig()
 ACES = Path(__file__).resolve().parents[2] / ".." / "shared/data/aces/aces.bag"
@@ -107,6 +108,6 @@ def test_without_it_a_map_of_a_real_drive_stays_out(tmp_path):
     if not ACES.exists():
         pytest.skip(f"{ACES.name} is absent: shared recordings are not part of the repository")
     assert build_maps.main([str(ACES), "--angle-step-deg", "1.0", "--robots", "8", "-o", str(tmp_path)]) == 0
-    maps = {f"robot_{number}": load_map(tmp_path / f"robot_{number}") for number in range(8)}
+    maps = {folder.name: load_map(folder) for folder in map_folders(tmp_path)}
     off = CONFIG.model_validate({**CONFIG.model_dump(), "short_range": {"enabled": False}})
     assert len(merge(maps, CONFIG).poses) > len(merge(maps, off).poses)

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.tbm_dump import write_tbm_dump
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.map_check import MapFileError
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 
 BEESOFT = """robot_specifications->resolution 10

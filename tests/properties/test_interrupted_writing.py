@@ -14,9 +14,9 @@ import pytest
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.atomic_file import FileNotWrittenError, write_bytes
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.map_npz import read_map_file, write_map_file
+from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +46,8 @@ import numpy as np
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.io.map_folder import remove_map, save_map
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.drive import Drive
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.geometry.trajectory import Trajectory
 
 def a_map(*names):

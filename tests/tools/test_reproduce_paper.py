@@ -53,7 +53,7 @@ def test_from_simulated_drives_to_the_report(tmp_path, capsys):
     truth = json.loads((tmp_path / "maps" / "truth.json").read_text())
     assert max(robot["ate_m"] for robot in truth["robots"].values()) < 0.5
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert list(figures["table_1"]) == ["robot_0 - robot_1", "robot_0 - robot_2", "robot_1 - robot_2"]
+    assert list(figures["table_1"]) == [f"drive_{a}_robot_0 - drive_{b}_robot_0" for a, b in ((0, 1), (0, 2), (1, 2))]
     assert {(study["bits"], study["unknown"]) for study in figures["table_2"]} == {
         (bits, unknown) for bits in (128, 256) for unknown in ("as it is", "inverted")
     }

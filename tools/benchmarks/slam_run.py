@@ -18,7 +18,7 @@ from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_alignment import align_trajectories
 from tbmslam.io.reference_trajectory import read_reference
-from tbmslam.map.tbm_map import Drive
+from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tools.benchmarks.measured_process import peak_memory_mb

@@ -10,7 +10,7 @@ from merging.config import PAPER, MergeConfig
 from tbmslam.configuration.parameters import changed, parse_setting
 from tbmslam.configuration.slam_config import ConfigError, SlamConfig, preset
 from tbmslam.configuration.toml_text import config_text
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 
 _PAPER, _PAPER_SLAM = "paper", "viny"
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."

@@ -10,7 +10,7 @@ from filelock import FileLock, SoftFileLock, Timeout
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import map_files
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 from tools.command_line.paths import EXTRA_FILES
 
 _LOCK = ".tbmslam.lock"

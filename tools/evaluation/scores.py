@@ -15,6 +15,7 @@ from merging import MergeConfig, align
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import OCCUPIED, UNKNOWN
+from tbmslam.belief.occupancy import masses_from_probability
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
@@ -25,12 +26,11 @@ from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_error
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_bytes
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.occupancy import masses_from_probability
 from tbmslam.io.pictures import encode_png
 from tbmslam.io.reference_trajectory import ReferenceTrajectory, read_reference
 from tbmslam.io.tum import read_tum
+from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 from tools.command_line.paths import holds_map
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.special_file import why_unreadable
 
 NAME = "truth.json"
 OWN_MAP = "tbmslam's own map of the whole recording, not ground truth"

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from datasets.synthetic.map_pairs.pairs import MapPair
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.occupancy import masses_from_probability
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, wrap_angle
-from tbmslam.io.map_check import check_geometry
-from tbmslam.io.occupancy import masses_from_probability
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.map.map_check import check_geometry
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.special_file import why_unreadable
 
 _RIGHT_M, _RIGHT_DEG = 0.5, 2.0
 _NEAR_DEG = 4.0

@@ -21,7 +21,6 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import save_map
-from tbmslam.io.special_file import why_unreadable
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
 from tbmslam.parallel.code_digest import code_digest
@@ -30,6 +29,7 @@ from tbmslam.report.page import versions
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.sensing.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
+from tbmslam.special_file import why_unreadable
 from tools.command_line.configuration import Configuration, mapping_text
 from tools.command_line.loading import loading
 from tools.command_line.output_folder import NAME as CHECKSUMS

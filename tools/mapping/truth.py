@@ -13,11 +13,11 @@ from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, al
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.reference_trajectory import read_reference
-from tbmslam.io.special_file import why_unreadable
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
 from tbmslam.slam import Slam
+from tbmslam.special_file import why_unreadable
 from tools.evaluation.truth_file import GIVEN, OWN_MAP
 from tools.mapping.task import MappingTask, Shelf
 

@@ -81,7 +81,7 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
     Parameters
     ----------
     folder
-        With robot_0, robot_1, ... and truth.json.
+        With a folder for each map and truth.json.
     most
         Pairs at the most, the first ones.
     min_overlap

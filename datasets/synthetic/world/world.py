@@ -13,9 +13,9 @@ from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.io.atomic_file import replacing
-from tbmslam.io.map_check import MAX_CELLS
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+from tbmslam.special_file import why_unreadable
 
 Labels = npt.NDArray[np.uint8]
 

@@ -8,12 +8,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.typesys import Stores, get_typestore
 
-from datasets.rosbag.occupancy import occupancy, write_occupancy_bag
+from datasets.rosbag.occupancy import write_occupancy_bag
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.occupancy import occupancy_of
 from tbmslam.io.atomic_file import FileNotWrittenError
-from tbmslam.io.map_image import read_image
-from tbmslam.io.ros_map import occupancy_of_image, write_ros_map
+from tbmslam.io.ros_map import write_ros_map
 from tbmslam.io.ros_map_header import read_ros_map_header
+from tbmslam.map.map_image import read_image
+from tbmslam.map.pixel_rule import occupancy_of_image
 
 GEOMETRY = GridGeometry(0.05, -1.25, 3.5, 21, 13)
 STAMP = 1295883467.123456
@@ -37,8 +39,8 @@ def grid():
 def test_the_values_are_those_of_map_server(grid, tmp_path):
     write_ros_map(tmp_path / "map", grid)
     header = read_ros_map_header(tmp_path / "map.yaml")
-    np.testing.assert_array_equal(occupancy(grid), occupancy_of_image(read_image(header.image), header))
-    assert set(np.unique(occupancy(grid))) == {-1, 0, 100}
+    np.testing.assert_array_equal(occupancy_of(grid), occupancy_of_image(read_image(header.image), header.pixels))
+    assert set(np.unique(occupancy_of(grid))) == {-1, 0, 100}
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_rosbags_reads_the_map(grid, tmp_path, kind, name, store):
     assert (message.info.width, message.info.height) == (13, 21)
     assert message.info.resolution == np.float32(0.05)
     assert (message.info.origin.position.x, message.info.origin.position.y) == (-1.25, 3.5)
-    np.testing.assert_array_equal(message.data.reshape(21, 13), occupancy(grid))
+    np.testing.assert_array_equal(message.data.reshape(21, 13), occupancy_of(grid))
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
@@ -74,7 +76,7 @@ def test_the_genuine_rosbag_reads_the_map(grid, tmp_path):
     said = json.loads(done.stdout)
     assert said[:4] == ["/map", "nav_msgs/OccupancyGrid", "map", 1295883467123456000]
     assert said[4:9] == pytest.approx([0.05, 13, 21, -1.25, 3.5])
-    assert said[9] == occupancy(grid).ravel().tolist()
+    assert said[9] == occupancy_of(grid).ravel().tolist()
 
 
 def test_a_map_without_a_time_is_written_too(grid, tmp_path):

@@ -5,8 +5,8 @@ from merging.config.groups import JointConfig
 from merging.joint_slam.inter_robot_closures import Track, _determined
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, DriveMotions
 from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = JointConfig()

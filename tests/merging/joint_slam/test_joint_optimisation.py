@@ -12,8 +12,9 @@ from merging.joint_slam.joint_optimisation import refine_jointly
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, DriveMotions, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.optimisation.config import AdjustmentConfig
 
 LENGTH, STEP = 14.0, 0.25

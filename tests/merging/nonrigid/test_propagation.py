@@ -13,8 +13,9 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 
 GEOMETRY = GridGeometry(0.05, 0.0, 0.0, 240, 320)  # 16 x 12 m
 MIDDLES = np.array([[4.0, 3.0], [12.0, 3.0], [4.0, 9.0], [12.0, 9.0]])

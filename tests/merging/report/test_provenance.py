@@ -7,8 +7,9 @@ from merging.report.provenance import drives_given_twice, incidents_of, warnings
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 
 JUMPED = [{"stamp": 1.0, "what": "the odometry jumps"}]

@@ -10,7 +10,7 @@ import pytest
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.beesoft_map import read_beesoft_map
-from tbmslam.io.map_check import MapFileError
+from tbmslam.map.map_check import MapFileError
 
 WEAN = Path(__file__).resolve().parents[4] / "shared" / "data" / "cmu-wean" / "wean.dat.gz"
 # Two lines along y at x = 0 and x = 1, three cells each.

@@ -16,12 +16,13 @@ from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import FileNotWrittenError
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_folder import files_of_map, load_map, map_files, remove_map, save_map
 from tbmslam.io.tbm_dump import write_tbm_dump
 from tbmslam.io.tum import read_tum
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.map_check import MapFileError
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 
 EVO_TRAJ = Path(sys.executable).with_name("evo_traj")

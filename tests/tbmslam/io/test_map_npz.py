@@ -7,11 +7,12 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.map_npz import read_map_file, write_map_file
 from tbmslam.io.npz import ArrayZip, write_npz
+from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, DriveMotions, TbmMap
+from tbmslam.map.map_check import MapFileError
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 
 

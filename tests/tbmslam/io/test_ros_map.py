@@ -1,6 +1,5 @@
 import math
 import tracemalloc
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,10 +9,10 @@ import yaml
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.map_check import MapFileError
-from tbmslam.io.map_image import MapImage
-from tbmslam.io.ros_map import occupancy_of_image, read_ros_map, ros_pixels, write_ros_map
-from tbmslam.io.ros_map_header import RosMapHeader
+from tbmslam.io.ros_map import read_ros_map, ros_pixels, write_ros_map
+from tbmslam.map.map_check import MapFileError
+from tbmslam.map.map_image import MapImage
+from tbmslam.map.pixel_rule import PixelRule, occupancy_of_image
 
 GEOMETRY = GridGeometry(0.05, -1.0 / 3.0, 1e3 * math.pi, 3, 4)
 
@@ -47,8 +46,7 @@ def published(pixel, mode="trinary", negate=False, alpha=None, maximum=255, aver
 
 
 def read_by_rules(pixels, mode, negate, maximum=255, alpha="unknown"):
-    header = RosMapHeader(Path("map.pgm"), 0.05, SE2(0, 0, 0), negate, 0.65, 0.196, mode, alpha)
-    return occupancy_of_image(MapImage(pixels, maximum), header)
+    return occupancy_of_image(MapImage(pixels, maximum), PixelRule(negate, mode=mode, alpha=alpha))
 
 
 @pytest.mark.parametrize("negate", [False, True])

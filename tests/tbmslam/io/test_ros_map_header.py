@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.ros_map_header import read_ros_map_header
+from tbmslam.map.map_check import MapFileError
 
 GOOD = {
     "image": "map.pgm",
@@ -26,16 +26,20 @@ def test_what_map_saver_writes(tmp_path):
     assert header.image == tmp_path / "map.pgm"
     assert header.resolution == 0.05
     assert header.T_map_image == (-10.0, -12.5, 0.0)
-    assert (header.negate, header.free_threshold, header.occupied_threshold) == (False, 0.196, 0.65)
-    assert header.mode == "trinary"
+    assert (header.pixels.negate, header.pixels.free_threshold, header.pixels.occupied_threshold) == (
+        False,
+        0.196,
+        0.65,
+    )
+    assert header.pixels.mode == "trinary"
 
 
 def test_what_people_write(tmp_path):
     header = header_of(
         tmp_path, negate="true", mode="scale", resolution="5e-2", origin="\n- 1\n- 2\n- 7", image="a/../b/m.png"
     )
-    assert header.negate
-    assert header.mode == "scale"
+    assert header.pixels.negate
+    assert header.pixels.mode == "scale"
     assert header.resolution == 0.05
     assert header.T_map_image == pytest.approx((1.0, 2.0, 7.0 - 2.0 * math.pi))
     assert header.image == tmp_path / "b" / "m.png"

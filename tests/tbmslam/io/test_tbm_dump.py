@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
-from tbmslam.io.map_check import MapFileError
 from tbmslam.io.tbm_dump import read_tbm_dump, write_tbm_dump
+from tbmslam.map.map_check import MapFileError
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 LAYOUTS = ("slam", "merging")

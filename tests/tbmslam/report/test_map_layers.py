@@ -7,8 +7,8 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import OCCUPIED
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive
 from tbmslam.report import map_layers
 from tbmslam.report.map_layers import drive_layers, for_display, trouble_layer
 from tbmslam.sensing.laser_scan import LaserScan

@@ -2,8 +2,9 @@ import numpy as np
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.maps_page import MappedRobot, by_whom, maps_page
 from tbmslam.report.page import Making
 

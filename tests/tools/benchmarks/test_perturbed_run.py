@@ -7,8 +7,9 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.configuration.parameters import ConfigError
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.tum import read_tum
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.perturbation import UNPERTURBED, perturbations
 from tools.benchmarks.perturbed_run import config_with, poses_of, run_perturbed
 from tools.benchmarks.simulated_recording import SimulatedRecording

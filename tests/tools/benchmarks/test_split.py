@@ -7,8 +7,9 @@ import pytest
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.tbm_map import Drive, TbmMap
+from tbmslam.map.tbm_map import TbmMap
 from tools import benchmark, make_world
 from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.split import laid_by_drives, overlap_share

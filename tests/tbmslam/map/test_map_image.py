@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tbmslam.io.map_check import MapFileError
-from tbmslam.io.map_image import encode_pgm, read_image
+from tbmslam.map.map_check import MapFileError
+from tbmslam.map.map_image import encode_pgm, read_image
 
 PIXELS = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
@@ -126,7 +126,7 @@ def test_the_size_is_looked_at_before_a_huge_file_is_read(tmp_path):
 
 
 def test_a_file_that_does_not_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("tbmslam.io.map_image._MOST_BYTES", 1000)
+    monkeypatch.setattr("tbmslam.map.map_image._MOST_BYTES", 1000)
     (tmp_path / "map.bmp").write_bytes(bytes(70_000))
     with pytest.raises(MapFileError, match=r"map\.bmp: the map's image is larger than 1 GB: crop it"):
         read_image(tmp_path / "map.bmp")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, discount, pignistic
-from tbmslam.io.occupancy import RELIABILITY, masses_from_probability
+from tbmslam.belief.occupancy import RELIABILITY, masses_from_probability
 
 PROBABILITIES = np.linspace(0.0, 1.0, 101)
 

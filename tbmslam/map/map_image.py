@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.io.map_check import MapFileError, check_size
-from tbmslam.io.special_file import why_unreadable
+from tbmslam.map.map_check import MapFileError, check_size
+from tbmslam.special_file import why_unreadable
 
 # Magic, width, height and maximum, with comments between them; a single space ends the header.
 _SEPARATOR = rb"(?:\s|#[^\n]*\n)+"

@@ -1,6 +1,6 @@
 import os
 
-from tbmslam.io.special_file import is_device_or_pipe, why_unreadable
+from tbmslam.special_file import is_device_or_pipe, why_unreadable
 
 
 def test_only_devices_and_pipes_are_told_and_so_are_links_to_them(tmp_path):

@@ -3,14 +3,14 @@ import math
 import pytest
 
 from tbmslam.belief.grid import GridGeometry
-from tbmslam.io import map_check
-from tbmslam.io.map_check import MAX_CELLS, MapFileError, check_geometry, check_size
+from tbmslam.map import map_check
+from tbmslam.map.map_check import MAX_CELLS, MapFileError, check_geometry, check_size
 
 GOOD = GridGeometry(0.05, -1.0, 2.0, 20000, 20000)
 
 
 def test_a_square_kilometre_in_cells_of_5_cm_is_believed(monkeypatch):
-    monkeypatch.setattr("tbmslam.io.map_check.machine_memory", lambda: 16 << 30)
+    monkeypatch.setattr("tbmslam.map.map_check.machine_memory", lambda: 16 << 30)
     check_geometry("map", GOOD)
     assert GOOD.rows * GOOD.cols == MAX_CELLS
 

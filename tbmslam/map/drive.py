@@ -1,0 +1,107 @@
+"""One robot's way through a map, and what was measured on it."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.map.keyframes import Keyframes
+
+_EIGENVALUES = 1e-12, 1e12
+"""Of an information: nobody knows a motion to a micrometre, and beyond a kilometre a pose graph cannot be solved."""
+
+
+@dataclass(frozen=True)
+class DriveMotions:
+    """The laser's motion from each keyframe to the next, as odometry and scans told it, and how well they knew.
+
+    Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
+    and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
+
+    Parameters
+    ----------
+    steps
+        Motions (S, 3): x [m], y [m], theta [rad] of the later laser as seen from the earlier.
+    informations
+        Inverse covariances (S, 3, 3) of an error in x, y [m] and theta [rad] in the later laser's frame.
+    """
+
+    steps: FloatArray
+    informations: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together and hold motions and informations."""
+        count = len(self.steps)
+        if self.steps.shape != (count, 3) or self.informations.shape != (count, 3, 3):
+            raise ValueError(
+                f"steps and informations must have shapes (S, 3) and (S, 3, 3), got {self.steps.shape} and "
+                f"{self.informations.shape}"
+            )
+        if not (np.isfinite(self.steps).all() and np.isfinite(self.informations).all()):
+            raise ValueError("steps and informations must be finite")
+        transposed = np.swapaxes(self.informations, 1, 2)
+        least, most = _EIGENVALUES
+        eigenvalues = np.linalg.eigvalsh(self.informations)
+        if not (np.allclose(self.informations, transposed) and np.all((eigenvalues > least) & (eigenvalues < most))):
+            raise ValueError(
+                f"informations must be symmetric and positive definite, with eigenvalues from {least:g} to {most:g}"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.steps)
+
+
+@dataclass(frozen=True, repr=False)
+class Drive:
+    """One robot's way through the map.
+
+    Parameters
+    ----------
+    name
+        Who drove.
+    trajectory
+        Poses of the robot in the map, one for every scan that was used.
+    keyframes
+        Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
+        no poses at all.
+    closures
+        Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
+    motions
+        What was measured from each keyframe to the next; None where only the poses are known.
+    """
+
+    name: str
+    trajectory: Trajectory
+    keyframes: Keyframes
+    closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    motions: DriveMotions | None = None
+
+    def __post_init__(self) -> None:
+        """Check that keyframes are on the trajectory, and closures and motions between keyframes."""
+        indices, poses = self.keyframes.indices, len(self.trajectory)
+        if poses and len(indices) and indices[-1] >= poses:  # they rise
+            raise ValueError(f"keyframes must be among the {poses} poses of the trajectory, got index {indices[-1]}")
+        if self.closures.ndim != 2 or self.closures.shape[1] != 2:
+            raise ValueError(f"closures must have shape (C, 2), got {self.closures.shape}")
+        if len(self.closures) and not 0 <= self.closures.min() <= self.closures.max() < len(self.keyframes):
+            raise ValueError(f"closures must be between the {len(self.keyframes)} keyframes")
+        steps = max(len(self.keyframes) - 1, 0)
+        if self.motions is not None and len(self.motions) != steps:
+            raise ValueError(
+                f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+            )
+
+    def __repr__(self) -> str:
+        """Return who drove, and how much is known of it, in a line."""
+        return f"Drive({self.name!r}, {len(self.trajectory)} poses, {len(self.keyframes)} keyframes)"
+
+    def transformed(self, T_new_old: SE2) -> "Drive":
+        """Return the same drive in another frame."""
+        return replace(
+            self,
+            trajectory=self.trajectory.transformed(T_new_old),
+            keyframes=self.keyframes.transformed(T_new_old),
+        )
