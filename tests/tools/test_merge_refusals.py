@@ -75,8 +75,8 @@ def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
         (("nano", "here"), r"merge: \S*/nano/map\.npz: cells of 1e-09 m"),
         (("here", "vast"), r"merge: \S*/vast/map\.npz: cells of 10000 m are not within"),
         (
-            ("here", "wide", "--compare-at", "0.002"),
-            "merge: wide: a map of 7.92e.03 x .* m is too large for cells of 0.002",
+            ("here", "wide", "--compare-at", "0.02"),
+            "merge: wide: a map of 7.92e.03 x .* m is too large for cells of 0.02",
         ),
         (("here", "there", "--config", "/dev/zero"), "merge: /dev/zero: cannot be read as TOML: it is no file"),
         (

@@ -62,7 +62,9 @@ def test_from_simulated_drives_to_the_report(tmp_path, capsys):
 
     again = ["--maps", str(tmp_path / "maps"), "--keypoints", "100", "--ratios", "0.7", "--areas", "", "--pairs", "1"]
     assert main([*again, "--repeat", "2", "-o", str(tmp_path / "again")]) == 0
-    assert list(json.loads((tmp_path / "again" / "figures.json").read_text())["table_3"]) == ["robot_0 - robot_1"]
+    assert list(json.loads((tmp_path / "again" / "figures.json").read_text())["table_3"]) == [
+        "drive_0_robot_0 - drive_1_robot_0"
+    ]
 
 
 def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
