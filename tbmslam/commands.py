@@ -10,6 +10,8 @@ PROGRAMS = {
     "map": ("build_maps", "turn recordings into one belief map per robot"),
     "merge": ("merge", "merge maps whose relative poses nobody knows"),
     "evaluate": ("evaluate", "compare trajectories and maps with the truth"),
+    "convert": ("convert", "convert a map from one format to another"),
+    "edit": ("edit", "crop, turn, erase and draw by hand"),
     "download": ("download", "download public recordings by name"),
     "world": ("make_world", "simulate robots in a building, and write their bags"),
     "benchmark": ("benchmark", "measure speed, memory and errors"),

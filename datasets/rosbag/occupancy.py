@@ -1,19 +1,26 @@
-"""A map as a message in a bag, as a robot's map server would have published it."""
+"""A map as a message in a bag, as a map server or SLAM publishes it."""
 
 import os
 import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tbmslam.belief.grid import TbmGrid
-from tbmslam.belief.occupancy import occupancy_of
+from datasets.errors import DatasetError
+from datasets.odometry.se3 import SE3
+from datasets.rosbag.message_types import standard_types
+from datasets.rosbag.source import BagSource
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import canvas_of, resample
+from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
 from tbmslam.io.atomic_file import replacing
+from tbmslam.map.map_check import MapFileError, check_geometry
 
 Format = Literal["ros1", "mcap"]
 
@@ -103,3 +110,49 @@ def _message(store: Any, grid: TbmGrid, nanoseconds: int, sequence: dict[str, in
         ),
         data=occupancy_of(grid).ravel(),
     )
+
+
+def read_occupancy_bag(path: Path) -> TbmGrid:
+    """Read the last nav_msgs/OccupancyGrid of a bag; a turned one is resampled to lie along the axes.
+
+    Raises
+    ------
+    DatasetError
+        If the bag cannot be read, or holds no such message or several topics of them.
+    MapFileError
+        If the message holds no map.
+    """
+    source = BagSource(path)
+    topics = {one.topic: one.msgcount for one in source.connections if one.msgtype == _TYPE and one.msgcount}
+    if len(topics) != 1:
+        raise DatasetError(f"{path}: holds {', '.join(topics) or 'no'} OccupancyGrid topics: it must hold exactly one")
+    (topic,) = topics
+    data = None
+    for message in source.messages([topic], topic):
+        data = message.data
+    source.close()
+    store = standard_types(source.is_ros1)
+    try:
+        content = (store.deserialize_ros1 if source.is_ros1 else store.deserialize_cdr)(data or b"", _TYPE)
+    except Exception as error:  # rosbags raises anything on damaged bytes
+        raise DatasetError(f"{path}: the map on {topic} cannot be decoded: record it again") from error
+    return _grid(path, content)
+
+
+def _grid(path: Path, message: Any) -> TbmGrid:
+    """Return what an OccupancyGrid says."""
+    info, cells = message.info, np.asarray(message.data, dtype=np.int8)
+    place, turn = info.origin.position, info.origin.orientation
+    origin = SE3.from_values(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+    if origin is None:
+        raise MapFileError(f"{path}: the origin of the map is no pose: record it again")
+    corner = origin.planar()
+    geometry = GridGeometry(float(info.resolution), corner.x, corner.y, int(info.height), int(info.width))
+    check_geometry(path, geometry)
+    if len(cells) != geometry.rows * geometry.cols:
+        raise MapFileError(f"{path}: {len(cells)} cells are not {geometry.rows} x {geometry.cols}: record it again")
+    masses = masses_from_occupancy(np.clip(cells, -1, 100).reshape(geometry.rows, geometry.cols))
+    if corner.theta == 0.0:
+        return TbmGrid(geometry, masses)
+    flat = TbmGrid(geometry._replace(origin_x=0.0, origin_y=0.0), masses)
+    return resample(flat, corner, canvas_of(flat.geometry, corner))

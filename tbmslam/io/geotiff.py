@@ -1,4 +1,4 @@
-"""Maps as GeoTIFF, for geographic information systems."""
+"""Maps as GeoTIFF, for geographic information systems, and back."""
 
 import os
 from pathlib import Path
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import replacing
+from tbmslam.map.map_check import MapFileError, check_file, check_geometry
 
 BANDS = ("pignistic", "free", "occupied", "unknown", "conflict")
 """What the bands hold: the probability of being occupied, and the masses."""
@@ -19,7 +20,7 @@ _LOCAL = 'LOCAL_CS["map frame",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 
 
 class GeoTiffError(TbmSlamError):
-    """A GeoTIFF cannot be written here."""
+    """A GeoTIFF cannot be written or read here."""
 
 
 def require_rasterio() -> None:
@@ -78,3 +79,36 @@ def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
         for number, (name, band) in enumerate(zip(BANDS, values, strict=True), 1):
             file.write(np.ascontiguousarray(band[::-1], dtype=np.float32), number)
             file.set_band_description(number, name)
+
+
+def read_geotiff(path: str | os.PathLike[str]) -> TbmGrid:
+    """Read a grid that `write_geotiff` wrote.
+
+    Raises
+    ------
+    GeoTiffError
+        If rasterio, which reads it, is not installed.
+    MapFileError
+        If it is no such file, or damaged.
+    """
+    require_rasterio()
+    import rasterio  # noqa: PLC0415
+    from rasterio.errors import RasterioError  # noqa: PLC0415
+
+    check_file(path)
+    try:
+        with rasterio.open(Path(path)) as file:
+            if file.descriptions != BANDS or file.transform.b or file.transform.d:
+                raise MapFileError(f"{path}: holds no bands {', '.join(BANDS)}: only a GeoTIFF of ours holds beliefs")
+            step, left, top = file.transform.a, file.transform.c, file.transform.f
+            geometry = GridGeometry(step, left, top - file.height * step, file.height, file.width)
+            check_geometry(path, geometry)
+            masses = np.empty((file.height, file.width, 4), dtype=np.float32)
+            for number, subset in enumerate((FREE, OCCUPIED, UNKNOWN, CONFLICT), 2):
+                masses[..., subset] = file.read(number)[::-1]
+    except RasterioError as error:
+        raise MapFileError(f"{path}: cannot be read as GeoTIFF ({error}): make it again") from error
+    grid = TbmGrid(geometry, masses)
+    if (fault := grid.fault()) is not None:
+        raise MapFileError(f"{path}: holds no beliefs ({fault}): make it again")
+    return grid

@@ -1,0 +1,91 @@
+"""Every format through the program, and back where it is read."""
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.map.tbm_map import TbmMap
+from tests.tools.built_maps import QUICK
+from tools import build_maps, convert
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """A map folder of random cells."""
+    cells = np.random.default_rng(2).choice([-1, 0, 100], (30, 40)).astype(np.int8)
+    save_map(tmp_path / "plan", TbmMap.from_occupancy(cells, 0.05, (-1.0, 2.0)))
+    return tmp_path / "plan"
+
+
+def run(*words):
+    return convert.main([str(word) for word in words])
+
+
+@pytest.mark.parametrize("name", ["copy", "map.npz", "map.yaml", "map.tif", "map.bag", "map.mcap", "map.tbm_map"])
+def test_each_format_leads_back_to_the_same_cells(plan, tmp_path, name, capsys):
+    if name.endswith(".tif"):
+        pytest.importorskip("rasterio", reason="rasterio is not installed")
+    assert run(plan, tmp_path / name) == 0
+    assert capsys.readouterr().out == f"TbmMap(40 x 30 cells of 0.05 m, 2.0 m2 known) -> {tmp_path / name}\n"
+    assert run(tmp_path / name, tmp_path / "back.npz") == 0
+    before, after = load_map(plan), load_map(tmp_path / "back.npz")
+    assert after.grid.geometry == pytest.approx(before.grid.geometry)
+    np.testing.assert_array_equal(after.to_occupancy(), before.to_occupancy())
+    np.testing.assert_allclose(after.grid.masses, before.grid.masses, atol=1e-6)
+
+
+def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):
+    picture = np.full((10, 20), 205, dtype=np.uint8)
+    picture[2], picture[5] = 0, 255
+    cv2.imwrite(str(tmp_path / "plan.png"), picture)
+    assert run(tmp_path / "plan.png", tmp_path / "out") == 1
+    assert "plan.png: a picture does not tell the size of its pixels: pass --resolution" in capsys.readouterr().err
+    assert run(tmp_path / "plan.png", tmp_path / "out", "--resolution", 0.1, "--origin", -3, 4) == 0
+    made = load_map(tmp_path / "out")
+    assert made.grid.geometry == pytest.approx((0.1, -3.0, 4.0, 10, 20))
+    assert (made.to_occupancy()[7] == 100).all()
+    assert run(plan, tmp_path / "x", "--resolution", 0.1) == 1
+    assert "is no picture, and states the size of its cells: drop --resolution" in capsys.readouterr().err
+    assert run(plan, tmp_path / "again.png") == 0
+    assert (tmp_path / "again.pgw").is_file()
+    assert cv2.imread(str(tmp_path / "again.png"), cv2.IMREAD_UNCHANGED).shape == (30, 40)
+
+
+def test_keyframes_become_a_pose_graph(bag, plan, tmp_path, capsys):
+    assert build_maps.main([str(bag), "-o", str(tmp_path / "maps"), *QUICK]) == 0
+    assert run(tmp_path / "maps" / "robot_0", tmp_path / "graph.g2o") == 0
+    lines = (tmp_path / "graph.g2o").read_text().splitlines()
+    (drive,) = load_map(tmp_path / "maps" / "robot_0").drives
+    assert sum(line.startswith("VERTEX_SE2 ") for line in lines) == len(drive.keyframes) > 5
+    edges = [line.split() for line in lines if line.startswith("EDGE_SE2 ")]
+    assert [len(edge) for edge in edges] == [12] * (len(drive.keyframes) - 1)
+    capsys.readouterr()
+    assert run(plan, tmp_path / "none.g2o") == 1
+    assert "none.g2o: the map has no keyframes to write" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "fact"),
+    [
+        (("none", "out"), "none: does not exist: give a map's folder or file"),
+        (("plan", "plan"), "plan: is the map itself: choose another name"),
+        (("plan", "out.svg"), r"out\.svg: no format ends in \.svg: choose of \.npz, "),
+        (("a.bag", "out"), r"a\.bag: "),
+        (("a.tif", "out"), r"a\.tif: "),
+    ],
+)
+def test_what_cannot_be_converted_is_one_line(plan, tmp_path, monkeypatch, capsys, words, fact):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.bag", "a.tif"):
+        (tmp_path / name).write_bytes(b"no map")
+    assert run(*words) == 1
+    assert re.fullmatch(f"convert: {fact}.*\n", capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_without_a_map_or_with_a_damaged_one(bag, tmp_path, capsys):
+    assert run(bag, tmp_path / "out") == 1
+    assert "holds no OccupancyGrid topics: it must hold exactly one" in capsys.readouterr().err

@@ -1,0 +1,95 @@
+"""Edits by hand, and the same again."""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from tbmslam.io.map_folder import load_map, save_map
+from tbmslam.map.tbm_map import TbmMap
+from tests.tools.built_maps import QUICK
+from tools import build_maps, edit
+from tools.command_line.output_folder import changed_files
+
+
+@pytest.fixture
+def room(tmp_path):
+    """A room of 3 m by 2 m with walls around it, turned by 20 degrees."""
+    cells = np.zeros((40, 60), dtype=np.int8)
+    cells[[0, 1, -2, -1]], cells[:, [0, 1, -2, -1]] = 100, 100
+    save_map(tmp_path / "room", TbmMap.from_occupancy(cells, 0.05).rotate(np.radians(20.0)))
+    return tmp_path / "room"
+
+
+def run(*words):
+    return edit.main([str(word) for word in words])
+
+
+def test_edits_are_applied_in_their_order_and_can_be_repeated(room, tmp_path, capsys):
+    words = ("--align-axes", "--crop", 0.5, 0.5, 2.5, 1.5, "--wall", 1.0, 0.5, 1.0, 1.5, "--erase", 2.0, 0.5, 2.5, 1.0)
+    assert run(room, *words, "--keepout", 0.5, 0.5, 1.0, 1.0, "-o", tmp_path / "out") == 0
+    out = load_map(tmp_path / "out")
+    assert out.grid.geometry.bounds() == pytest.approx((0.5, 0.5, 2.5, 1.5), abs=0.06)
+    cells = out.to_occupancy()
+    assert (cells[:, 10] == 100).all()
+    assert (cells[1:9, 31:39] == -1).all()
+    assert (cells[12:, 12:38] == 0).all()
+    mask = load_map(tmp_path / "out" / "keepout.yaml").to_occupancy()
+    assert (mask[1:9, 1:9] == 100).all()
+    assert (mask[11:, 11:] == 0).all()
+    kinds = [one["kind"] for one in tomllib.loads((tmp_path / "out" / "edits.toml").read_text())["edit"]]
+    assert kinds == ["rotate", "crop", "wall", "erase", "keepout"]
+    assert changed_files(tmp_path / "out") == []
+    assert run(room, "--edits", tmp_path / "out" / "edits.toml", "-o", tmp_path / "again") == 0
+    for name in ("map.npz", "edits.toml", "keepout.pgm"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
+    assert run(room, "--free", 0, 0, 9, 9, "-o", tmp_path / "out") == 0  # an older mask does not stay
+    assert not (tmp_path / "out" / "keepout.yaml").exists()
+
+
+def test_a_mask_turns_with_the_map(room, tmp_path):
+    assert run(room, "--keepout", 0, 0, 1, 1, "--rotate", 90, "-o", tmp_path / "out") == 0
+    mask, edited = (load_map(tmp_path / "out" / name).grid.geometry for name in ("keepout.yaml", "map.npz"))
+    assert mask == pytest.approx(edited)
+
+
+def test_trajectories_stay_and_scans_go(bag, tmp_path):
+    assert build_maps.main([str(bag), "-o", str(tmp_path / "maps"), *QUICK]) == 0
+    assert run(tmp_path / "maps" / "robot_0", "--align-axes", "-o", tmp_path / "out") == 0
+    before, after = load_map(tmp_path / "maps" / "robot_0").drives[0], load_map(tmp_path / "out").drives[0]
+    assert len(after.trajectory) == len(before.trajectory)
+    assert len(after.keyframes) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "fact"),
+    [
+        (("none", "--rotate", "9", "-o", "out"), "none: does not exist: give a map's folder or file"),
+        (("room", "--rotate", "9", "-o", "room"), "room: is the map itself, which an edit would lose: choose another"),
+        (
+            ("room", "--crop", "50", "50", "60", "60", "-o", "out"),
+            r"--crop: \(50.0, 50.0\) to .* holds no cell of .*: correct",
+        ),
+        (("room", "--wall", "0", "0", "nan", "1", "-o", "out"), "--wall: the numbers of wall must be within"),
+        (("room", "--edits", "none.toml", "-o", "out"), r"none\.toml: cannot be read: No such file"),
+        (("room", "--edits", "bad.toml", "-o", "out"), r"bad\.toml: holds no list of edits"),
+        (("room", "--edits", "odd.toml", "-o", "out"), "--paint: an edit must be one of crop"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_changes_nothing(room, tmp_path, monkeypatch, capsys, words, fact):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text("edit = 3")
+    (tmp_path / "odd.toml").write_text('[[edit]]\nkind = "paint"\nvalues = [1.0]\n')
+    before = {path.name: path.read_bytes() for path in room.iterdir()}
+    assert run(*words) == 1
+    assert re.fullmatch(f"edit: {fact}.*\n", capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+    assert {path.name: path.read_bytes() for path in room.iterdir()} == before
+
+
+def test_without_an_edit_nothing_is_done(room, capsys):
+    with pytest.raises(SystemExit) as left:
+        run(room, "-o", "out")
+    assert left.value.code == 2
+    assert "name an edit, such as --align-axes, or a file of --edits" in capsys.readouterr().err

@@ -1,0 +1,186 @@
+"""Convert a map from one format to another.
+
+The name of the output chooses the format. Beliefs survive in map folders, .npz and .tif; other formats hold less.
+"""
+
+if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
+    from tools.command_line.interruption import hear_interruption
+
+    hear_interruption("convert")
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tbmslam.errors import TbmSlamError
+from tools.command_line.paths import check_exist, path_argument
+from tools.command_line.program import Grammar, ended
+
+if TYPE_CHECKING:
+    from tbmslam.map.tbm_map import TbmMap
+
+EXAMPLES = """examples:
+  python tools/%(prog)s.py out/one/run map.yaml
+      for ROS map_server and nav2: map.yaml and map.pgm
+  python tools/%(prog)s.py plan.png out/plan --resolution 0.05 --origin -10 -5
+      a floor plan as a map folder: white is free, black occupied, grey 205 unknown
+  python tools/%(prog)s.py out/one/run graph.g2o
+      keyframes and the motions measured between them, for g2o and GTSAM
+
+formats:
+  a name without ending  map folder
+  .npz        beliefs, drives and keyframes
+  .yaml .yml  ROS map with its picture
+  .png        picture (in: with --resolution; out: with a world file)
+  .tif .tiff  GeoTIFF with beliefs (needs the extra tbmslam[geotiff])
+  .bag .mcap  nav_msgs/OccupancyGrid, out on /map
+  .tbm_map    dump of the original programs
+  .g2o        pose graph, only out
+  .dat .pgm   Beesoft map, picture (with --resolution), only in
+
+exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
+"""
+_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg")
+
+
+class ConversionError(TbmSlamError):
+    """A map cannot be converted so."""
+
+
+def parser(program: str = "convert") -> argparse.ArgumentParser:
+    """Return the command line's grammar."""
+    grammar = Grammar(
+        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
+    grammar.add_argument("out", type=path_argument, metavar="OUT", help="folder or file to write")
+    picture = grammar.add_argument_group("where a picture lies, which states no size")
+    picture.add_argument("--resolution", type=float, metavar="M", help="side of a pixel")
+    picture.add_argument(
+        "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="its lower left corner (0 0)"
+    )
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+    return grammar
+
+
+def main(argv: list[str] | None = None, program: str = "convert") -> int:
+    """Run the program, under the name that it was called by; return its exit code."""
+    args = parser(program).parse_args(argv)
+    return ended(program, lambda: _run(args), debug=args.debug)
+
+
+def _run(args: argparse.Namespace) -> None:
+    check_exist([args.map], "does not exist: give a map's folder or file")
+    if args.out.exists() and args.out.samefile(args.map):
+        raise ConversionError(f"{args.out}: is the map itself: choose another name")
+    write = _writer(args.out)
+    tbm_map = _read(args.map, args.resolution, tuple(args.origin))
+    write(args.out, tbm_map)
+    print(f"{tbm_map} -> {args.out}")
+
+
+def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
+    """Return a map of any format."""
+    from tbmslam.io.map_folder import load_map
+    from tbmslam.map.tbm_map import TbmMap
+
+    ending = path.suffix.lower()
+    if ending in _PICTURES and not path.is_dir():
+        if resolution is None:
+            raise ConversionError(f"{path}: a picture does not tell the size of its pixels: pass --resolution")
+        return TbmMap.from_image(path, resolution, origin)
+    if resolution is not None:
+        raise ConversionError(f"{path}: is no picture, and states the size of its cells: drop --resolution")
+    if ending in (".tif", ".tiff"):
+        from tbmslam.io.geotiff import read_geotiff
+
+        return TbmMap(read_geotiff(path), provenance={"read_from": path.name})
+    if ending in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file():
+        from datasets.rosbag.occupancy import read_occupancy_bag
+
+        return TbmMap(read_occupancy_bag(path), provenance={"read_from": path.name})
+    return load_map(path)
+
+
+def _writer(out: Path) -> "Callable[[Path, TbmMap], None]":
+    """Return what writes the format that a name has."""
+    writers = {
+        "": _write_folder,
+        ".npz": _write_npz,
+        ".yaml": _write_ros_map,
+        ".yml": _write_ros_map,
+        ".png": _write_picture,
+        ".tif": _write_geotiff,
+        ".tiff": _write_geotiff,
+        ".bag": _write_bag,
+        ".mcap": _write_bag,
+        ".tbm_map": _write_dump,
+        ".g2o": _write_g2o,
+    }
+    ending = "" if out.is_dir() else out.suffix.lower()
+    if ending not in writers:
+        raise ConversionError(f"{out}: no format ends in {ending}: choose of {', '.join(filter(None, writers))}")
+    return writers[ending]
+
+
+def _write_folder(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.map_folder import save_map
+    from tools.command_line.output_folder import output_folder
+
+    with output_folder(out):
+        save_map(out, tbm_map)
+
+
+def _write_npz(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.map_npz import write_map_file
+
+    write_map_file(out, tbm_map)
+
+
+def _write_ros_map(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.ros_map import write_ros_map
+
+    write_ros_map(out.with_suffix(""), tbm_map.grid)
+
+
+def _write_picture(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.atomic_file import write_bytes
+    from tbmslam.io.pictures import draw_grid, encode_png, write_world_file
+
+    write_bytes(out, encode_png(draw_grid(tbm_map.grid)["pignistic"]))
+    write_world_file(out, tbm_map.grid.geometry)
+
+
+def _write_geotiff(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.geotiff import write_geotiff
+
+    write_geotiff(out, tbm_map.grid)
+
+
+def _write_bag(out: Path, tbm_map: "TbmMap") -> None:
+    from datasets.rosbag.occupancy import write_occupancy_bag
+
+    stamps = [float(drive.trajectory.stamps.max()) for drive in tbm_map.drives if len(drive.trajectory)]
+    write_occupancy_bag(
+        out, tbm_map.grid, max(stamps, default=0.0), "mcap" if out.suffix.lower() == ".mcap" else "ros1"
+    )
+
+
+def _write_dump(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.tbm_dump import write_tbm_dump
+
+    write_tbm_dump(out, tbm_map.grid)
+
+
+def _write_g2o(out: Path, tbm_map: "TbmMap") -> None:
+    from tbmslam.io.g2o import write_g2o
+
+    if not any(len(drive.keyframes) for drive in tbm_map.drives):
+        raise ConversionError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")
+    write_g2o(out, tbm_map.drives)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
