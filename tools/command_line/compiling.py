@@ -1,6 +1,8 @@
 """A line on the terminal when a program compiles: its first run would else look as if it never ended."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Self
 
 from numba.core.event import Listener, register, unregister
@@ -8,10 +10,24 @@ from tqdm import tqdm
 
 
 class Compiling(Listener):
-    """Says once that something is compiled, where stderr is a terminal; what comes from the cache is not compiled."""
+    """Says that something is compiled, where stderr is a terminal, and counts it on the bars that are drawn.
+
+    What comes from the cache is not compiled. The time that it takes is left out of a bar's rate and time left.
+    """
 
     def __init__(self) -> None:
         self._is_said = False
+        self._count = 0
+        self._bars: list[tqdm[Any]] = []
+
+    @contextmanager
+    def counted_on(self, bar: "tqdm[Any]") -> Iterator[None]:
+        """Count on a bar what is compiled within a block."""
+        self._bars.append(bar)
+        try:
+            yield
+        finally:
+            self._bars.remove(bar)
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002  # numba names it
         """Say so, above any bar that is drawn."""
@@ -19,8 +35,12 @@ class Compiling(Listener):
             self._is_said = True
             tqdm.write("compiling for this machine: a minute or two, the first time only", file=sys.stderr)
 
-    def on_end(self, event: Any) -> None:
-        """Nothing is left to be said."""
+    def on_end(self, event: Any) -> None:  # noqa: ARG002
+        """Count a function that is compiled."""
+        self._count += 1
+        for bar in self._bars:
+            bar.unpause()
+            bar.set_postfix_str(f"{self._count} functions compiled")
 
 
 class CompiledFunctions(Listener):
@@ -49,8 +69,9 @@ class CompiledFunctions(Listener):
 _listeners: list[Compiling] = []
 
 
-def tell_of_compiling() -> None:
-    """Have a line written when this process first compiles, however often this is called."""
+def tell_of_compiling() -> Compiling:
+    """Have a line written when this process first compiles, however often this is called; return what writes it."""
     if not _listeners:
         _listeners.append(Compiling())
         register("numba:compile", _listeners[0])
+    return _listeners[0]

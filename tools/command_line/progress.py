@@ -28,12 +28,14 @@ class ProgressBars(Watch):
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:
         super().__init__()
-        tell_of_compiling()
+        self._compiling = tell_of_compiling()
         self._viewer = viewer
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:
         """Return items that draw their bar while they are used."""
-        return tqdm(items, desc=label, total=total, unit=f" {unit}", disable=None, leave=False)
+        bar = tqdm(items, desc=label, total=total, unit=f" {unit}", disable=None, leave=False)
+        with self._compiling.counted_on(bar):
+            yield from bar
 
     def saw(self, name: str, reading: "Reading", T_map_robot: "SE2") -> None:
         """Hand a placed reading on to the viewer."""

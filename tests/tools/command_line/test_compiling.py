@@ -7,6 +7,7 @@ from numba.core import event
 
 from tools.command_line import compiling
 from tools.command_line.compiling import Compiling, tell_of_compiling
+from tools.command_line.progress import ProgressBars
 
 
 class Terminal(io.StringIO):
@@ -37,6 +38,24 @@ def test_compiling_is_told_once(listener, monkeypatch):
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
     assert stream.getvalue().splitlines() == ["compiling for this machine: a minute or two, the first time only"]
+
+
+def test_what_is_compiled_is_counted_on_the_bar_and_its_time_is_no_work(listener, monkeypatch):
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("tools.command_line.progress.tell_of_compiling", lambda: listener)
+    now = [0.0]
+    for index, _ in enumerate(ProgressBars().shown(range(10), "mapping", 10, "scans")):
+        (bar,) = listener._bars
+        bar._time = lambda: now[0]
+        if not index:
+            bar.start_t = bar.last_print_t = 0.0
+            now[0] += 60.0
+            twice_compiled()
+        now[0] += 1.0
+    assert "2 functions compiled" in stream.getvalue()
+    assert bar.format_dict["elapsed"] == pytest.approx(10.0)
+    assert listener._bars == []
 
 
 @pytest.mark.parametrize("stream", [io.StringIO(), None])
