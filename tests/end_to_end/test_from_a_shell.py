@@ -95,7 +95,7 @@ def test_a_damaged_bag_gives_what_is_left_of_it_and_says_so(shared_data, tmp_pat
     warned = [line for line in done.stderr.splitlines() if f"{bag}: {fact}; " in line]
     assert len(warned) == 1
     assert " scans were read" in warned[0]
-    assert (tmp_path / "maps" / "robot_0" / "map.npz").is_file()
+    assert (tmp_path / "maps" / bag.stem / "map.npz").is_file()
 
 
 def test_every_broken_file_is_known_here(shared_data):
