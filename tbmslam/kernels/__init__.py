@@ -7,8 +7,6 @@ are silent in compiled code: callers make the grid large enough first, and CI ru
 """
 
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -16,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.core import config
 
-from tbmslam.kernels.cache_folders import cache_folder, cache_root
+from tbmslam.kernels.cache_folders import folder_of
 
 _settings: Any = config  # numba sets the attributes of this module while it loads
 _njit: Any = numba.njit  # its type does not name all options
@@ -28,15 +26,6 @@ Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
-
-
-_CACHE_ROOT = cache_root()
-
-
-@cache
-def _folder(source: str) -> Path | None:
-    """Return where the kernels of a file are cached; asked once for each file."""
-    return None if _CACHE_ROOT is None else cache_folder(Path(source), _CACHE_ROOT)
 
 
 def kernel(function: Function) -> Function:
@@ -53,13 +42,15 @@ def summing_kernel(function: Function) -> Function:
 
 
 def _compiled(function: Function, fastmath: set[str]) -> Function:
-    folder = _folder(function.__code__.co_filename)
-    previous = _settings.CACHE_DIR
+    folder = folder_of(function.__code__.co_filename)
+    previous = _settings.CACHE_DIR, getattr(_settings, "CACHE_LOCATOR_CLASSES", "")
     if folder is not None:
         _settings.CACHE_DIR = str(folder)
+        # Numba before 0.62 does not know this, and compiles once for each installation.
+        _settings.CACHE_LOCATOR_CLASSES = f"{__name__}.cache_locator.ContentLocator"
     # Nothing calls a kernel by its address: the wrapper for that is not compiled.
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "fastmath": fastmath}
     try:
         return cast("Function", _njit(**options, cache=folder is not None)(function))
     finally:
-        _settings.CACHE_DIR = previous
+        _settings.CACHE_DIR, _settings.CACHE_LOCATOR_CLASSES = previous

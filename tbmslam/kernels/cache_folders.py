@@ -2,7 +2,8 @@
 
 Numba's own cache looks at one file at a time, so it runs stale code when a callee in another file changed, and it
 ignores ``NUMBA_BOUNDSCHECK`` once something is cached. A folder is therefore named by the text of a file, of the files
-of this package that it imports, directly or not, and by that flag: a change in one file leaves what others compiled.
+of this package that it imports, directly or not, by numba's version, and by that flag: a change in one file leaves what
+others compiled, and installations of the same text share it (see `cache_locator`).
 """
 
 import hashlib
@@ -13,6 +14,7 @@ import tempfile
 import time
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
@@ -36,6 +38,18 @@ def cache_root() -> Path | None:
     except (OSError, RuntimeError):  # RuntimeError: a user without a home, as in some containers
         return None
     return root
+
+
+@cache
+def folder_of(source: str) -> Path | None:
+    """Return where the kernels of a file are cached, asked once in each process; None where there is no place."""
+    root = _root()
+    return None if root is None else cache_folder(Path(source), root)
+
+
+@cache
+def _root() -> Path | None:
+    return cache_root()
 
 
 def cache_folder(source: Path, root: Path) -> Path | None:
@@ -71,7 +85,8 @@ def _digest(source: Path) -> str:
         new = imported_files(_text(unread.pop())) - found
         found |= new
         unread += new
-    digest = hashlib.sha256(os.environ.get("NUMBA_BOUNDSCHECK", "").encode())
+    compiler = f"{version('numba')} {os.environ.get('NUMBA_BOUNDSCHECK', '')}"
+    digest = hashlib.sha256(compiler.encode())
     for file in sorted(found):
         digest.update(f"\0{file.name}\0{len(_text(file))}\0".encode())
         digest.update(_text(file))

@@ -30,7 +30,7 @@ def package(tmp_path):
     """Return the folder of a package of four small files of kernels."""
     kernels = tmp_path / "tbmslam" / "kernels"
     kernels.mkdir(parents=True)
-    for name in ("__init__.py", "kernels/__init__.py", "kernels/cache_folders.py"):
+    for name in ("__init__.py", "kernels/__init__.py", "kernels/cache_folders.py", "kernels/cache_locator.py"):
         shutil.copy(PACKAGE / name, tmp_path / "tbmslam" / name)
     for name, text in KERNELS.items():
         (kernels / f"{name}.py").write_text(text, encoding="utf-8")
@@ -66,6 +66,13 @@ def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(package):
     assert run(package) == ["8", "0", "0", "1"]
     (package / "other.py").write_text(KERNELS["other"].replace("x - 1", "x - 2"), encoding="utf-8")
     assert run(package) == ["8", "1", "-1", "0"]
+
+
+def test_a_second_installation_compiles_nothing(package, tmp_path):
+    run(package)
+    copied = tmp_path / "elsewhere" / "tbmslam"
+    shutil.copytree(package.parent, copied, copy_function=shutil.copyfile)  # with other time stamps
+    assert run(copied / "kernels", NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["2", "1", "0", "1"]
 
 
 def test_the_check_of_bounds_has_a_cache_of_its_own(package):
