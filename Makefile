@@ -13,6 +13,7 @@ install: .venv/installed
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tbmslam needs Python 3.11 or later")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python tools/warm_up.py
 	touch $@
 
 # What working on it takes besides: test tools, and every program and viewer that reads our files, some 900 MB.
