@@ -169,7 +169,8 @@ def format_pose(pose: SE2 | None) -> tuple[str, str, str]:
     """Return x [m], y [m] and theta [deg]; dashes where there is no pose."""
     if pose is None:
         return "–", "–", "–"
-    return f"{pose.x:.3f}", f"{pose.y:.3f}", f"{math.degrees(wrap_angle(pose.theta)):.2f}"
+    x, y, degrees = round(pose.x, 3), round(pose.y, 3), round(math.degrees(wrap_angle(pose.theta)), 2)
+    return f"{x + 0.0:.3f}", f"{y + 0.0:.3f}", f"{degrees + 0.0:.2f}"  # adding zero takes the sign from -0
 
 
 def format_covariance(covariance: Covariance) -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment, Alternative, format_evidence
+from merging.alignment import Alignment, Alternative, format_confidence, format_evidence
 from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
@@ -176,7 +176,7 @@ def _judged(
 def _mirrored(confidence: float) -> str:
     """Ask what makes a map fit as its own mirror image, which is no place of it."""
     return (
-        f"; mirrored it would fit, with confidence {confidence:.3f}: "
+        f"; mirrored it would fit, with confidence {format_confidence(confidence)}: "
         "is one map's picture flipped, or was a laser mounted upside down?"
     )
 
@@ -197,9 +197,10 @@ def _reason(
     facts = format_evidence(evidence)
     if evidence.overlap_m2 < config.min_overlap_m2:
         return f"{before}overlap of {evidence.overlap_m2:.1f} m2 is under {config.min_overlap_m2:g} m2"
+    sure = format_confidence(confidence)
     if rivals:
         places = f"{len(rivals) + 1} places" if len(rivals) < _ALTERNATIVES else f"{len(rivals) + 1} places or more"
-        return f"{before}ambiguous: {places} fit about as well, the best with confidence {confidence:.2f}: {facts}"
+        return f"{before}ambiguous: {places} fit about as well, the best with confidence {sure}: {facts}"
     if confidence >= config.min_confidence:
-        return f"{before}confidence {confidence:.3f}: {facts}"
-    return f"{before}confidence {confidence:.2f} is under {config.min_confidence:g}: {facts}"
+        return f"{before}confidence {sure}: {facts}"
+    return f"{before}confidence {sure} is under {config.min_confidence:g}: {facts}"

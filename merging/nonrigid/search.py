@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from merging.alignment import Alignment, Pair
+from merging.alignment import Alignment, Pair, format_confidence
 from merging.config import MergeConfig
 from merging.fusion.warping import at_resolution
 from merging.map_graph.hypothesis import is_same_place
@@ -200,7 +200,8 @@ def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment
         bent += f", mostly as one is {larger:.1f} % larger: is the resolution of a map wrong?"
     return replace(
         again,
-        reason=f"{bent}: confidence {confidence:.3f} among rivals bent as well; straightened: {again.reason}",
+        reason=f"{bent}: confidence {format_confidence(confidence)} among rivals bent as well; "
+        f"straightened: {again.reason}",
         T_target_source=laid.motion,
         bent_m=laid.apart_m,
         confidence=confidence,

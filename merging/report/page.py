@@ -55,6 +55,7 @@ def merge_page(
         command=making.command,
         versions=versions(),
         config=config.model_dump(mode="json"),
+        defaults=MergeConfig().model_dump(mode="json"),
     )
 
 
@@ -115,7 +116,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
         for target, source in merge.outvoted
     ]
     said += [
-        f"the pose of {name} is not sure: confidence {confidence:.2f}"
+        f"the pose of {name} is not sure: confidence {format_confidence(confidence)}"
         for name, confidence in confidences_of(merge).items()
         if confidence < _DOUBTFUL
     ]

@@ -140,6 +140,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
             good=merge.alignments[pair].accepted and pair not in merge.outvoted,
             reason=_sentence(merge.alignments[pair].reason),
             figures=_figures(merge.alignments[pair]),
+            copied=_pose_words(merge.alignments[pair]),
             pictures=_pictures(pair, merge, views, looks),
         )
         for pair in merge.alignments
@@ -186,6 +187,14 @@ def _figures(found: Alignment) -> dict[str, str]:
     return figures
 
 
+def _pose_words(found: Alignment) -> str:
+    """Return where the source lies as `--pose` takes it, X Y DEG; nothing where nobody knows."""
+    if found.T_target_source is None:
+        return ""
+    x, y, theta = found.T_target_source
+    return f"{x:.4f} {y:.4f} {math.degrees(theta):.3f}"
+
+
 def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig) -> Sequence[Picture]:
     found, caption = merge.alignments[pair], CAPTION
     if pair in merge.judged_by:
@@ -208,7 +217,7 @@ def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig
 def _caption(number: int, other: Alternative) -> str:
     x, y, degrees = format_pose(other.T_target_source)
     where = f"Alternative {number}, at {x} m, {y} m, {degrees}°"
-    return f"{where}: confidence {other.confidence:.3f}, {other.agreed_wall_m:.1f} m of wall agree."
+    return f"{where}: confidence {format_confidence(other.confidence)}, {other.agreed_wall_m:.1f} m of wall agree."
 
 
 def _table(pairs: Sequence[Pair], merge: Merge) -> Table:

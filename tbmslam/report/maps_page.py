@@ -107,6 +107,7 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | 
         command=making.command,
         versions={str(name): str(value) for name, value in versions.items()} if isinstance(versions, Mapping) else {},
         config=config if isinstance(config, Mapping) else {},
+        defaults=making.defaults,
     )
 
 

@@ -71,6 +71,8 @@ class Card:
         Numbers, by name.
     pictures
         To see it oneself.
+    copied
+        What a button copies: a pose as the programs take it; no button where empty.
     """
 
     title: str
@@ -79,6 +81,7 @@ class Card:
     reason: str
     figures: Mapping[str, str] = field(default_factory=dict)
     pictures: Sequence[Picture] = ()
+    copied: str = ""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,8 @@ class Page:
         Of the program and what it stands on.
     config
         Every parameter; may be nested.
+    defaults
+        Those that are usual: others are marked as changed. Nothing is marked where empty.
     """
 
     title: str
@@ -125,6 +130,7 @@ class Page:
     command: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     config: Mapping[str, object] = field(default_factory=dict)
+    defaults: Mapping[str, object] = field(default_factory=dict)
 
     def to_html(self) -> str:
         """Return the page; what came from outside is text in it and never markup."""
@@ -140,7 +146,7 @@ class Page:
             scripts=scripts,
             script_hashes=" ".join(f"'sha256-{_digest(script)}'" for script in scripts),
             data=_as_script_data({"sheets": [sheet.as_json() for sheet in self.sheets]}),
-            config=list(_flat(self.config)),
+            config=_marked(self.config, self.defaults),
         )
 
 
@@ -179,6 +185,15 @@ def _flat(config: Mapping[str, object], before: str = "") -> list[tuple[str, str
     return lines
 
 
+def _marked(config: Mapping[str, object], defaults: Mapping[str, object]) -> list[tuple[str, str, str]]:
+    """Return name, value, and the usual value where it is another, of every parameter; changed ones first."""
+    usual = dict(_flat(defaults))
+    marked = [(name, value, usual.get(name, value)) for name, value in _flat(config)]
+    return sorted(
+        ((name, value, "" if was == value else was) for name, value, was in marked), key=lambda row: not row[2]
+    )
+
+
 _NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
 
 
@@ -192,10 +207,13 @@ class Making:
         What was typed.
     seconds
         How long each step took [s].
+    defaults
+        Every parameter as it is usually; may be nested.
     """
 
     command: str = ""
     seconds: Mapping[str, float] = field(default_factory=dict)
+    defaults: Mapping[str, object] = field(default_factory=dict)
 
 
 def versions() -> dict[str, str]:

@@ -113,3 +113,58 @@ def test_the_report_of_build_maps_has_a_sheet_for_every_robot(flat_maps, window)
 def test_pages_are_of_a_reasonable_size(merged, flat_maps):
     for folder in (merged, flat_maps):
         assert 200_000 < (folder / "report.html").stat().st_size < 1_000_000
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_on_a_phone_nothing_is_cut_off_and_the_map_comes_first(merged, window, scheme):
+    window.set_viewport_size({"width": 390, "height": 844})
+    window.emulate_media(color_scheme=scheme)
+    opened = OpenPage(window, merged / "report.html")
+    page = opened.page
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    tables = page.locator(".scroll").evaluate_all("(all) => all.map((one) => one.scrollWidth - one.clientWidth)")
+    assert tables
+    assert max(tables) <= 0
+    assert page.locator("#map").bounding_box()["y"] < page.locator("#layers").bounding_box()["y"]
+    luminance = (
+        "(one) => getComputedStyle(one).backgroundColor.match(/[0-9]+/g).slice(0, 3).reduce((a, b) => a + Number(b), 0)"
+    )
+    ground = page.locator("body").evaluate(luminance)
+    assert (ground < 150) is (scheme == "dark")
+
+
+def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, window, tmp_path):
+    setting = "merging.verification.min_confidence=0.8"
+    merge_maps(tmp_path, flat_maps / "robot_0", flat_maps / "robot_1", "--set", setting)
+    opened = OpenPage(window, tmp_path / "report.html")
+    page = opened.page
+    page.locator("#ruler").click()
+    box = page.locator("#map").bounding_box()
+    for x in (300, 400):
+        page.mouse.click(box["x"] + x, box["y"] + 200)
+    said = float(page.locator(".leaflet-tooltip").inner_text().removesuffix(" m"))
+    bar = page.locator(".leaflet-control-scale-line")
+    per_pixel = float(bar.inner_text().removesuffix(" m")) / bar.bounding_box()["width"]
+    assert said == pytest.approx(100.0 * per_pixel, rel=0.05)
+    page.locator("#ruler").click()
+    page.wait_for_timeout(500)  # it fades
+    assert page.locator(".leaflet-tooltip").count() == 0
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.locator(".copy").first.click()
+    page.wait_for_timeout(200)
+    x, y, degrees = map(float, page.locator(".copy").first.get_attribute("data-copy").split())
+    assert f"{x:.3f} m" in page.inner_text("article")
+    assert page.locator(".copy").first.inner_text() in ("copied", f"{x:.4f} {y:.4f} {degrees:.3f}")
+    summary = page.locator("summary")
+    assert summary.inner_text().endswith(", 1 changed)")
+    summary.click()
+    assert page.locator("#config tr").first.inner_text().split() == [
+        "verification.min_confidence",
+        "0.8",
+        "usually",
+        "0.85",
+    ]
+    page.locator("#search").fill("MIN_conf")
+    assert page.locator("#config tr:visible").all_inner_texts()[0].startswith("verification.min_confidence")
+    assert page.locator("#config tr:visible").count() < 5
+    assert opened.complaints == []

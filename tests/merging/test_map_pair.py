@@ -64,6 +64,6 @@ def test_a_pair_as_likely_wrong_as_right_is_refused():
     alignment = align(known.target, known.source)
     assert 0.3 < alignment.confidence < 0.8
     assert not alignment.accepted
-    assert alignment.reason.startswith(f"confidence {alignment.confidence:.2f} is under 0.85")
+    assert alignment.reason.startswith(f"confidence {alignment.confidence:.3f} is under 0.85")
     lenient = MergeConfig.model_validate({"verification": {"min_confidence": 0.3}})
     assert align(known.target, known.source, lenient).accepted

@@ -57,7 +57,8 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, watch:
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
-    page = maps_page(robots, Making(command, watch.seconds), None if failure is None else str(failure))
+    usual = Configuration.of_preset(config.preset).slam.model_dump(mode="json")
+    page = maps_page(robots, Making(command, watch.seconds, usual), None if failure is None else str(failure))
     write_text(args.out / "report.html", page.to_html())
     print(f"report -> {args.out / 'report.html'}")
     _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, watch)

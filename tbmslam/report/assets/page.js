@@ -1,6 +1,22 @@
 "use strict";
 // Shows the sheets of the report with Leaflet: the coordinates of the map are metres in the map's frame.
 (() => {
+  document.querySelectorAll("[data-copy]").forEach((button) => button.addEventListener("click", async () => {
+    const said = button.textContent;
+    try {
+      await navigator.clipboard.writeText(button.dataset.copy);
+      button.textContent = "copied";
+    } catch {
+      button.textContent = button.dataset.copy; // to be copied by hand
+      return;
+    }
+    setTimeout(() => { button.textContent = said; }, 1500);
+  }));
+  const search = document.getElementById("search");
+  if (search) search.addEventListener("input", () => document.querySelectorAll("#config tr").forEach((row) => {
+    row.hidden = !row.cells[0].textContent.toLowerCase().includes(search.value.trim().toLowerCase());
+  }));
+
   const { sheets } = JSON.parse(document.getElementById("data").textContent);
   const place = document.getElementById("map");
   if (!place || !sheets.length) return;
@@ -18,11 +34,35 @@
     const box = make("div", { className: "leaflet-bar" });
     const button = make("button", { type: "button", title: "Show the whole map", textContent: "⤢", id: "whole" });
     button.addEventListener("click", () => fit());
-    box.append(button);
+    const ruler = make("button", { type: "button", title: "Measure a distance: click two points", textContent: "↔", id: "ruler" });
+    ruler.setAttribute("aria-pressed", "false");
+    ruler.addEventListener("click", () => measure(ruler));
+    box.append(button, ruler);
     L.DomEvent.disableClickPropagation(box);
     return box;
   };
   whole.addTo(map);
+
+  let ends = null;      // of the distance that is measured; null while nothing is
+  const rule = L.polyline([], { color: "#b3261e", weight: 2, interactive: false }).addTo(map);
+
+  function measure(button) {
+    ends = ends ? null : [];
+    rule.setLatLngs([]).unbindTooltip();
+    button.setAttribute("aria-pressed", String(ends !== null));
+    place.classList.toggle("measuring", ends !== null);
+  }
+
+  map.on("click", ({ latlng }) => {
+    if (!ends) return;
+    ends = ends.length === 2 ? [latlng] : [...ends, latlng];
+    rule.setLatLngs(ends).unbindTooltip();
+    if (ends.length === 2) {
+      const [a, b] = ends;
+      const metres = Math.hypot(b.lng - a.lng, b.lat - a.lat);
+      rule.bindTooltip(make("span", { textContent: `${metres.toFixed(2)} m` }), { permanent: true }).openTooltip();
+    }
+  });
 
   let current = null;   // the sheet that is shown
   let shown = [];       // its layers: what the report says of each, Leaflet's layer, and its values once decoded

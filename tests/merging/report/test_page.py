@@ -108,7 +108,7 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
     )
     said = merge_page(changed, maps, CONFIG, {}, Making()).warnings
     assert "foreign in here is ambiguous: the maps fit in 1 places" in said
-    assert "the pose of there is not sure: confidence 0.75" in said
+    assert "the pose of there is not sure: confidence 0.750" in said
     assert any(text.startswith("foreign in there was accepted by itself, but contradicts") for text in said)
 
 

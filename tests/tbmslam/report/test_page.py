@@ -16,7 +16,7 @@ TWO = Palette(((255, 255, 255), (10, 20, 30)))
 class Reader(HTMLParser):
     """The tags and the words of a page; every tag that is opened must be closed."""
 
-    VOID = ("meta", "img")
+    VOID = ("meta", "img", "input")
 
     def __init__(self, text):
         super().__init__()
