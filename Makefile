@@ -5,7 +5,7 @@ JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo paper confidence figures docs test slow check install develop clean kernel-coverage fuzz faults mutants
+.PHONY: demo paper confidence figures docs site test slow check install develop clean kernel-coverage fuzz faults mutants
 
 install: .venv/installed
 
@@ -71,6 +71,10 @@ docs/real-drives.png: install
 	maps = [cv2.resize(one, (round(500 * one.shape[1] / one.shape[0]), 500), interpolation=cv2.INTER_AREA) for one in maps]; \
 	gap = cv2.copyMakeBorder(maps[1], 0, 0, 12, 0, cv2.BORDER_CONSTANT, value=(255, 255, 255)); \
 	cv2.imwrite('$@', cv2.hconcat([maps[0], gap]) // 16 * 16 + 8)"
+
+# The pages of docs and the library's names as a site, out/site/index.html.
+site: develop
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs/site docs out/site
 
 docs: docs/merged-office.png docs/report.png docs/pairs.png docs/real-drives.png
 
