@@ -1,5 +1,6 @@
 """The report of robots that were mapped, each in a frame of its own."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -19,13 +20,35 @@ def by_whom(told: Mapping[str, Iterable[str]]) -> list[str]:
     Parameters
     ----------
     told
-        What each robot is told, by name. What names a time is alike only where that is the same.
+        What each robot is told, by name. What happened at several times is one warning with all of them; of two robots
+        it is one only where the times are the same.
     """
     whose: dict[str, list[str]] = {}
     for name, warnings in told.items():
-        for warning in dict.fromkeys(warnings):
+        for warning in _gathered(dict.fromkeys(warnings)):
             whose.setdefault(warning, []).append(name)
     return [f"{_listed(names)}: {warning}" for warning, names in whose.items()]
+
+
+_TIMED, _LASTS = re.compile(r"at ([\d.]+) s: (.*)"), re.compile(r", for [\d.]+ s")
+_MOST_TIMES = 5
+
+
+def _gathered(warnings: Iterable[str]) -> list[str]:
+    """Return warnings, those that tell of the same at other times as one."""
+    times: dict[str, list[tuple[str, str]]] = {}
+    for warning in warnings:
+        timed = _TIMED.fullmatch(warning)
+        what, at = (_LASTS.sub("", timed[2]), timed[1]) if timed else (warning, "")
+        times.setdefault(what, []).append((at, warning))
+    said = []
+    for what, found in times.items():
+        if len(found) == 1:
+            said.append(found[0][1])
+            continue
+        more = f" and {len(found) - _MOST_TIMES} more times" if len(found) > _MOST_TIMES else ""
+        said.append(f"at {', '.join(at for at, _ in found[:_MOST_TIMES])} s{more}: {what}")
+    return said
 
 
 def _listed(names: list[str]) -> str:
@@ -130,8 +153,14 @@ def _figures(maps: list[TbmMap]) -> dict[str, str]:
         "scans": f"{sum(len(drive.trajectory) for drive in drives):,}",
         "driven": f"{sum(drive.trajectory.driven() for drive in drives):.0f} m",
         "loops closed": f"{sum(len(drive.closures) for drive in drives):,}",
-        "known area": f"{sum(known_m2(one) for one in maps):.0f} m²",
+        "known area" if len(maps) == 1 else "known area of a map": _range([known_m2(one) for one in maps]),
     }
+
+
+def _range(areas: list[float]) -> str:
+    """Return the smallest and the largest area [m^2]; maps overlap, so that their sum says nothing."""
+    low, high = f"{min(areas):.0f}", f"{max(areas):.0f}"
+    return f"{high} m²" if low == high else f"{low} to {high} m²"
 
 
 def _table(robots: Mapping[str, MappedRobot]) -> Table:

@@ -75,3 +75,19 @@ def test_what_several_are_told_alike_is_said_once_with_their_names():
 def test_of_many_the_first_are_named():
     assert by_whom({name: ["odd"] for name in "abcdefg"}) == ["a, b, c, d, e and 2 more: odd"]
     assert by_whom({name: ["odd"] for name in "abcde"}) == ["a, b, c, d, e: odd"]
+
+
+def test_what_happened_again_and_again_is_one_line_with_its_times():
+    jumps = [f"at {at:.1f} s: the odometry jumps, for {0.1 * at:.1f} s: beware" for at in range(1, 9)]
+    said = by_whom({"a": [*jumps, "at 3.0 s: no scans", "odd"], "b": jumps[:2]})
+    assert said == [
+        "a: at 1.0, 2.0, 3.0, 4.0, 5.0 s and 3 more times: the odometry jumps: beware",
+        "a: at 3.0 s: no scans",
+        "a: odd",
+        "b: at 1.0, 2.0 s: the odometry jumps: beware",
+    ]
+
+
+def test_areas_of_maps_that_may_overlap_are_not_added_up():
+    one, two = maps_page({"a": robot()}, Making()).figures, maps_page({"a": robot(), "b": robot()}, Making()).figures
+    assert two["known area of a map"] == one["known area"]
