@@ -287,11 +287,14 @@ def test_d27_kernels_are_exact_and_know_nan():
 
 @pytest.mark.parametrize("place", ["/dev/null/cache", "~nobody-of-this-name/cache"])
 def test_d27_without_a_place_for_a_cache_kernels_work_all_the_same(place):
-    code = "from tbmslam.kernels import _CACHE_ROOT; from tbmslam.geometry.se2 import compose; print(_CACHE_ROOT)"
+    code = (
+        "from tbmslam.kernels import kernel; from tbmslam.kernels.cache_folders import cache_root; "
+        "print(cache_root(), kernel(lambda x: x + 1)(1))"
+    )
     surroundings = {"PYTHONPATH": str(ROOT), "PATH": os.defpath, "NUMBA_CACHE_DIR": place}
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=False)  # noqa: S603 - our code
-    assert (done.stdout, done.returncode) == ("None\n", 0), done.stderr
+    assert (done.stdout, done.returncode) == ("None 2\n", 0), done.stderr
 
 
 def test_d27_two_threads_map_at_once():
