@@ -6,7 +6,7 @@ import pytest
 
 from tbmslam.io.map_folder import load_map
 from tests.browser import OpenPage, browser_window
-from tests.end_to_end.programs import merge_maps
+from tests.end_to_end.programs import build, merge_maps, simulate
 
 pytestmark = pytest.mark.xdist_group("flat")
 
@@ -167,4 +167,25 @@ def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, win
     page.locator("#search").fill("MIN_conf")
     assert page.locator("#config tr:visible").all_inner_texts()[0].startswith("verification.min_confidence")
     assert page.locator("#config tr:visible").count() < 5
+    assert opened.complaints == []
+
+
+def test_a_warning_leads_to_where_it_happened(tmp_path, window):
+    bags = simulate(
+        tmp_path / "bags", "--world", "apartment", "--beams", 181, "--rate", 5, "--duration", 16,
+        "--fault", "odometry_jump@10",
+    )  # fmt: skip
+    maps = build(tmp_path / "maps", bags / "robot_0.bag")
+    opened = OpenPage(window, maps / "report.html")
+    page = opened.page
+    before = page.inner_text(".warnings")
+    jump = page.locator(".warnings .jump").first
+    at = jump.inner_text()
+    assert f"robot_0: at {at} s" in before
+    assert page.locator(".leaflet-tooltip").count() == 0
+    jump.click()
+    page.wait_for_timeout(500)
+    assert page.locator(".leaflet-tooltip").inner_text().startswith(f"{at} s: ")
+    box, dot = page.locator("#map").bounding_box(), page.locator(".leaflet-tooltip").bounding_box()
+    assert abs(dot["y"] + dot["height"] / 2 - box["y"] - box["height"] / 2) < 20
     assert opened.complaints == []

@@ -215,4 +215,32 @@
   document.querySelectorAll("[data-sheet]").forEach((tab) =>
     tab.addEventListener("click", () => show(Number(tab.dataset.sheet))));
   show(0);
+
+  // A time in a warning leads to where the robot was then.
+  function placesAt(names, time) {
+    return sheets.flatMap((sheet, number) => sheet.layers.flatMap((layer) => (layer.texts || []).flatMap((text, index) =>
+      names.includes(layer.label) && text.startsWith(`${time} s: `) ? [{ number, layer, point: layer.points[index], text }] : [])));
+  }
+  function jump({ number, layer, point, text }) {
+    if (sheets[number] !== current) show(number);
+    const entry = shown.find((one) => one.layer === layer);
+    if (!map.hasLayer(entry.drawing)) entry.drawing.addTo(map);
+    map.setView(point, Math.max(map.getZoom(), 4));
+    entry.drawing.eachLayer((dot) => { if (dot.getTooltip() && dot.getTooltip().getContent().textContent === text) dot.openTooltip(); });
+    place.scrollIntoView({ block: "center" });
+  }
+  document.querySelectorAll(".warnings li").forEach((line) => {
+    const parts = /^(.*?): at ([\d., ]+) s\b/.exec(line.textContent);
+    if (!parts) return;
+    const names = parts[1].split(", ");
+    const times = parts[2].split(", ").map((time) => {
+      const [first] = placesAt(names, time);
+      if (!first) return time;
+      const button = make("button", { type: "button", className: "jump", title: "Show where", textContent: time });
+      button.addEventListener("click", () => jump(first));
+      return button;
+    });
+    const rest = line.textContent.slice(parts[0].length - 2);
+    line.replaceChildren(`${parts[1]}: at `, ...times.flatMap((time, index) => (index ? [", ", time] : [time])), rest);
+  });
 })();
