@@ -59,17 +59,20 @@ def cloud_of(message: Any) -> PointCloud:
     }
     if not {"x", "y", "z"} <= fields.keys():
         raise PointCloudError(f"fields x, y and z are missing, there are {', '.join(fields) or 'none'}")
-    dtype = np.dtype(
-        {
-            "names": list(fields),
-            "formats": [kind for kind, _ in fields.values()],
-            "offsets": [offset for _, offset in fields.values()],
-            "itemsize": message.point_step,
-        }
-    )
+    try:
+        dtype = np.dtype(
+            {
+                "names": list(fields),
+                "formats": [kind for kind, _ in fields.values()],
+                "offsets": [offset for _, offset in fields.values()],
+                "itemsize": message.point_step,
+            }
+        )
+    except ValueError as error:
+        raise PointCloudError(f"its fields do not fit into {message.point_step} bytes: {error}") from error
     rows, cols = message.height, message.width
     data = np.frombuffer(message.data, np.uint8)
-    if message.row_step * rows > len(data) or message.point_step * cols > message.row_step:
+    if message.row_step * rows > len(data) or message.point_step * cols > message.row_step or not message.point_step:
         raise PointCloudError(f"{rows} rows of {cols} points take more than its {len(data)} bytes")
     lines = data[: message.row_step * rows].reshape(rows, message.row_step)[:, : message.point_step * cols]
     records = np.ascontiguousarray(lines).view(dtype).reshape(-1)

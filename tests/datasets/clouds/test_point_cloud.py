@@ -2,6 +2,8 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from datasets.clouds.point_cloud import PointCloudError, cloud_of
 
@@ -71,3 +73,23 @@ def test_clouds_without_places_or_cut_off_are_refused():
 
 def test_an_empty_cloud_holds_nothing():
     assert cloud_of(message([("x", "f4"), ("y", "f4"), ("z", "f4")], [])).points.shape == (0, 3)
+
+
+@given(
+    st.integers(0, 40), st.integers(0, 5), st.integers(0, 5), st.integers(0, 80),
+    st.lists(st.tuples(st.sampled_from("xyzt"), st.integers(0, 30), st.integers(0, 9), st.integers(0, 2)), max_size=6),
+    st.binary(max_size=200),
+)  # fmt: skip
+def test_no_message_does_more_than_be_refused(point_step, height, width, row_step, fields, data):
+    said = Message(
+        header=Message(stamp=Message(sec=1, nanosec=2), frame_id="lidar"),
+        height=height, width=width, is_bigendian=bool(width % 2), point_step=point_step, row_step=row_step,
+        fields=[Message(name=n, offset=o, datatype=d, count=c) for n, o, d, c in fields],
+        data=np.frombuffer(data, np.uint8),
+    )  # fmt: skip
+    try:
+        cloud = cloud_of(said)
+    except PointCloudError:
+        return
+    assert cloud.points.shape[1:] == (3,)
+    assert np.isfinite(cloud.points).all()
