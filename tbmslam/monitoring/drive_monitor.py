@@ -20,10 +20,12 @@ logger = logging.getLogger(__name__)
 _SAID_AT_MOST = 20
 _SAME_PLACE = 0.5
 """Share of the last scan that a scan of the same place confirms at least."""
-LOST = (
-    "the scan fits nothing seen before where the odometry puts the robot: the drive goes on by odometry; if the robot "
-    "was carried or took a lift, make one robot of the drive before and one of the drive after by --interval"
+_CARRIED = (
+    "if the robot was carried or took a lift, make one robot of the drive before and one of the drive after by "
+    "--interval"
 )
+LOST = f"the scan fits nothing seen before where the odometry puts the robot: the drive goes on by odometry; {_CARRIED}"
+LOST_WITHOUT_ODOMETRY = f"the scan fits nothing seen before: without odometry the motion is a guess there; {_CARRIED}"
 
 
 class DriveMonitor:
@@ -68,7 +70,7 @@ class DriveMonitor:
             self._note_jump(scan.stamp, prior.jump)
         what = self._contradictions.told_by(scan.stamp, match, prior)
         if match.is_lost and self._shows_another_place(scan, match.T_map_sensor):
-            self.incidents.add(scan.stamp, LOST)
+            self.incidents.add(scan.stamp, LOST if prior.by_odometry else LOST_WITHOUT_ODOMETRY)
         elif what:
             self.incidents.add(scan.stamp, what)
         self._before = scan, match.T_map_sensor

@@ -116,8 +116,12 @@ class MotionModel:
         step = self._T_map_robot.to(T_map_robot)
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
 
-    def correct(self, reading: Reading, T_map_robot: SE2) -> None:
-        """Take the pose that was found for a reading as the start of the next step."""
+    def correct(self, reading: Reading, T_map_robot: SE2, is_lost: bool = False) -> None:
+        """Take the pose that was found for a reading as the start of the next step.
+
+        A lost scan contradicts its prior. Without odometry the prior is the last motion, which is then forgotten: a
+        robot that goes on as before, for want of scans that fit, circles for minutes (fr-clinic without odometry).
+        """
         now, before = reading.T_odom_robot, self._T_odom_robot
         if self._stamp is None:
             self.begin_at_keyframe(reading, T_map_robot)
@@ -125,7 +129,8 @@ class MotionModel:
             duration = reading.scan.stamp - self._stamp
             self._usual += _FORGETTING * (min(abs(duration), 1.0) - self._usual)
             if duration > 0.0:
-                self._last_move, self._duration = (self._T_map_robot, T_map_robot), duration
+                start = T_map_robot if is_lost and now is None else self._T_map_robot
+                self._last_move, self._duration = (start, T_map_robot), duration
             if now is None or before is None or self._jumped:
                 steps = (
                     self._noise.deviations(self._distance, self._turn) if self._distance + self._turn else (0.0,) * 3

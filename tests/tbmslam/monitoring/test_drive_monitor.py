@@ -9,7 +9,7 @@ import pytest
 from datasets.synthetic.robot.simulation import poses_at
 from tbmslam.evaluation.trajectory_errors import absolute_errors
 from tbmslam.geometry.se2 import SE2
-from tbmslam.monitoring.drive_monitor import LOST
+from tbmslam.monitoring.drive_monitor import LOST, LOST_WITHOUT_ODOMETRY
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.slam import Slam
 from tests.tbmslam.monitoring.monitored import carried, mapped, said
@@ -31,6 +31,13 @@ def test_a_robot_that_was_carried_elsewhere_is_told_and_nothing_is_thrown_away(r
     assert any(LOST in line for line in caplog.messages)
     before = absolute_errors(robot.truth, mapped(readings[:61])[1].trajectory, 0.01).errors_m
     assert before.max() < 0.1
+
+
+def test_a_robot_that_was_carried_without_odometry_is_not_said_to_go_on_by_odometry(robot):
+    readings = [replace(each, T_odom_robot=None, T_odom_swept=None) for each in carried(robot, 60, 120)]
+    slam, _ = mapped(readings)
+    assert any(LOST_WITHOUT_ODOMETRY in text for text in said(slam))
+    assert not any(LOST in text for text in said(slam))
 
 
 def test_a_drive_may_be_finished_again_and_go_on(robot):

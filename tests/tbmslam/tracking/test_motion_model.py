@@ -181,6 +181,16 @@ def test_deviations_without_odometry_add_up_since_the_keyframe(number):
     assert model.deviations_since_keyframe(prior) == pytest.approx((math.sqrt(number) * 0.105,) * 3)
 
 
+@pytest.mark.parametrize(("is_lost", "turn"), [(False, 0.6), (True, 0.4)])
+def test_without_odometry_a_lost_scan_ends_the_motion(is_lost, turn):
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, None), SE2.identity())
+    model.correct(reading(0.2, None), SE2(0.0, 0.0, 0.2))
+    lost = reading(0.4, None)
+    model.correct(lost, model.predict(lost).mean, is_lost)
+    assert model.predict(reading(0.6, None)).mean == pytest.approx((0.0, 0.0, turn))
+
+
 def test_keyframes_teach_how_good_the_odometry_is():
     """A heading that is wrong by 0.1 rad each time, seen by a laser ahead of the robot's middle."""
     mount = SE2(0.4, 0.0, 0.3)
