@@ -10,6 +10,8 @@ from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
 from tbmslam.geometry.se2 import SE2, FloatArray
 
+_TIE = 1e-6
+"""Of a beam: directions midway between two beams fall to one of them, whatever rounding does to their rings."""
 _WALL_DEPTH = 0.15
 """Points of one direction that are this much farther than the nearest [m] lie on the same wall: ranges are noisy."""
 _WIDEST_GAP, _BESIDE = 2.0, 0.6
@@ -101,7 +103,7 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
     """
     if not len(ranges):
         return np.full(beams, np.nan)
-    beam = np.rint(turned).astype(np.int64)
+    beam = np.rint(turned + _TIE).astype(np.int64)
     offset = turned - beam
     beam %= beams
     nearest = np.full(beams, np.inf)
