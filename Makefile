@@ -126,7 +126,7 @@ figures: develop
 
 # What the programs survive: damaged bags, sensor trouble. Fails where a row is red; `SHORT=--short` tries only some.
 faults: develop
-	$(BIN)/python tools/faults.py $(SHORT)
+	$(BIN)/python tests/faults/faults.py $(SHORT)
 
 # Small faults in the code, and which of them the nearest tests notice; about half an hour.
 mutants: develop

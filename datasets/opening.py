@@ -6,7 +6,7 @@ from pathlib import Path
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
-from datasets.rosbag.file_names import STORAGE_SUFFIXES
+from datasets.rosbag.bag_files import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
 from tbmslam.special_file import is_device_or_pipe, why_unreadable
 

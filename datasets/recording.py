@@ -1,11 +1,30 @@
 """A recording: a stream of readings that can be started again, and what is known about it."""
 
-from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeAlias, TypeVar
 
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
 from tbmslam.sensing.laser_scan import Reading
+
+Item = TypeVar("Item")
+_BLOCK = 256
+
+
+def in_blocks(items: Iterable[Item]) -> Iterator[list[Item]]:
+    """Yield items some at a time, those before a DatasetError, too."""
+    block: list[Item] = []
+    try:
+        for item in items:
+            block.append(item)
+            if len(block) == _BLOCK:
+                yield block
+                block = []
+    except DatasetError:
+        yield block
+        raise
+    yield block
+
 
 _REMEDIES = {
     "before_odometry": "check --odometry, --odom-frame and --clock-offset",

@@ -15,12 +15,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.configuration_options import add_configuration_options
-from tools.command_line.loading import loading
+from tools.command_line.options import (
+    add_configuration_options,
+    add_recording_options,
+    add_viewer_option,
+    given_options,
+)
 from tools.command_line.paths import add_extra_files, check_exist, path_argument
-from tools.command_line.program import Grammar, ended
-from tools.command_line.recording_options import add_recording_options, given_options
-from tools.mapping.viewer_option import add_viewer_option
+from tools.command_line.program import Grammar, ended, loading
 
 if TYPE_CHECKING:
     from tools.command_line.configuration import Configuration

@@ -14,9 +14,8 @@ import math
 import sys
 from typing import Any
 
-from tools.command_line.loading import loading
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended, examples
+from tools.command_line.program import Grammar, ended, examples, loading
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png

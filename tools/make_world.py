@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from datasets.synthetic.robot.faults import Fault
     from datasets.synthetic.robot.laser import SimulatedLaser
     from datasets.synthetic.robot.simulation import SimulatedRobot
+    from datasets.synthetic.world.world import World
+    from tbmslam.io.pictures import Picture
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
@@ -163,7 +165,6 @@ def make(args: argparse.Namespace) -> None:
     from tbmslam.io.atomic_file import write_bytes
     from tbmslam.io.pictures import encode_png
     from tools.command_line.progress import ProgressBars
-    from tools.world_picture import draw_world
 
     faults = [Fault.parse(text) for text in args.fault]
     seed = args.seed if args.drive_seed is None else args.drive_seed
@@ -204,7 +205,7 @@ def _check_moment(fault: "Fault", robots: "Sequence[SimulatedRobot]") -> None:
 
 def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) -> None:
     from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
-    from datasets.synthetic.robot.ring_lidar import RingLidar
+    from datasets.synthetic.robot.laser import RingLidar
 
     lidar = RingLidar(args.rings) if args.rings else None
     if args.format == "mcap":
@@ -235,6 +236,31 @@ def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
         upside_down=args.upside_down,
         sweep=args.sweep,
     )
+
+
+_PIXELS_PER_METRE = 25
+_SIXTEENTHS = _PIXELS_PER_METRE * 16  # cv2 draws to 1/16 of a pixel
+_PATH_COLOURS = ((200, 90, 0), (0, 150, 60), (40, 40, 220), (190, 0, 190), (0, 150, 200), (120, 120, 0))
+
+
+def draw_world(world: "World", robots: "Sequence[SimulatedRobot]") -> "Picture":
+    """Draw the walls, each robot's path in a colour and its start as a circle."""
+    import cv2
+    import numpy as np
+
+    min_x, min_y, max_x, max_y = world.bounds()
+    origin = np.array([min_x - 0.5, max_y + 0.5])
+    size = (math.ceil((max_y - min_y + 1.0) * _PIXELS_PER_METRE), math.ceil((max_x - min_x + 1.0) * _PIXELS_PER_METRE))
+    picture = np.full((*size, 3), 255, dtype=np.uint8)
+    walls = np.round((world.walls.reshape(-1, 2, 2) - origin) * [_SIXTEENTHS, -_SIXTEENTHS]).astype(np.int32)
+    cv2.polylines(picture, list(walls), isClosed=False, color=(0, 0, 0), thickness=1, lineType=cv2.LINE_AA, shift=4)
+    for index, robot in enumerate(robots):
+        colour = _PATH_COLOURS[index % len(_PATH_COLOURS)]
+        path = np.round((robot.truth.poses[:, :2] - origin) * [_SIXTEENTHS, -_SIXTEENTHS]).astype(np.int32)
+        cv2.polylines(picture, [path], isClosed=False, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
+        start = (int(path[0, 0]), int(path[0, 1]))
+        cv2.circle(picture, start, 8 * 16, colour, thickness=2, lineType=cv2.LINE_AA, shift=4)
+    return picture
 
 
 if __name__ == "__main__":

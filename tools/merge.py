@@ -14,8 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.configuration_options import add_configuration_options
-from tools.command_line.loading import loading
+from tools.command_line.options import add_configuration_options
 from tools.command_line.paths import (
     add_extra_files,
     check_exist,
@@ -26,7 +25,7 @@ from tools.command_line.paths import (
     unique_names,
     write_extra_files,
 )
-from tools.command_line.program import DONE, Grammar, ended, typed_command
+from tools.command_line.program import DONE, Grammar, ended, loading, typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig

@@ -9,7 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from tools.command_line.configuration_options import add_configuration_options
+from tools.command_line.options import add_configuration_options
 from tools.command_line.program import Grammar, ended
 
 EXAMPLES = """examples:

@@ -132,9 +132,8 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
     from tbmslam.io.atomic_file import write_text
-    from tools.paper.experiments import run_experiments
+    from tools.paper.experiments import record_of, run_experiments
     from tools.paper.maps import load_pairs
-    from tools.paper.record import record_of
 
     args.out.mkdir(parents=True, exist_ok=True)
     pairs = load_pairs(args.maps or _make_maps(args), args.pairs, args.min_overlap)

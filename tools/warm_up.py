@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "warm_up") -> in
 
 
 def _run() -> int:
-    from tools.command_line.compiling import CompiledFunctions
+    from tools.command_line.progress import CompiledFunctions
 
     begin = time.perf_counter()
     with CompiledFunctions() as compiled, tempfile.TemporaryDirectory() as folder:

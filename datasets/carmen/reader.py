@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.blocks import in_blocks
 from datasets.carmen.lines import POSE_KINDS, SCAN_KINDS, LoggedScan, LogSettings, pose_from, scan_from
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
@@ -16,7 +15,7 @@ from datasets.odometry.se3 import SE3
 from datasets.odometry.source import Mounting, TopicMotion
 from datasets.odometry.synchronisation import Pairing, scaled, turned_over
 from datasets.options import RecordingOptions
-from datasets.recording import Recording
+from datasets.recording import Recording, in_blocks
 from datasets.scans.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
 from datasets.scans.intake import ScanIntake
 from datasets.text_files import lines_of

@@ -1,14 +1,157 @@
 """Bytes of a bag's messages as this project's types."""
 
 import logging
-from typing import Any
+import struct
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from datasets.clouds.point_cloud import PointCloud, PointCloudError, cloud_of
-from datasets.rosbag.message_bytes import Content, reader_of
-from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES, standard_types
-from datasets.rosbag.messages import poses_of, scan_of, transforms_of
+from datasets.odometry.se3 import SE3
+from datasets.rosbag.messages import (
+    CLOUD_TYPE,
+    ECHOES_TYPE,
+    ODOMETRY_TYPE,
+    SCAN_TYPE,
+    TF_TYPES,
+    FramedScan,
+    StampedTransform,
+    poses_of,
+    scan_of,
+    standard_types,
+    transforms_of,
+)
+from datasets.scans.intake import RawScan
+from tbmslam.io.printable import printable
 
 logger = logging.getLogger(__name__)
+
+Content: TypeAlias = FramedScan | list[StampedTransform]
+
+_LITTLE_ENDIAN = b"\x00\x01"
+_PADDING = 3
+"""Bytes at the end of a message that CDR may add."""
+_SIZE = struct.Struct("<I")
+_STAMP = struct.Struct("<iI")
+_POSE = struct.Struct("<7d")
+_BEHIND_POSE = 8 * (36 + 6 + 36)
+"""Bytes of an Odometry's covariance, twist and covariance of the twist."""
+
+
+class NotAsUsualError(ValueError):
+    """Bytes are not as this module reads them, which a library may still do."""
+
+
+def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | None:
+    """Return what reads messages of a type from their bytes; None where only a library does.
+
+    What is returned raises a ValueError (`NotAsUsualError`) or struct.error where the bytes are not laid out as usual.
+
+    Parameters
+    ----------
+    msgtype
+        Name of the type.
+    is_cdr
+        Whether they are written as in ROS 2.
+    """
+    readers: dict[str, Callable[[bytes, bool], Content]] = {SCAN_TYPE: _scan, ODOMETRY_TYPE: _odometry}
+    readers |= dict.fromkeys(TF_TYPES, _transforms)
+    read = readers.get(msgtype)
+    if read is None:
+        return None
+    return _checked_cdr(read) if is_cdr else lambda data: read(data, False)
+
+
+def _checked_cdr(read: Callable[[bytes, bool], Content]) -> Callable[[bytes], Content]:
+    """Return what reads messages of ROS 2 that say that they are little-endian."""
+
+    def read_checked(data: bytes) -> Content:
+        if bytes(data[:2]) != _LITTLE_ENDIAN:
+            raise NotAsUsualError("not little-endian")
+        return read(data, True)
+
+    return read_checked
+
+
+def _scan(data: bytes, is_cdr: bool) -> FramedScan:
+    """Read a LaserScan."""
+    (size,) = _SIZE.unpack_from(data, 12)
+    if size > len(data):
+        raise NotAsUsualError(f"a name of {size} bytes")
+    layout = _scan_layout(size, is_cdr)
+    values = layout.unpack_from(data, 4)
+    seconds, nanoseconds, _, frame, angle_min, _, angle_step, time_step, _, range_min, range_max, beams = values
+    start = 4 + layout.size
+    (intensities,) = _SIZE.unpack_from(data, start + 4 * beams)
+    _check_end(data, start + 4 * beams + 4 + 4 * intensities, is_cdr)
+    ranges = np.frombuffer(data, np.float32, beams, start)
+    scan = RawScan(seconds + 1e-9 * nanoseconds, angle_min, angle_step, range_min, range_max, ranges, time_step)
+    return FramedScan(_text(frame, is_cdr), scan)
+
+
+@lru_cache(64)
+def _scan_layout(size: int, is_cdr: bool) -> struct.Struct:
+    """Return the fields of a LaserScan up to the number of its ranges, the frame's name being of some size [bytes]."""
+    padding = -size % 4 if is_cdr else 0
+    return struct.Struct(f"<iII{size}s{padding}x7fI")
+
+
+def _transforms(data: bytes, is_cdr: bool) -> list[StampedTransform]:
+    """Read a TFMessage, leaving out what is no motion."""
+    place = 4 if is_cdr else 0
+    (number,) = _SIZE.unpack_from(data, place)
+    place += 4
+    transforms = []
+    for _ in range(number):
+        parent, child, stamp, place = _frames(data, (place + 3) & -4 if is_cdr else place + 4, is_cdr)
+        pose = SE3.from_values(*_POSE.unpack_from(data, place))
+        place += _POSE.size
+        if pose is not None:
+            transforms.append(StampedTransform(parent, child, stamp, pose))
+    _check_end(data, place, is_cdr)
+    return transforms
+
+
+def _odometry(data: bytes, is_cdr: bool) -> list[StampedTransform]:
+    """Read an Odometry, which holds one pose; none where it is no motion."""
+    parent, child, stamp, place = _frames(data, 4, is_cdr)
+    pose = SE3.from_values(*_POSE.unpack_from(data, place))
+    _check_end(data, place + _POSE.size + _BEHIND_POSE, is_cdr)
+    return [StampedTransform(parent, child, stamp, pose)] if pose is not None else []
+
+
+def _frames(data: bytes, place: int, is_cdr: bool) -> tuple[str, str, float, int]:
+    """Read a stamp and the names of two frames; return parent, child, stamp [s], and where the numbers behind begin."""
+    seconds, nanoseconds = _STAMP.unpack_from(data, place)
+    place += _STAMP.size
+    (size,) = _SIZE.unpack_from(data, place)
+    end = place + 4 + size
+    parent = data[place + 4 : end]
+    place = (end + 3) & -4 if is_cdr else end
+    (size,) = _SIZE.unpack_from(data, place)
+    end = place + 4 + size
+    child = data[place + 4 : end]
+    if is_cdr:  # counted from behind the first four bytes
+        end = ((end + 3) & -8) + 4
+    return _text(parent, is_cdr), _text(child, is_cdr), seconds + 1e-9 * nanoseconds, end
+
+
+def _check_end(data: bytes, end: int, is_cdr: bool) -> None:
+    """Refuse bytes that go on where the message should end, or end before."""
+    if not 0 <= len(data) - end <= (_PADDING if is_cdr else 0):
+        raise NotAsUsualError(f"{len(data)} bytes, and its fields end at {end}")
+
+
+@lru_cache(1024)
+def _text(data: bytes, is_cdr: bool) -> str:
+    """Return the text of a string's bytes, without what would steer a terminal."""
+    if not is_cdr:
+        return printable(data.decode())
+    if data[-1:] != b"\0":
+        raise NotAsUsualError("a string without a zero at its end")
+    return printable(data[:-1].decode())
 
 
 class MessageDecoder:

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
-from datasets.rosbag.message_types import standard_types
+from datasets.rosbag.messages import standard_types
 from datasets.rosbag.source import BagSource
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import canvas_of, resample

@@ -14,12 +14,10 @@ from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
 from datasets.odometry.se3 import SE3
 from datasets.odometry.source import Mounting, pose_along
 from datasets.options import RecordingOptions
-from datasets.profiles import STATA_SENSOR_POSE, with_profile
 from datasets.rosbag.files import BagFiles, Message
-from datasets.rosbag.message_types import CLOUD_TYPE, SCAN_TYPE, TF_TYPES
-from datasets.rosbag.messages import FramedScan
+from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
-from datasets.rosbag.topics import ChosenTopics, choose_topics, is_static
+from datasets.rosbag.topics import STATA_SENSOR_POSE, ChosenTopics, choose_topics, is_static, with_profile
 from datasets.scans.beam_angles import angle_warning
 from datasets.scans.clocks import LATENCY_LIMIT_S, ClockFinding, compare_clocks, lags_of_unset
 from tbmslam.geometry.se2 import SE2

@@ -5,16 +5,14 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from datasets.blocks import in_blocks
 from datasets.counts import ReadingCounts
 from datasets.odometry.frames import plain
 from datasets.odometry.source import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.odometry.synchronisation import EXTRAPOLATION_LIMIT_S, Pairing
 from datasets.options import RecordingOptions
-from datasets.recording import Recording
+from datasets.recording import Recording, in_blocks
 from datasets.rosbag.files import BagFiles, Message
-from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES
-from datasets.rosbag.messages import FramedScan
+from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.plan import Plan, plan_reading
 from datasets.salvage.salvaged_bag import UNTOLD
 from datasets.scans.beam_angles import angle_warning

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from rosbags import rosbag1
 
 from datasets.errors import DatasetError
-from datasets.rosbag.file_names import CutFileError, check_files, is_ros1, storage_files
+from datasets.rosbag.bag_files import CutFileError, UnpackedFile, check_files, is_ros1, storage_files, unpacked
 from datasets.rosbag.indexed_messages import IndexedMessages, IndexReader, RawMessage, plain
-from datasets.rosbag.packed_file import UnpackedFile, unpacked
 from datasets.salvage.salvaged_bag import BagAnnouncement, Loss, SalvagedBag, announced_by
 from tbmslam.special_file import why_unreadable
 

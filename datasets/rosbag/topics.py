@@ -1,12 +1,63 @@
 """Which topics of a bag are read."""
 
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.rosbag.files import BagFiles, Topic
-from datasets.rosbag.message_types import CLOUD_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
-from datasets.rosbag.same_robot import is_plain_odom, nearness_to, of_same_robot
+from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
+from tbmslam.geometry.se2 import SE2
+
+
+def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -> list[str]:
+    """Return the topics that are not another robot's, in their order.
+
+    Robots in one bag have namespaces: /robot_1/tf belongs to /robot_1/scan, whatever its frames are called. What lies
+    nearer to other scans is another robot's; so is what lies beside other scans where the robot has a topic of its own.
+
+    Parameters
+    ----------
+    names
+        Topics of one kind.
+    scan
+        The topic of scans that was chosen.
+    other_scans
+        The bag's other topics of scans.
+    """
+    nearness = nearness_to(scan)
+    others = [nearness_to(other) for other in other_scans]
+    own = [name for name in names if all(near(name) <= nearness(name) for near in others)]
+    nearest = max(map(nearness, own), default=0)
+    homes = {_namespace(other) for other in other_scans} - {_namespace(scan)}
+    return [name for name in own if nearness(name) == nearest or _namespace(name) not in homes]
+
+
+def nearness_to(scan: str) -> Callable[[str], int]:
+    """Return the function that says how many names of its namespace a topic shares with one of scans."""
+    home = _namespace(scan)
+
+    def shared(name: str) -> int:
+        common = 0
+        for one, other in zip(_namespace(name), home, strict=False):
+            if one != other:
+                break
+            common += 1
+        return common
+
+    return shared
+
+
+def is_plain_odom(name: str, scan: str) -> bool:
+    """Return whether a topic is called odom, in the namespace of scans or in one around it."""
+    return name.rsplit("/", 1)[-1] == "odom" and len(_namespace(name)) == nearness_to(scan)(name)
+
+
+def _namespace(name: str) -> tuple[str, ...]:
+    """Return the names before a topic's own."""
+    return tuple(name.strip("/").split("/")[:-1])
+
 
 _SCAN_TYPES = (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE)
 
@@ -123,3 +174,39 @@ def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -
 def _names(files: BagFiles) -> str:
     """Return the files' paths as one text."""
     return ", ".join(str(path) for path in files.paths)
+
+
+# Base laser of the PR2 in front of base_footprint; used where a Stata recording's tf does not tell.
+STATA_SENSOR_POSE = SE2(0.275, 0.0, 0.0)
+_STATA_SCANS = "base_scan"
+_STATA_ODOMETRY = ("robot_pose_ekf/odom_combined", "base_odometry/odom")
+
+
+def with_profile(options: RecordingOptions, topics: Collection[str]) -> RecordingOptions:
+    """Fill in what the profile knows; what was asked for explicitly stays.
+
+    Profile "stata", MIT Stata Center (Fallon et al., IJRR 32(14), 2013): the scans of the base laser, never those of
+    the nodding /tilt_scan; odometry odom_combined -> base_footprint; map -> odom_combined is a localiser's.
+
+    Parameters
+    ----------
+    options
+        What was asked for.
+    topics
+        Names of the recording's topics.
+    """
+    if options.profile != "stata":
+        return options
+    return replace(
+        options,
+        scan_topic=options.scan_topic or _ending_in(topics, _STATA_SCANS) or f"/{_STATA_SCANS}",
+        odometry_topic=options.odometry_topic
+        or next((topic for name in _STATA_ODOMETRY if (topic := _ending_in(topics, name))), None),
+        odom_frame=options.odom_frame or "odom_combined",
+        robot_frame=options.robot_frame or "base_footprint",
+    )
+
+
+def _ending_in(topics: Collection[str], name: str) -> str | None:
+    """Return the topic of this name, with or without slash and namespace."""
+    return next((topic for topic in sorted(topics, key=len) if f"/{topic}".endswith(f"/{name}")), None)

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from datasets.synthetic.robot.ring_lidar import LidarPoints, RingLidar
+from datasets.synthetic.robot.laser import LidarPoints, RingLidar
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2

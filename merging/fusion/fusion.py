@@ -13,7 +13,7 @@ from merging.fusion.warping import canvas_over, offset_in
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.kernels.grids import fusion
 from tbmslam.kernels.grids.fusion import add_layer, finish
-from tbmslam.parallel.threads import in_threads
+from tbmslam.parallel.worker_pool import in_threads
 
 
 class FusionRule(NamedTuple):

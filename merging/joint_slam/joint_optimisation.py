@@ -17,7 +17,7 @@ import numpy.typing as npt
 from merging.config.groups import JointConfig
 from merging.joint_slam.inter_robot_closures import Track, find_closures
 from merging.joint_slam.rendering import redraw
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
 from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.tbm_map import TbmMap

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pydantic import ValidationError
 
 from tbmslam.belief.grid import TbmGrid
-from tbmslam.map.config import MapConfig
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.rendering import render
+from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.tbm_map import TbmMap
 
 

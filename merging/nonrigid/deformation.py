@@ -11,7 +11,7 @@ import numpy.typing as npt
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import UNKNOWN
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _STEP = 8

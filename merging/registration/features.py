@@ -14,7 +14,7 @@ from merging.config.registration import Descriptor, FeatureConfig
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.grids.channels import draw_channels
-from tbmslam.parallel.threads import in_threads
+from tbmslam.parallel.worker_pool import in_threads
 
 Image = npt.NDArray[np.uint8]
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from merging.config.registration import ConsensusConfig
 from merging.registration.features import Matches
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray
 
 

@@ -12,7 +12,7 @@ from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.configuration.parameters import ConfigError, changed
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig
-from tbmslam.map.config import MapConfig
+from tbmslam.map.rendering import MapConfig
 from tbmslam.map.scan_inserter import InsertionConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
@@ -25,8 +25,7 @@ from tbmslam.tracking.motion_model import MotionConfig
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
-from tbmslam.vinyslam.hill_climbing import HillClimbingConfig
-from tbmslam.vinyslam.monte_carlo import MonteCarloConfig
+from tbmslam.vinyslam.matching import HillClimbingConfig, MonteCarloConfig
 
 __all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "config_from_dict", "preset"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tbmslam.evaluation.pose_matching import matching_poses
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 

@@ -9,10 +9,9 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.io.beesoft_map import read_beesoft_map
 from tbmslam.io.map_npz import drive_lengths, read_map_file, write_map_file
 from tbmslam.io.pictures import PICTURE_NAMES, write_pictures
-from tbmslam.io.ros_map import read_ros_map, write_ros_map
-from tbmslam.io.ros_map_header import read_ros_map_header
+from tbmslam.io.ros_map import read_ros_map, read_ros_map_header, write_ros_map
 from tbmslam.io.tbm_dump import read_tbm_dump
-from tbmslam.io.tum import write_tum
+from tbmslam.io.trajectory_file import write_tum
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 

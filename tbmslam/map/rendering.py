@@ -3,24 +3,54 @@
 import logging
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, model_validator
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.memory import machine_memory
+from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_masses, count_scans, most_counted
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.surfels import extent
-from tbmslam.map.config import MapConfig
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.scan_inserter import ScanInserter
-from tbmslam.sensing.sensor_model import beam_factors
+from tbmslam.map.map_check import machine_memory
+from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 
 logger = logging.getLogger(__name__)
+
+
+class MapConfig(FrozenConfig):
+    """The grid and what beams write into it."""
+
+    PUBLIC: ClassVar = ("resolution", "max_cells", "keep_conflict")
+
+    resolution: float = Field(0.05, ge=0.001, le=10.0, description="side of a cell [m]")
+    max_cells: int = Field(
+        60_000_000,
+        ge=1000,
+        description="limit on the number of cells; a larger map gets coarser cells, and a grid that grows during the "
+        "drive ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
+    )
+    # A beam that speaks a little for both contradicts itself, and many that agree would fill a cell with conflict.
+    sensor_model: SensorModelConfig = SensorModelConfig(
+        hit_probability=1.0, hit_quality=0.274, miss_probability=0.0, miss_quality=0.096, wall_blur=0.0
+    )
+    insertion: InsertionConfig = InsertionConfig(once_per_scan=True)
+    keep_conflict: bool = Field(True, description="keep the conflict of hits and misses as the fourth mass")
+
+    @model_validator(mode="after")
+    def _check_once_per_scan(self) -> Self:
+        if self.insertion.once_per_scan and self.sensor_model.wall_blur > 0.0:
+            raise ValueError("sensor_model.wall_blur must be 0 where insertion.once_per_scan is on")
+        if self.insertion.once_per_scan and self.sensor_model.combination == "mean":
+            raise ValueError("sensor_model.combination must be 'conjunctive' where insertion.once_per_scan is on")
+        return self
+
 
 _SCANS_AT_ONCE = 1000
 _BYTES_A_CELL = 24  # counts and masses; to save a map takes less

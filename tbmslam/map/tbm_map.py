@@ -16,8 +16,7 @@ from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.drive import Drive
 from tbmslam.map.map_check import check_geometry
-from tbmslam.map.map_image import read_image
-from tbmslam.map.pixel_rule import PixelRule, occupancy_of_image
+from tbmslam.map.map_image import PixelRule, occupancy_of_image, read_image
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,7 +1,8 @@
-"""Beams blocked by something on the robot: they end at the same near distance wherever it drives and how it turns."""
+"""Beams blocked by something on the robot: they end at the same near distance wherever the robot drives and turns."""
 
 import math
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,9 +10,108 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels import BoolArray
 from tbmslam.kernels.rays.blocked_beams import follow_beams
-from tbmslam.monitoring.blocked_spans import BlockedSpans
+from tbmslam.monitoring.incidents import Incidents
 from tbmslam.sensing.laser_scan import LaserScan
+
+_Beams = npt.NDArray[np.bool_]
+_MOST_TOLD = 3
+
+
+class _Span(NamedTuple):
+    begin: float
+    until: float
+    beams: npt.NDArray[np.int64]
+    farthest: FloatArray
+
+
+class BlockedSpans:
+    """Stretches of time in which beams were blocked."""
+
+    def __init__(self) -> None:
+        self._ended: list[_Span] = []
+        self._latest: dict[tuple[bytes, bytes], int] = {}  # the last span of the same beams, as near
+        self._timetable: _Timetable | None = None  # of those ended, made when it is asked for
+
+    def __len__(self) -> int:
+        """Return the number of spans that ended; those of the same beams that overlap or abut are one."""
+        return len(self._ended)
+
+    def end(self, beams: _Beams, since: FloatArray, farthest: FloatArray, stamp: float) -> None:
+        """Note that beams (B,) are no longer blocked at a stamp [s].
+
+        Parameters
+        ----------
+        since
+            Stamps (B,) since when they were [s].
+        farthest
+            How far they ended at the most (B,) [m]: what went farther saw something else.
+        """
+        for span in _spans(beams, since, farthest, stamp):
+            self._timetable = None
+            same = span.beams.tobytes(), span.farthest.tobytes()
+            number = self._latest.get(same, -1)
+            last = self._ended[number] if number >= 0 else None
+            if last is not None and span.begin <= last.until and last.begin <= span.until:
+                both = last._replace(begin=min(last.begin, span.begin), until=max(last.until, span.until))
+                self._ended[number] = both
+            else:
+                self._latest[same] = len(self._ended)
+                self._ended.append(span)
+
+    def were_any(self) -> bool:
+        """Tell whether beams were blocked that no longer are."""
+        return bool(self._ended)
+
+    def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray, farthest: FloatArray) -> LaserScan:
+        """Return a scan without the beams that were blocked at its time; those given (B,) still are, as in `end`."""
+        hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
+        if self._timetable is None:
+            self._timetable = _Timetable(self._ended)
+        still = (span for span in _spans(beams, since, farthest, math.inf) if span.begin <= scan.stamp)
+        for span in (*self._timetable.at(scan.stamp), *still):
+            if span.beams[-1] < len(hidden):  # they rise
+                hidden[span.beams] |= scan.ranges[span.beams] <= span.farthest
+        return scan.with_ranges(np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
+
+
+class _Timetable:
+    """Spans in the order in which they ended, to find those of a moment among a day's.
+
+    Parameters
+    ----------
+    spans
+        The spans, in any order.
+    """
+
+    def __init__(self, spans: Sequence[_Span]) -> None:
+        self._spans = sorted(spans, key=lambda span: span.until)
+        self._untils = np.array([span.until for span in self._spans], dtype=np.float64)
+        self._begins = np.array([span.begin for span in self._spans], dtype=np.float64)
+        # When the first of each and all later ones began.
+        self._earliest = np.minimum.accumulate(self._begins[::-1])[::-1]
+
+    def at(self, stamp: float) -> list[_Span]:
+        """Return those that had begun at a stamp [s], but not ended."""
+        first = int(np.searchsorted(self._untils, stamp, side="right"))
+        last = int(np.searchsorted(self._earliest, stamp, side="right"))
+        begun = np.flatnonzero(self._begins[first:last] <= stamp)
+        return [self._spans[first + number] for number in begun.tolist()]
+
+
+def _spans(beams: _Beams, since: FloatArray, farthest: FloatArray, until: float) -> list[_Span]:
+    """Return when beams (B,) began to be blocked, when they ended, and which ones."""
+    groups = [(float(stamp), np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
+    return [_Span(stamp, until, group, farthest[group]) for stamp, group in groups]
+
+
+def directions(scan: LaserScan, beams: _Beams) -> str:
+    """Return where beams (B,) point to, for people; those a few degrees apart are together."""
+    angles = np.degrees(scan.angle_min + scan.angle_increment * np.flatnonzero(beams))
+    parts = np.split(angles, np.flatnonzero(np.abs(np.diff(angles)) > 5.0) + 1)
+    said = ", ".join(f"{part[0]:.0f} to {part[-1]:.0f}" for part in parts[:_MOST_TOLD])
+    return f"{said}°" + (f" and {len(parts) - _MOST_TOLD} more" if len(parts) > _MOST_TOLD else "")
 
 
 class BlockedBeamsConfig(FrozenConfig):
@@ -116,3 +216,95 @@ class BlockedBeams:
     def _anywhere(self) -> FloatArray:
         """Return how far blocked beams (B,) ended at the most: whatever they said is left out [m]."""
         return np.full(len(self.blocked), np.inf)
+
+
+_LATELY_S = 60.0  # beams that were blocked so lately are no news
+_TOGETHER_S = 5.0  # what came so soon after other things is told with them
+_BESIDE = 0.07  # [rad]
+
+
+class _Told(NamedTuple):
+    since: float
+    beams: BoolArray
+    number: int
+
+
+class LaserView:
+    """Watches over what one laser sees.
+
+    Parameters
+    ----------
+    config
+        When a beam counts as blocked.
+    incidents
+        Where it is told.
+    """
+
+    def __init__(self, config: BlockedBeamsConfig, incidents: Incidents) -> None:
+        self._incidents = incidents
+        self._beams = BlockedBeams(config)
+        self._told: _Told | None = None
+        # When each beam was last known to be blocked, and when one beside it was [s].
+        self._known, self._beside = np.zeros(0), np.zeros(0)
+        self._raw: LaserScan | None = None
+
+    def cleaned(self, scan: LaserScan) -> LaserScan:
+        """Return a scan without beams that are known to be blocked."""
+        self._raw = scan
+        return self._beams.without(scan)
+
+    def look(self, T_odom_robot: SE2) -> None:
+        """Learn from the last scan, now that the robot has moved."""
+        scan = self._raw
+        if scan is None:
+            return
+        if self._beams.look(scan, T_odom_robot):
+            self._tell(scan, self._beams)
+        else:
+            self._note(scan, self._beams.blocked)
+
+    def were_any_blocked(self) -> bool:
+        """Tell whether any beam was blocked at any time."""
+        return self._beams.were_any()
+
+    def cleared(self, scan: LaserScan) -> LaserScan:
+        """Return an earlier scan without the beams that were blocked, as is known afterwards."""
+        return self._beams.cleared(scan)
+
+    def _tell(self, scan: LaserScan, found: BlockedBeams) -> None:
+        """Tell which beams are blocked that were not lately, with the time since when they are."""
+        blocked = found.blocked
+        if len(self._known) != len(blocked):
+            self._told = None
+            self._known, self._beside = (np.full(len(blocked), -np.inf) for _ in range(2))
+        # What has been there since before it was last known is no news, even after a gap in the recording.
+        new = blocked & (scan.stamp - self._known > _LATELY_S) & (found.since > self._known)
+        if new.any():
+            since, told = float(found.since[new].min()), self._told
+            if told is not None and abs(since - told.since) <= _TOGETHER_S:
+                told.beams[new] = True
+                self._incidents.reword(told.number, _blocks(scan, told.beams))
+            elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # at the edges others come and go
+                self._told = _Told(since, new, self._incidents.add(since, _blocks(scan, new)))
+        self._note(scan, blocked)
+
+    def _note(self, scan: LaserScan, blocked: BoolArray) -> None:
+        """Note that beams (B,) are known to be blocked."""
+        if blocked.any():
+            self._known[blocked] = scan.stamp
+            self._beside[_widened(blocked, scan.angle_increment)] = scan.stamp
+
+
+def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:
+    """Return beams (B,) and those beside them."""
+    beams = len(blocked)
+    # No more than there are, however narrow the fan; a single beam has no step.
+    beside = math.ceil(_BESIDE / max(abs(angle_increment), _BESIDE / beams))
+    widened: BoolArray = np.convolve(blocked, np.ones(2 * beside + 1))[beside : beside + beams] > 0.5
+    return widened
+
+
+def _blocks(scan: LaserScan, beams: BoolArray) -> str:
+    return (
+        f"something on the robot, or along with it, blocks {beams.mean():.0%} of the beams, {directions(scan, beams)}"
+    )

@@ -1,14 +1,17 @@
 """Work on other machines: an existing Dask cluster, reached by its scheduler's address."""
 
+import functools
+import hashlib
+import importlib
 import re
 import secrets
 import socket
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.parallel.code_digest import code_digest
 
 _LAST_PORT = 65535
 _LARGEST_GREETING = 1 << 20  # [bytes]
@@ -138,3 +141,16 @@ def _call_checked(packages: tuple[str, ...], digest: str, call: Callable[..., ob
     if code_digest(*packages) != digest:
         raise ClusterError("a worker has other code of tbmslam than this program: install the same version everywhere")
     return call(*arguments)
+
+
+@functools.cache
+def code_digest(*packages: str) -> str:
+    """Return a digest of the Python sources of packages, by import name."""
+    digest = hashlib.sha256()
+    for package in packages:
+        paths = list(importlib.import_module(package).__path__)
+        for folder in map(Path, paths):
+            for source in sorted(folder.rglob("*.py")):
+                digest.update(source.relative_to(folder).as_posix().encode() + b"\0")
+                digest.update(source.read_bytes() + b"\0")
+    return digest.hexdigest()

@@ -10,8 +10,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.map.scan_inserter import ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, ScanMatcher
-from tbmslam.vinyslam.hill_climbing import HillClimbingConfig, HillClimbingMatcher
-from tbmslam.vinyslam.monte_carlo import MonteCarloConfig, MonteCarloMatcher
+from tbmslam.vinyslam.matching import HillClimbingConfig, HillClimbingMatcher, MonteCarloConfig, MonteCarloMatcher
 
 
 class GridTrackerConfig(FrozenConfig):

@@ -1,5 +1,5 @@
 from datasets.options import RecordingOptions
-from datasets.profiles import with_profile
+from datasets.rosbag.topics import with_profile
 
 TOPICS = ("/tilt_scan", "/base_scan", "/base_odometry/odom", "/robot_pose_ekf/odom_combined", "/tf")
 

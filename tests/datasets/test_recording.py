@@ -3,7 +3,24 @@ import json
 import pytest
 
 from datasets import DatasetError, ReadingCounts, Recording, RecordingOptions
+from datasets.recording import in_blocks
 from tbmslam.geometry.se2 import SE2
+
+
+@pytest.mark.parametrize("number", [0, 1, 256, 257, 1000])
+def test_blocks_hold_all_items_in_their_order(number):
+    assert [item for block in in_blocks(range(number)) for item in block] == list(range(number))
+
+
+def test_what_comes_before_an_error_is_not_lost():
+    def items():
+        yield from range(300)
+        raise DatasetError("damaged")
+
+    blocks = in_blocks(items())
+    assert next(blocks) + next(blocks) == list(range(300))
+    with pytest.raises(DatasetError, match="damaged"):
+        next(blocks)
 
 
 def recording_of(**values):

@@ -12,9 +12,9 @@ from datasets.synthetic.world.world import World
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.evaluation.map_agreement import cell_labels
-from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignment, align_trajectories
+from tbmslam.evaluation.trajectory_errors import TrajectoryAlignment, align_trajectories
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 
 ONE_CELL_AROUND = np.ones((3, 3), dtype=bool)
 

@@ -14,7 +14,7 @@ import pytest
 
 from datasets import RecordingOptions, open_recording
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import merge_maps
 
 pytestmark = pytest.mark.xdist_group("flat")

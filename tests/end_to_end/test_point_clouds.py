@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.io.tum import read_tum
+from tbmslam.evaluation.trajectory_errors import align_trajectories
+from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import build, simulate
 from tools import build_maps
 

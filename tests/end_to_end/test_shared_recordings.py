@@ -7,7 +7,7 @@ import pytest
 
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
 from tools.command_line.paths import map_folders

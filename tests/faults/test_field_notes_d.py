@@ -24,13 +24,12 @@ from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
-from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError
-from tbmslam.evaluation.trajectory_errors import absolute_errors
+from tbmslam.evaluation.trajectory_errors import TrajectoryAlignmentError, absolute_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.ros_map import read_ros_map, write_ros_map
-from tbmslam.io.tum import TumError, read_tum, write_tum
+from tbmslam.io.trajectory_file import TumError, read_tum, write_tum
 from tbmslam.kernels.rays.insertion import __dict__ as insertion_kernels
 from tbmslam.map.drive import Drive
 from tbmslam.map.map_check import MapFileError, check_size

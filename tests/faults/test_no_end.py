@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from datasets import DatasetError, open_recording
-from datasets.digest import file_digests
-from datasets.listing import list_recordings
+from datasets.recording_files import file_digests, list_recordings
 from datasets.synthetic.world.world import WorldError, load_world
 from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.errors import TbmSlamError
@@ -19,7 +18,7 @@ from tbmslam.io.map_folder import files_of_map, load_map
 from tbmslam.io.map_npz import drive_lengths, read_map_file
 from tbmslam.io.ros_map import read_ros_map
 from tbmslam.io.tbm_dump import read_tbm_dump
-from tbmslam.io.tum import TumError, read_tum
+from tbmslam.io.trajectory_file import TumError, read_tum
 from tbmslam.map.map_check import MapFileError
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before

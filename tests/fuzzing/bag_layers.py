@@ -11,8 +11,7 @@ from datasets.counts import ReadingCounts
 from datasets.odometry.frames import FrameGraph, choose_frames
 from datasets.options import RecordingOptions
 from datasets.rosbag.message_decoder import MessageDecoder
-from datasets.rosbag.message_types import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES
-from datasets.rosbag.messages import FramedScan
+from datasets.rosbag.messages import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.salvage.mcap import salvage_mcap
 from datasets.salvage.ros1 import salvage_ros1
 from datasets.salvage.salvaged_bag import SalvagedBag

@@ -27,7 +27,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.tbm_dump import write_tbm_dump
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap

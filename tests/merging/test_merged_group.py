@@ -17,10 +17,9 @@ from tbmslam.belief.grid_resampling import resample
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.map.config import MapConfig
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.rendering import render
+from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch
 

@@ -12,8 +12,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.robot.simulation import poses_at
 from tbmslam.configuration.slam_config import config_from_dict, preset
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.evaluation.trajectory_errors import absolute_errors
+from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame

@@ -10,7 +10,7 @@ import pytest
 
 from tbmslam.geometry.se2 import compose
 from tbmslam.io.map_folder import load_map
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tests.tools.built_maps import QUICK, run, run_record
 from tools import evaluate, make_world
 

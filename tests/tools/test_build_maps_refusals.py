@@ -7,7 +7,7 @@ import pytest
 
 from datasets import DatasetError
 from tbmslam.configuration.slam_config import ConfigError
-from tbmslam.io.tum import TumError
+from tbmslam.io.trajectory_file import TumError
 from tbmslam.sensing.segmentation import SegmentationError
 from tests.tools.built_maps import run
 from tools.command_line.paths import MissingFileError

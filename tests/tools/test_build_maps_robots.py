@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tbmslam.sensing.segmentation import private_frame
 from tests.tools.built_maps import QUICK, run, run_record
 from tools import make_world

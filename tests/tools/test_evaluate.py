@@ -14,7 +14,7 @@ from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map, save_map
-from tbmslam.io.tum import write_tum
+from tbmslam.io.trajectory_file import write_tum
 from tbmslam.map.tbm_map import TbmMap
 from tools.evaluate import main
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults import faults
 from tests.mutation import mutants
-from tools import benchmark, faults, figures, make_map_pairs
+from tools import benchmark, figures, make_map_pairs
 from tools.figures import FigureError, fill, main, pages, read_records, write_record
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,7 +35,7 @@ def test_every_file_of_figures_is_shown_and_says_where_it_comes_from():
 
 GRAMMARS = {
     "tools/benchmark.py": benchmark.parser(),
-    "tools/faults.py": faults.parser(),
+    "tests/faults/faults.py": faults.parser(),
     "tools/make_map_pairs.py": make_map_pairs._parser(),
     "tests/mutation/mutants.py": mutants.parser(),
 }

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.evaluation.relations import Relations, read_relations, relation_errors
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tools.benchmarks.simulated_recording import beside
 
 _SAME_SCAN_S = 1e-3

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.synthetic.map_pairs.sets import PlacedMap, maps_of
+from datasets.synthetic.map_pairs.pairs import PlacedMap, maps_of
 from merging import MergeConfig, merge
 from merging.map_graph.grouping import Group, groups_of
 from tbmslam.io.atomic_file import write_text

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from datasets.synthetic.map_pairs.sets import PlacedMap
+from datasets.synthetic.map_pairs.pairs import PlacedMap
 from merging.alignment import Pair
 from merging.map_graph.grouping import Group
 from tbmslam.geometry.se2 import SE2

@@ -11,7 +11,7 @@ from datasets.synthetic.robot.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from tbmslam.configuration.slam_config import preset
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from tbmslam.errors import TbmSlamError
 from tools import make_world
-from tools.command_line.recording_options import add_recording_options, options_from
+from tools.command_line.options import add_recording_options, options_from
 
 if TYPE_CHECKING:
     from datasets.options import RecordingOptions

@@ -16,8 +16,8 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.io.reference_trajectory import read_reference
+from tbmslam.evaluation.trajectory_errors import align_trajectories
+from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
@@ -33,7 +33,7 @@ _ROUND_M = 130.0  # once around a block and on, so that a loop is closed
 def warm_up(config: SlamConfig, readings: Iterable[Reading]) -> None:
     """Map the first scans of a recording, and a short simulated drive that closes a loop, which the first scans do not.
 
-    What lives by then stays, and is not looked through for garbage again, as `tools.command_line.loading` has it.
+    What lives by then stays, and is not looked through for garbage again, as `tools.command_line.program` has it.
     """
     angle_min, angle_increment = SimulatedLaser.field_of(91)
     laser = SimulatedLaser(beams=91, angle_min=angle_min, angle_increment=angle_increment, rate=2.0)

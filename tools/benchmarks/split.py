@@ -22,7 +22,7 @@ from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.pose_matching import matching_poses
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import load_map

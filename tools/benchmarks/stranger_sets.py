@@ -13,8 +13,7 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
-from datasets.synthetic.map_pairs.pairs import Building
-from datasets.synthetic.map_pairs.sets import PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
+from datasets.synthetic.map_pairs.pairs import Building, PlacedMap, maps_of, maps_of_far_ends, maps_of_mirrored
 from merging import MergeConfig, merge
 from merging.alignment import Pair
 from merging.map_graph.grouping import groups_of

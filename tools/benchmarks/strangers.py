@@ -27,7 +27,7 @@ from datasets.synthetic.map_pairs.pairs import (
 from merging import align
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
-from tbmslam.parallel.code_digest import code_digest
+from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.worker_pool import worker_pool
 from tbmslam.special_file import why_unreadable
 from tools.benchmarks.result_table import ResultTable, write_tables

@@ -1,20 +1,59 @@
 """A program on the command line: how it was called, its line for an error, its exit code."""
 
 import argparse
+import gc
 import io
 import logging
 import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import IO, Any, NoReturn
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.printable import printable
-from tools.command_line.environment import check_environment
-from tools.command_line.interruption import forget_interruption, hear_interruption, heard_interruption
+from tools.command_line.interruption import Interruption, forget_interruption, hear_interruption, heard_interruption
+
+_LEAST_MB = 2000
+"""With two cores two small maps take 1260 MB of address space to be merged, a small drive 1020; with more cores more.
+With less the libraries end with a segmentation fault, or wait for ever."""
+
+
+class UnfitEnvironmentError(TbmSlamError):
+    """The program cannot work under what the shell sets."""
+
+
+def check_environment() -> None:
+    """Refuse a limit on memory, or a number of threads, under which compiled code does not work.
+
+    Raises
+    ------
+    UnfitEnvironmentError
+        With the setting and what to set instead.
+    """
+    limit = _memory_limit()
+    if limit is not None and limit < _LEAST_MB * 10**6:
+        raise UnfitEnvironmentError(
+            f"memory is limited to {limit // 10**6} MB (ulimit -v), and compiled code takes up to {_LEAST_MB} MB: "
+            "raise the limit to 2000000 kB or more"
+        )
+    threads = os.environ.get("NUMBA_NUM_THREADS")
+    if threads is not None and not (threads.isascii() and threads.isdigit() and int(threads) > 0):
+        raise UnfitEnvironmentError(
+            f"NUMBA_NUM_THREADS is {threads!r}, not a number of threads: set it to 1 or more, or leave it unset"
+        )
+
+
+def _memory_limit() -> int | None:
+    """Return how much address space the program may take [bytes]; None where there is no limit, or none known."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def print_anything() -> None:
@@ -184,3 +223,25 @@ class Grammar(argparse.ArgumentParser):
             say(f"{self.prog.split()[0]}: {one_line(error)}")
             forget_unprinted()
             sys.exit(FAILED)
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Load modules in a block, and never look for garbage in what they are made of; Ctrl-C ends the program at once.
+
+    Compiled code brings hundreds of thousands of objects that live as long as the program; to search them again and
+    again, while they come and later on, takes longer than to read a drive of a quarter of an hour.
+    """
+    known, was_enabled = len(sys.modules), gc.isenabled()
+    interruption = heard_interruption() or Interruption("")
+    ended_at_once = interruption.ends_at_once
+    gc.disable()
+    try:
+        interruption.ends_at_once = True
+        yield
+    finally:
+        interruption.ends_at_once = ended_at_once
+        if len(sys.modules) > known:
+            gc.freeze()
+        if was_enabled:
+            gc.enable()

@@ -21,15 +21,13 @@ from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_tr
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.systematic_error import systematic_error
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, relative_errors
+from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, align_trajectories, relative_errors
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.pictures import encode_png
-from tbmslam.io.reference_trajectory import ReferenceTrajectory, read_reference
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import ReferenceTrajectory, read_reference, read_tum
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 from tools.command_line.paths import holds_map

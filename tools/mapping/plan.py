@@ -2,11 +2,12 @@
 
 import argparse
 import dataclasses
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from datasets.digest import file_digests
-from datasets.listing import list_recordings
+from datasets.recording_files import file_digests, list_recordings
 from tbmslam.configuration.parameters import changed
 from tbmslam.parallel.progress import Watch
 from tbmslam.sensing.segmentation import (
@@ -19,10 +20,66 @@ from tbmslam.sensing.segmentation import (
     split_by_time,
 )
 from tools.command_line.configuration import Configuration
+from tools.command_line.options import scan_topics_of_recordings
 from tools.command_line.output_folder import OutputError
-from tools.command_line.recording_options import scan_topics_of_recordings
-from tools.mapping.robot_names import robot_names
 from tools.mapping.task import MappingTask, Shelf, finished
+
+_ENDINGS = re.compile(r"\.(gz|bz2|xz|zst|zstd|bag|mcap|db3|log|clf|active)$", re.IGNORECASE)
+_UNSAFE = re.compile(r"[^\w-]+")
+_LONGEST = 60
+"""Characters of a name: file systems allow 255 bytes, and a table should show it."""
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
+"""Names that Windows keeps for devices. (A name that begins with `-` would be taken for an option.)"""
+
+
+def robot_names(recordings: Sequence[Path]) -> list[str]:
+    """Name one robot for each recording: `week/monday.bag` is monday.
+
+    Recordings of equal names get the name of their folder in front, as in `north_monday`; what is still equal gets a
+    number. Names are equal if they differ in case only, since some file systems do not tell that. Characters that are
+    not safe in a path are replaced.
+
+    Parameters
+    ----------
+    recordings
+        Their files or folders.
+
+    Returns
+    -------
+    Different names, in the same order.
+    """
+    plain = [safe_name(_stem(path)) for path in recordings]
+    names = _with_folders(recordings, plain)
+    taken: set[str] = set()
+    for index, name in enumerate(names):
+        number = 2
+        while names[index].casefold() in taken:
+            names[index] = f"{name}-{number}"
+            number += 1
+        taken.add(names[index].casefold())
+    return names
+
+
+def safe_name(text: str) -> str:
+    """Return a name that every file system accepts: letters, digits, `_` and `-`."""
+    name = _UNSAFE.sub("_", text)[:_LONGEST].strip("_") or "robot"
+    return f"robot_{name}" if _RESERVED.fullmatch(name) or name.startswith("-") else name
+
+
+def _with_folders(recordings: Sequence[Path], names: Sequence[str]) -> list[str]:
+    counts = Counter(name.casefold() for name in names)
+    return [
+        safe_name(f"{path.absolute().parent.name}_{name}") if counts[name.casefold()] > 1 else name
+        for path, name in zip(recordings, names, strict=True)
+    ]
+
+
+def _stem(recording: Path) -> str:
+    """Return the name of a recording without its endings: `drive.log.gz` is drive."""
+    name = recording.absolute().name
+    while (shorter := _ENDINGS.sub("", name)) not in ("", name):
+        name = shorter
+    return name
 
 
 def plan_mapping(args: argparse.Namespace, config: Configuration, shelf: Shelf, watch: Watch) -> list[MappingTask]:

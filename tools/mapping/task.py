@@ -23,7 +23,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
-from tbmslam.parallel.code_digest import code_digest
+from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.progress import Watch
 from tbmslam.report.page import versions
 from tbmslam.sensing.laser_scan import Corrections, Reading
@@ -31,9 +31,9 @@ from tbmslam.sensing.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
 from tools.command_line.configuration import Configuration, mapping_text
-from tools.command_line.loading import loading
 from tools.command_line.output_folder import NAME as CHECKSUMS
 from tools.command_line.output_folder import changed_files, write_checksums
+from tools.command_line.program import loading
 
 
 class EmptyMapError(TbmSlamError):

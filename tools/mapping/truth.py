@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from datasets.digest import file_digests
+from datasets.recording_files import file_digests
 from tbmslam.configuration.slam_config import preset
-from tbmslam.evaluation.trajectory_alignment import TrajectoryAlignmentError, align_trajectories
+from tbmslam.evaluation.trajectory_errors import TrajectoryAlignmentError, align_trajectories
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.io.reference_trajectory import read_reference
+from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Watch

@@ -1,18 +1,19 @@
 """All experiments of the paper on some pairs of maps."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from merging import merge
 from merging.config import PAPER, MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.detectors import DetectorResult, compare_detectors
-from merging.experiments.halves import Halves, fuse_halves
-from merging.experiments.map_pair import MapPair
+from merging.experiments.map_pair import Halves, MapPair, fuse_halves
 from merging.experiments.modifications import Study, Variant, compare_modifications
 from merging.experiments.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
+from tools.command_line.text_table import describe_machine
 from tools.paper.maps import pair_of_area
 
 VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))
@@ -107,3 +108,45 @@ def run_experiments(
     found = merge(first, PAPER).merged
     merged = None if found is None else found.grid
     return PaperResults(detectors, studies, transforms, durations, fuse_halves(pairs[0].target), merged)
+
+
+def record_of(results: PaperResults, settings: PaperSettings, command: str) -> dict[str, object]:
+    """Return every number that was measured, by table; null where there is none."""
+    studies = [
+        {
+            **variant._asdict(),
+            "rows": [
+                {
+                    **setting._asdict(),
+                    "shares": [_number(share) for share in shares.tolist()],
+                    "matches": study.matches[setting].tolist(),
+                }
+                for setting, shares in study.shares.items()
+            ],
+            "found": {str(asked): counts.tolist() for asked, counts in study.found.items()},
+        }
+        for variant, study in results.studies.items()
+    ]
+    return {
+        "command": command,
+        "settings": asdict(settings),
+        "machine": describe_machine(),
+        "table_1": {
+            pair: {name: _numbers(list(asdict(result).items())) for name, result in by.items()}
+            for pair, by in results.detectors.items()
+        },
+        "table_2": studies,
+        "table_3": {pair: asdict(result) for pair, result in results.transforms.items()},
+        "table_4": {
+            pair: {"area_m2": result.area_m2, "milliseconds": result.milliseconds.tolist()}
+            for pair, result in results.durations.items()
+        },
+    }
+
+
+def _numbers(items: Sequence[tuple[str, float]]) -> dict[str, float | None]:
+    return {key: _number(value) for key, value in items}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -10,8 +10,7 @@ from merging.experiments.published import TABLE_1, TABLE_2, table_2
 from merging.experiments.significance import LEVEL, TEST, indistinguishable_from_best, paired_p_value
 from tbmslam.geometry.se2 import FloatArray
 from tools.paper.experiments import PaperResults, PaperSettings
-from tools.paper.figures import draw_curves
-from tools.paper.page import PaperPicture, PaperTable, Section
+from tools.paper.page import PaperPicture, PaperTable, Section, draw_curves
 
 _NO_VALUE = "–"
 

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from merging.experiments.halves import SHARE
-from merging.experiments.map_pair import MapPair
+from merging.experiments.map_pair import SHARE, MapPair
 from merging.experiments.published import TABLE_3, TABLE_4
 from merging.experiments.transforms import TransformResult
 from tools.paper.experiments import PaperResults, PaperSettings
-from tools.paper.figures import draw_channels, draw_grid, window_of
-from tools.paper.page import PaperPicture, PaperTable, Section
+from tools.paper.page import PaperPicture, PaperTable, Section, draw_channels, draw_grid, window_of
 
 _NO_VALUE = "–"
 

@@ -4,14 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from datasets.synthetic.buildings.apartment import draw_apartment
-from datasets.synthetic.buildings.corridor import draw_corridor
-from datasets.synthetic.buildings.halls import draw_halls
-from datasets.synthetic.buildings.hospital import draw_hospital
-from datasets.synthetic.buildings.office import draw_office
-from datasets.synthetic.buildings.open_plan import draw_open_plan
-from datasets.synthetic.buildings.store import draw_store
-from datasets.synthetic.buildings.wings import draw_wings
+from datasets.synthetic.buildings.along_corridors import draw_corridor, draw_hospital, draw_office, draw_wings
+from datasets.synthetic.buildings.open_floors import draw_open_plan, draw_store
+from datasets.synthetic.buildings.subdivided import draw_apartment, draw_halls
 from datasets.synthetic.world.floor_plan import FloorPlan
 from datasets.synthetic.world.world import World
 

@@ -1,8 +1,4 @@
-"""Pairs of partial maps whose relative pose is known: two robots in one building, or in two.
-
-Real robots need hours to visit so many buildings, and maps cut from one drive share its errors. Here each map is cut
-out of a building by itself and spoilt by itself, as mapping spoils maps; see `datasets.synthetic.map_pairs.distortion`.
-"""
+"""Pairs and sets of maps of one building whose relative poses are known."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +14,7 @@ from datasets.synthetic.map_pairs.distortion import Distortion, Draw, Spoilt
 from datasets.synthetic.world.corridor_lattice import CorridorLattice
 from datasets.synthetic.world.world import World
 from tbmslam.belief.masses import FREE, OCCUPIED
-from tbmslam.evaluation.trajectory_alignment import fit_rigid
+from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import replacing
 
@@ -288,3 +284,50 @@ def room_of(building: Building, area_m2: float, seed: int) -> Building:
     rows, cols = np.nonzero(part >= 0)
     cut = part[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
     return Building(f"{building.name}part{seed}", cut, building.resolution)
+
+
+@dataclass(frozen=True)
+class PlacedMap:
+    """A map, and where it is.
+
+    Parameters
+    ----------
+    place
+        Maps of one place belong together, others do not.
+    occupancy
+        Occupancy (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
+    resolution
+        Side of a cell [m].
+    T_map_building
+        Pose of the frame of the place's building in the map's.
+    """
+
+    place: str
+    occupancy: Occupancy
+    resolution: float
+    T_map_building: SE2
+
+
+def maps_of(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
+    """Yield maps of a building, each of all of it or of what a robot saw from one of two far ends."""
+    for _ in range(count):
+        parts = explored_parts(building, float(rng.choice(OVERLAPS)), rng)
+        yield _spoilt(building.name, building, parts[int(rng.integers(2))], rng)
+
+
+def maps_of_far_ends(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
+    """Yield so many maps of each of two ends of a building that share nothing: alike in style, and two places."""
+    for number, part in enumerate(explored_parts(building, 0.0, rng)):
+        for _ in range(count):
+            yield _spoilt(f"{building.name} end {number}", building, part, rng)
+
+
+def maps_of_mirrored(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
+    """Yield so many maps of a building and as many of its mirror image, which is another."""
+    yield from maps_of(building, count, rng)
+    yield from maps_of(mirrored(building), count, rng)
+
+
+def _spoilt(place: str, building: Building, part: Occupancy, rng: np.random.Generator) -> PlacedMap:
+    spoilt = Distortion.draw(rng).spoil(part, building.resolution, rng)
+    return PlacedMap(place, spoilt.occupancy, building.resolution, spoilt.T_map_building)

@@ -3,6 +3,17 @@ import pytest
 
 from datasets import DatasetError, open_recording
 from datasets.options import RecordingOptions
+from datasets.rosbag.messages import ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES, standard_md5_sum
+from datasets.rosbag.messages import standard_types as types
+
+
+@pytest.mark.parametrize("msgtype", [SCAN_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, *TF_TYPES])
+def test_checksums_are_those_of_the_standard_definitions(msgtype):
+    assert standard_md5_sum(msgtype) == types(is_ros1=True).generate_msgdef(msgtype)[1]
+
+
+def test_what_is_no_standard_type_has_no_checksum():
+    assert standard_md5_sum("odd/msg/Odd") is None
 
 
 def test_names_cannot_steer_the_terminal(script, tmp_path, caplog):

@@ -12,10 +12,8 @@ from datasets.rosbag.occupancy import write_occupancy_bag
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.occupancy import occupancy_of
 from tbmslam.io.atomic_file import FileNotWrittenError
-from tbmslam.io.ros_map import write_ros_map
-from tbmslam.io.ros_map_header import read_ros_map_header
-from tbmslam.map.map_image import read_image
-from tbmslam.map.pixel_rule import occupancy_of_image
+from tbmslam.io.ros_map import read_ros_map_header, write_ros_map
+from tbmslam.map.map_image import occupancy_of_image, read_image
 
 GEOMETRY = GridGeometry(0.05, -1.25, 3.5, 21, 13)
 STAMP = 1295883467.123456

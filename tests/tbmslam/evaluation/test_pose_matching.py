@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tbmslam.evaluation.pose_matching import matching_poses, matching_stamps
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
-from tbmslam.evaluation.trajectory_errors import absolute_errors, relative_errors
+from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories, relative_errors
 from tbmslam.geometry.trajectory import Trajectory
 
 

@@ -18,7 +18,7 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import FileNotWrittenError
 from tbmslam.io.map_folder import files_of_map, load_map, map_files, remove_map, save_map
 from tbmslam.io.tbm_dump import write_tbm_dump
-from tbmslam.io.tum import read_tum
+from tbmslam.io.trajectory_file import read_tum
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError

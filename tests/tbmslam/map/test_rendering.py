@@ -4,9 +4,8 @@ import pytest
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.masses import CONFLICT, FREE
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.config import MapConfig
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.rendering import render
+from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
 

@@ -1,14 +1,100 @@
+import math
+
 import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig
+from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig, BlockedSpans, LaserView, directions
+from tbmslam.monitoring.incidents import Incidents
 from tbmslam.sensing.laser_scan import LaserScan
+
+
+def scan(stamp, ranges):
+    return LaserScan(stamp, -1.0, 0.02, 0.02, 30.0, np.asarray(ranges, dtype=np.float64))
+
+
+def test_beams_are_cleared_for_the_time_in_which_they_ended_so_near():
+    spans, beams = BlockedSpans(), np.array([True, True, False, False])
+    since, farthest = np.array([2.0, 4.0, 0.0, 0.0]), np.array([0.5, np.inf, 0.0, 0.0])
+    none = np.zeros(4, dtype=np.bool_)
+    assert not spans.were_any()
+    spans.end(beams, since, farthest, 9.0)
+    assert spans.were_any()
+    for stamp, hidden in ((1.0, []), (2.0, [0]), (5.0, [0, 1]), (9.0, [])):
+        cleared = spans.cleared(scan(stamp, [0.4] * 4), none, since, farthest)
+        assert np.flatnonzero(np.isnan(cleared.ranges)).tolist() == hidden
+    far = spans.cleared(scan(5.0, [3.0] * 4), none, since, farthest)
+    assert np.flatnonzero(np.isnan(far.ranges)).tolist() == [1]
+
+
+def test_beams_still_blocked_are_cleared_since_they_are():
+    beams, since = np.array([False, True]), np.array([0.0, 4.0])
+    for stamp, hidden in ((3.0, 0), (4.0, 1), (1e9, 1)):
+        cleared = BlockedSpans().cleared(scan(stamp, [1.0, 1.0]), beams, since, np.full(2, 2.0))
+        assert np.isnan(cleared.ranges).sum() == hidden
+
+
+def test_scans_of_fewer_beams_and_of_other_times_stay_as_they_are():
+    spans = BlockedSpans()
+    spans.end(np.array([False, False, True]), np.zeros(3), np.full(3, np.inf), 9.0)
+    short = scan(5.0, [1.0, 1.0])
+    assert spans.cleared(short, np.zeros(2, dtype=np.bool_), np.zeros(2), np.zeros(2)) is short
+
+
+def test_spans_of_the_same_beams_that_abut_or_overlap_are_one():
+    spans, near = BlockedSpans(), np.full(4, 0.5)
+    cable, post = np.array([True, True, False, False]), np.array([False, False, False, True])
+    for k in range(1000):
+        spans.end(cable, np.full(4, float(k)), near, k + 1.0)
+        spans.end(post, np.full(4, 2.0 * k - 1.0), near, 2.0 * k + 1.0)
+    assert len(spans) == 2
+    spans.end(cable, np.full(4, 1000.5), near, 1002.0)  # a scan in between is not cleared
+    spans.end(cable, np.full(4, 1002.0), near + 0.1, 1003.0)  # nor what is as far
+    assert len(spans) == 4
+    none = np.zeros(4, dtype=np.bool_)
+    for stamp, hidden in ((-0.5, [3]), (0.0, [0, 1, 3]), (999.5, [0, 1, 3]), (1000.2, [3]), (1001.0, [0, 1, 3])):
+        cleared = spans.cleared(scan(stamp, [0.5] * 4), none, near, near)
+        assert np.flatnonzero(np.isnan(cleared.ranges)).tolist() == hidden
+
+
+def test_any_moment_is_cleared_as_by_going_over_all_spans(generator):
+    spans, ended, beams = BlockedSpans(), [], 6
+    none = np.zeros(beams, dtype=np.bool_)
+    for stamp in range(1, 60):
+        marked = generator.uniform(size=beams) < 0.4
+        since = stamp - generator.choice([1.0, 1.0, 2.0, 3.0, 40.0], beams)
+        farthest = generator.choice([0.3, 0.6, np.inf], beams)
+        spans.end(marked, since, farthest, float(stamp))
+        ended += [(b, since[b], float(stamp), farthest[b]) for b in np.flatnonzero(marked)]
+        if stamp % 20:
+            continue
+        for moment in np.arange(-45.0, stamp + 2.0, 0.5):
+            ranges = generator.choice([0.2, 0.5, 5.0, np.nan], beams)
+            hidden = np.isnan(ranges)
+            for beam, begin, until, far in ended:
+                hidden[beam] |= begin <= moment < until and ranges[beam] <= far
+            cleared = spans.cleared(scan(moment, ranges), none, since, farthest)
+            np.testing.assert_array_equal(np.isnan(cleared.ranges), hidden)
+
+
+@pytest.mark.parametrize(
+    ("beams", "said"),
+    [
+        (slice(0, 10), "-57 to -47°"),
+        ([*range(10), *range(12, 15)], "-57 to -41°"),
+        ([0, 20, 40, 60, 80], "-57 to -57, -34 to -34, -11 to -11° and 2 more"),
+    ],
+)
+def test_directions_for_people(beams, said):
+    marked = np.zeros(100, dtype=np.bool_)
+    marked[beams] = True
+    assert directions(scan(0.0, np.zeros(100)), marked) == said
+
 
 rng = np.random.default_rng(0)
 
 
-def scan(k, ranges):
+def blocked_beams_scan(k, ranges):
     return LaserScan(float(k), -1.0, 0.02, 0.02, 30.0, np.asarray(ranges))
 
 
@@ -17,7 +103,7 @@ def drive(ranges_of, steps=40, turning=True):
     beams, found = BlockedBeams(BlockedBeamsConfig()), []
     for k in range(steps):
         pose = SE2(0.3 * k, 0.0, 0.8 * np.sin(0.5 * k) if turning else 0.0)
-        if beams.look(scan(k, ranges_of(k)), pose):
+        if beams.look(blocked_beams_scan(k, ranges_of(k)), pose):
             found.append(k)
     return beams, found
 
@@ -37,7 +123,7 @@ def test_a_cover_is_found_soon_and_taken_out():
     beams, found = drive(covered)
     assert 6 <= found[0] <= 11
     assert np.flatnonzero(beams.blocked).tolist() == list(range(20, 50))
-    cleaned = beams.without(scan(50, covered(50)))
+    cleaned = beams.without(blocked_beams_scan(50, covered(50)))
     assert np.isnan(cleaned.ranges[20:50]).all()
     assert np.isfinite(np.delete(cleaned.ranges, np.s_[20:50])).all()
 
@@ -46,12 +132,12 @@ def test_earlier_scans_are_cleared_afterwards_but_not_those_before_the_cover():
     beams, _ = drive(lambda k: covered(k, until=30))
     assert not beams.blocked.any()
     for k, hidden in ((4, 0), (5, 30), (20, 30), (30, 0), (35, 0)):
-        assert np.isnan(beams.cleared(scan(k, open_space(k))).ranges).sum() == hidden
+        assert np.isnan(beams.cleared(blocked_beams_scan(k, open_space(k))).ranges).sum() == hidden
 
 
 def test_a_beam_that_sees_far_again_says_so_at_once():
     beams, _ = drive(covered)
-    assert np.isfinite(beams.without(scan(50, open_space(50))).ranges).all()
+    assert np.isfinite(beams.without(blocked_beams_scan(50, open_space(50))).ranges).all()
 
 
 @pytest.mark.parametrize(
@@ -67,7 +153,7 @@ def test_a_beam_that_sees_far_again_says_so_at_once():
 def test_what_is_no_cover(ranges_of, turning):
     beams, found = drive(ranges_of, turning=turning)
     assert found == []
-    same = scan(50, ranges_of(50))
+    same = blocked_beams_scan(50, ranges_of(50))
     assert beams.without(same) is same
     assert beams.cleared(same) is same
 
@@ -75,8 +161,8 @@ def test_what_is_no_cover(ranges_of, turning):
 def test_what_is_very_near_and_does_not_change_is_not_believed_for_now():
     beams, found = drive(lambda _: np.where(np.arange(100) < 30, 0.25, 5.0), steps=3, turning=False)
     assert found == []
-    assert np.isnan(beams.without(scan(3, np.full(100, 0.25))).ranges).sum() == 30
-    assert np.isfinite(beams.without(scan(3, np.full(100, 0.4))).ranges).all()
+    assert np.isnan(beams.without(blocked_beams_scan(3, np.full(100, 0.25))).ranges).sum() == 30
+    assert np.isfinite(beams.without(blocked_beams_scan(3, np.full(100, 0.4))).ranges).all()
 
 
 @pytest.mark.parametrize("reach", [1.0, 2.0, 3.5])
@@ -101,12 +187,101 @@ def test_a_cover_that_seldom_returns_takes_longer_to_be_found(lost):
 
 def test_a_standing_robot_tells_nothing():
     beams = BlockedBeams(BlockedBeamsConfig())
-    assert not any(beams.look(scan(k, covered(9)), SE2.identity()) for k in range(50))
+    assert not any(beams.look(blocked_beams_scan(k, covered(9)), SE2.identity()) for k in range(50))
 
 
 def test_another_number_of_beams_begins_anew():
     beams, _ = drive(covered)
-    other = scan(50, np.full(60, 0.25))
+    other = blocked_beams_scan(50, np.full(60, 0.25))
     assert not beams.look(other, SE2(99.0, 0.0, 0.0))
     assert beams.without(other) is other
-    assert np.isnan(beams.cleared(scan(20, covered(20))).ranges).sum() == 30
+    assert np.isnan(beams.cleared(blocked_beams_scan(20, covered(20))).ranges).sum() == 30
+
+
+ANGLES = -1.0 + 0.02 * np.arange(100)
+COVERED = slice(0, 20)
+
+
+def laser_view_drive(turning, until=40, config=None):
+    """Drive through a hall with 20 beams covered."""
+    incidents = Incidents()
+    view = LaserView(config or BlockedBeamsConfig(), incidents)
+    rng = np.random.default_rng(2)
+    for k in range(60):
+        pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k) * turning)
+        ranges = 8.0 + rng.normal(0.0, 0.005, 100)
+        if k < until:
+            ranges[COVERED] = 0.6 + rng.normal(0.0, 0.005, 20)
+        scan = LaserScan(float(k), -1.0, 0.02, 0.02, 30.0, ranges)
+        cleaned = view.cleaned(scan)
+        view.look(pose)
+    return view, [incident.text(0.0) for incident in incidents], cleaned
+
+
+def test_it_is_told_once_with_the_time():
+    view, told, cleaned = laser_view_drive(1.0)
+    assert told == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+    assert view.were_any_blocked()
+    assert np.isfinite(cleaned.ranges).all()
+    early = view.cleared(LaserScan(3.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 0.6)))
+    assert np.isnan(early.ranges[COVERED]).all()
+
+
+def test_only_turning_tells():
+    assert laser_view_drive(0.0)[1] == []
+
+
+@pytest.mark.parametrize("step", [math.radians(0.25), -math.radians(0.25), 1e-9, 1e-320])
+def test_a_fan_narrower_than_what_counts_as_beside(step):
+    incidents, rng = Incidents(), np.random.default_rng(2)
+    view = LaserView(BlockedBeamsConfig(), incidents)
+    for k in range(40):
+        ranges = 8.0 + rng.normal(0.0, 0.005, 30)
+        ranges[:10] = 0.25
+        scan = LaserScan(float(k), 0.0, step, 0.02, 30.0, ranges)
+        cleaned = view.cleaned(scan)
+        view.look(SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
+    assert np.flatnonzero(np.isnan(cleaned.ranges)).tolist() == list(range(10))
+    assert len(incidents) == 1
+
+
+def test_a_single_beam_without_a_step():
+    incidents, config = Incidents(), BlockedBeamsConfig(fewest=1)
+    view = LaserView(config, incidents)
+    for k in range(40):
+        pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k))
+        cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)))
+        view.look(pose)
+    assert np.isnan(cleaned.ranges).all()
+    assert len(incidents) == 1
+
+
+def told_by(blocked_at, stamps):
+    """Return what is told, where beams are blocked at some times."""
+    incidents, rng = Incidents(), np.random.default_rng(2)
+    view = LaserView(BlockedBeamsConfig(), incidents)
+    for k, stamp in enumerate(stamps):
+        ranges = 8.0 + rng.normal(0.0, 0.005, 100)
+        for beams, near in blocked_at(k):
+            ranges[beams] = near
+        pose = SE2(0.31 * k, 0.0, 0.8 * math.sin(0.5 * k))
+        view.cleaned(LaserScan(float(stamp), -1.0, 0.02, 0.02, 30.0, ranges))
+        view.look(pose)
+    return [incident.text(0.0) for incident in incidents]
+
+
+def test_a_post_that_shakes_now_and_then_is_told_once():
+    shaking = told_by(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
+    assert shaking == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+
+
+def test_what_comes_back_after_a_while_is_told_again():
+    told = told_by(lambda k: [] if 100 <= k < 300 else [(COVERED, 0.6)], range(400))
+    assert [text.split(":")[0] for text in told] == ["at 0.0 s", "at 300.0 s"]
+
+
+def test_what_stays_is_not_told_again_after_a_gap_in_the_recording():
+    other = slice(60, 80)
+    stamps = [k if k < 100 else k + 500 for k in range(200)]
+    told = told_by(lambda k: [(COVERED, 0.6)] + ([(other, 0.5)] if k >= 100 else []), stamps)
+    assert [text.rsplit(", ", 1)[1] for text in told] == ["-57 to -36°", "11 to 33°"]

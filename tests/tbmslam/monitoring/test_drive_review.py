@@ -1,4 +1,4 @@
-"""What is said at the end of a whole drive."""
+"""What is drive_review_said at the end of a whole drive."""
 
 import math
 
@@ -9,14 +9,112 @@ from tbmslam.calibration.mount_check import MountCheckConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.monitoring.drive_review import DriveReview
+from tbmslam.monitoring.drive_review import DriveReview, impossible_speed, undetermined_motion
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
 from tbmslam.tracking.tracker import ScanMatch
 
-MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
+STAMPS = 50.0 + 0.1 * np.arange(1000)
+NONE = np.full((100, 3), np.nan)
+
+
+def straight(speeds):
+    poses = np.zeros((len(STAMPS), 3))
+    poses[:, 0] = np.cumsum(0.1 * speeds)
+    return poses
+
+
+def test_a_drive_of_a_robot():
+    assert impossible_speed(STAMPS, straight(np.full(1000, 1.5)), STAMPS[::10], NONE) is None
+
+
+def test_one_of_no_robot_is_told_with_its_time():
+    speeds = np.where((np.arange(1000) >= 400) & (np.arange(1000) < 600), 7.0, 1.0)
+    found = impossible_speed(STAMPS, straight(speeds), STAMPS[::10], NONE)
+    assert found is not None
+    assert found.speed == pytest.approx(7.0, abs=0.1)
+    assert 90.0 <= found.stamp <= 100.0
+    assert "at 7.0 m/s for 10 s" in found.warning()
+
+
+def test_odometry_that_says_so_too_is_believed():
+    poses = straight(np.full(1000, 6.0))
+    assert impossible_speed(STAMPS, poses, STAMPS[::10], poses[::10]) is None
+    assert impossible_speed(STAMPS, poses, STAMPS[::10], 0.1 * poses[::10]) is not None
+
+
+def test_noise_and_a_clock_that_steps_back_are_no_speed(generator):
+    poses = straight(np.full(1000, 1.0))
+    poses[:, 1] += generator.normal(0.0, 0.3, 1000)  # 6 m/s from scan to scan
+    back = STAMPS - 30.0 * (np.arange(1000) >= 500)
+    for stamps in (STAMPS, back):
+        assert impossible_speed(stamps, poses, stamps[::10], NONE) is None
+
+
+def test_a_few_seconds_tell_nothing():
+    poses = straight(np.full(1000, 9.0))
+    assert impossible_speed(STAMPS[:50], poses[:50], STAMPS[:50:10], NONE[:5]) is None
+    assert impossible_speed(STAMPS[:1], poses[:1], STAMPS[:1], NONE[:1]) is None
+
+
+WALL = np.diag([0.0, 4e4, 1e5])
+"""Information of a scan along a bare wall."""
 ROOM = np.diag([4e4, 4e4, 1e5])
+GUESS = np.diag([0.1**-2.0, 0.1**-2.0, 0.1**-2.0])
+
+
+def keyframe(k, information, odometry=False, moved=True):
+    scan = LaserScan(100.0 + 0.5 * k, -1.0, 0.1, 0.1, 30.0, np.ones(20))
+    pose = SE2(0.2 * k, 0.0, 0.0)
+    match = ScanMatch(pose, 0.9, moved, information)
+    return TrackedKeyframe.of(k, scan, SE2.identity(), match, GUESS, pose if odometry else None)
+
+
+def said(kinds):
+    return [(w.what[:20], w.stamp, w.seconds, w.all_along) for w in undetermined_motion(kinds).warnings()]
+
+
+def test_a_bare_corridor_without_odometry_is_told_as_a_whole():
+    motion = undetermined_motion([keyframe(k, WALL) for k in range(50)])
+    assert motion.share == 1.0
+    (warning,) = motion.warnings()
+    assert warning.all_along
+    assert warning.what.startswith("for 100% of the drive neither odometry nor scans determine the motion")
+
+
+def test_a_laser_that_sees_nothing_determines_nothing():
+    motion = undetermined_motion([keyframe(k, None if k % 2 else WALL, moved=False) for k in range(50)])
+    assert motion.share == 1.0
+
+
+def test_odometry_or_walls_ahead_determine_it():
+    assert undetermined_motion([keyframe(k, WALL, odometry=True) for k in range(50)]).warnings() == []
+    assert undetermined_motion([keyframe(k, ROOM) for k in range(50)]).warnings() == []
+
+
+def test_a_part_of_a_drive_is_told_with_its_time():
+    drive = [keyframe(k, WALL if 100 <= k < 108 else ROOM) for k in range(400)]
+    (warning,) = undetermined_motion(drive).warnings()
+    assert not warning.all_along
+    assert (warning.stamp, warning.seconds) == pytest.approx((100.0 + 0.5 * 99, 4.0))
+    assert warning.what.startswith("neither odometry")
+
+
+def test_a_moment_is_no_news():
+    assert undetermined_motion([keyframe(k, WALL if k == 100 else ROOM) for k in range(400)]).warnings() == []
+
+
+def test_matchers_that_do_not_say_are_believed():
+    assert undetermined_motion([keyframe(k, None) for k in range(50)]).warnings() == []
+
+
+def test_drives_without_motions_have_none():
+    assert undetermined_motion([]).warnings() == []
+    assert undetermined_motion([keyframe(0, WALL)]).warnings() == []
+
+
+MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 KNOCK = math.radians(15.0)
 
 
@@ -36,18 +134,18 @@ def drive(knocked=(), scale=1.0, odometry=True, information=ROOM):
     return Trajectory(keyframes.stamps, keyframes.poses), keyframes, kept
 
 
-def said(config=None, **kinds):
+def drive_review_said(config=None, **kinds):
     review = DriveReview(config or MountCheckConfig(), OdometryCheckConfig(), STARTED, 0.5)
     return review.warnings(*drive(**kinds))
 
 
 def test_nothing_is_said_of_a_good_drive():
-    assert said() == []
-    assert said(odometry=False) == []
+    assert drive_review_said() == []
+    assert drive_review_said(odometry=False) == []
 
 
 def test_a_knocked_laser_is_told_with_its_time_and_what_mends_it():
-    first, second = said(knocked=(100, 200))
+    first, second = drive_review_said(knocked=(100, 200))
     assert (first.stamp, second.stamp) == (STARTED + 55.0, STARTED + 105.0)
     assert "turned by 15 degrees to the left" in first.what
     assert "--interval 0.0 55.0" in first.what
@@ -55,19 +153,19 @@ def test_a_knocked_laser_is_told_with_its_time_and_what_mends_it():
     assert "--interval 55.0 105.0, and one" in second.what
     assert "--interval 105.0 154.6 with --sensor-pose 0.30 0.00 36" in second.what
     assert not first.all_along
-    assert said(MountCheckConfig(enabled=False), knocked=(100,)) == []
+    assert drive_review_said(MountCheckConfig(enabled=False), knocked=(100,)) == []
 
 
 def test_a_wrong_scale_is_told_with_what_it_was_multiplied_by():
-    (warning,) = said(scale=2.0)
+    (warning,) = drive_review_said(scale=2.0)
     assert warning.subject == "scale"
     assert warning.all_along
     assert "--odometry-scale 0.25 mends it" in warning.what
-    assert said(scale=2.0, information=np.diag([1.0, 1.0, 1.0])) == []
+    assert drive_review_said(scale=2.0, information=np.diag([1.0, 1.0, 1.0])) == []
 
 
 def test_a_guessed_motion_is_told():
-    (warning,) = said(odometry=False, information=np.diag([0.0, 4e4, 1e5]))
+    (warning,) = drive_review_said(odometry=False, information=np.diag([0.0, 4e4, 1e5]))
     assert warning.what.startswith("for 100% of the drive neither")
 
 
@@ -80,4 +178,4 @@ def test_a_drive_of_no_readings_is_none():
 @pytest.mark.parametrize("turn", [0.04])
 def test_less_than_five_degrees_are_no_knock(monkeypatch, turn):
     monkeypatch.setattr(f"{__name__}.KNOCK", turn)
-    assert said(knocked=(150,)) == []
+    assert drive_review_said(knocked=(150,)) == []

@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 from tbmslam.parallel import cluster
-from tbmslam.parallel.cluster import Cluster, ClusterError
+from tbmslam.parallel.cluster import Cluster, ClusterError, code_digest
 
 
 def test_nobody_answers():
@@ -73,3 +73,16 @@ def test_a_worker_with_other_code_is_refused():
 def test_what_is_no_address_is_told_at_once(address):
     with pytest.raises(ClusterError, match=r"is no address of a Dask scheduler: it must look like tcp://10"):
         Cluster(address)
+
+
+def test_another_source_is_another_digest(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    seen = set()
+    for text in ("x = 1\n", "x = 2\n"):
+        (tmp_path / "sample_code").mkdir(exist_ok=True)
+        (tmp_path / "sample_code" / "__init__.py").write_text(text)
+        code_digest.cache_clear()
+        seen |= {code_digest("sample_code"), code_digest("sample_code")}
+    sys.modules.pop("sample_code")
+    assert len(seen) == 2
+    code_digest.cache_clear()

@@ -13,7 +13,7 @@ from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.robot.simulation import simulate
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.configuration.slam_config import config_from_dict
-from tbmslam.evaluation.trajectory_alignment import align_trajectories
+from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.rendering import render

@@ -16,11 +16,8 @@ from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tbmslam.slam import Slam
 from tbmslam.tracking.motion_model import MotionConfig
-from tbmslam.vinyslam import monte_carlo
-from tbmslam.vinyslam.beam_weights import beam_weights
 from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
-from tbmslam.vinyslam.hill_climbing import HillClimbingConfig
-from tbmslam.vinyslam.monte_carlo import MonteCarloConfig, MonteCarloMatcher
+from tbmslam.vinyslam.matching import HillClimbingConfig, MonteCarloConfig, MonteCarloMatcher, beam_weights
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 
@@ -83,7 +80,7 @@ def with_quirks(matcher) -> SlamConfig:
 )
 def test_run(name, matcher, monkeypatch):
     monkeypatch.setattr(
-        monte_carlo.MonteCarloMatcher,
+        MonteCarloMatcher,
         "from_seed",
         classmethod(lambda _, config, *_seed: MonteCarloMatcher(config, OriginalNormals(666666))),
     )

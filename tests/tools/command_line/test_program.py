@@ -1,5 +1,8 @@
+import gc
 import io
 import os
+import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +14,62 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import evaluate, merge
-from tools.command_line.program import Grammar, ended, one_line, print_anything, typed_command
+from tools.command_line.interruption import Interruption
+from tools.command_line.program import (
+    Grammar,
+    UnfitEnvironmentError,
+    check_environment,
+    ended,
+    loading,
+    one_line,
+    print_anything,
+    typed_command,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
+PROGRAMS = {"build_maps": ("nowhere.bag", "-o"), "merge": ("nowhere", "nobody", "-o"), "make_world": ("-o",)}
+
+
+def said_by(program, out, limit=None, **settings):
+    """Return exit code and stderr of a program under a limit on its memory [MB] and settings of the environment."""
+
+    def limited():
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (limit * 10**6, resource.RLIM_INFINITY))
+
+    command = [sys.executable, str(ROOT / "tools" / f"{program}.py"), *PROGRAMS[program], str(out)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **settings}
+    run = subprocess.run(  # noqa: S603 - the programs of this repository
+        command, env=environment, preexec_fn=limited, capture_output=True, check=False, text=True, timeout=60
+    )
+    return run.returncode, run.stderr
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("limit", [400, 700, 1250, 1900])
+def test_too_little_memory_is_one_line(program, limit, tmp_path):
+    code, said = said_by(program, tmp_path, limit)
+    assert code == 1
+    assert said.startswith(f"{program}: memory is limited to {limit} MB (ulimit -v), and compiled code takes")
+    assert said.endswith("raise the limit to 2000000 kB or more\n")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("threads", ["abc", "0", "-2", "1.5", "\u0663"])
+def test_a_number_of_threads_that_is_none_is_one_line(threads, monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    with pytest.raises(UnfitEnvironmentError, match="not a number of threads: set it to 1 or more"):
+        check_environment()
+    if threads == "abc":
+        code, said = said_by("merge", tmp_path)
+        assert (code, said.count("\n")) == (1, 1)
+
+
+def test_the_usual_environment_is_fit(monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    check_environment()
+    monkeypatch.delenv("NUMBA_NUM_THREADS")
+    check_environment()
 
 
 def raising(error):
@@ -207,3 +263,46 @@ def test_a_library_that_finds_no_memory_is_one_line(capsys):
     assert capsys.readouterr().err == "merge: memory has run out: merge fewer maps\n"
     with pytest.raises(ImportError, match="no module"):
         ended("merge", lambda: (_ for _ in ()).throw(ImportError("no module named x")))
+
+
+@pytest.fixture
+def small_module(tmp_path, monkeypatch):
+    (tmp_path / "loaded_for_a_test.py").write_text("THINGS = [[] for _ in range(1000)]\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield "loaded_for_a_test"
+    sys.modules.pop("loaded_for_a_test", None)
+    gc.unfreeze()
+
+
+def test_what_is_loaded_is_never_searched_for_garbage(small_module):
+    before = gc.get_freeze_count()
+    with loading():
+        assert not gc.isenabled()
+        __import__(small_module)
+    assert gc.isenabled()
+    assert gc.get_freeze_count() >= before + 1000
+
+
+def test_where_nothing_is_loaded_garbage_is_found_as_ever():
+    before = gc.get_freeze_count()
+    with loading():
+        pass
+    assert (gc.get_freeze_count(), gc.isenabled()) == (before, True)
+
+
+def test_a_module_that_fails_leaves_all_as_it_was():
+    with pytest.raises(ModuleNotFoundError), loading():
+        __import__("there_is_no_such_module")
+    assert gc.isenabled()
+
+
+def test_an_interruption_meanwhile_ends_the_program_at_once(monkeypatch):
+    interruption = Interruption("merge")
+    before = signal.signal(signal.SIGINT, interruption)
+    interruption.ends_at_once = False
+    try:
+        with loading():
+            assert interruption.ends_at_once
+        assert not interruption.ends_at_once
+    finally:
+        signal.signal(signal.SIGINT, before)

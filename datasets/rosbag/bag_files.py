@@ -1,0 +1,144 @@
+"""The files of a bag: which belong to it, whether they are whole, and packed ones unpacked."""
+
+import contextlib
+import lzma
+import os
+import re
+import shutil
+import tempfile
+import zlib
+from io import BufferedIOBase
+from pathlib import Path
+from typing import NamedTuple
+
+from datasets.errors import DatasetError
+from datasets.text_files import is_packed, open_unpacked
+from tbmslam.special_file import why_unreadable
+
+STORAGE_SUFFIXES = (".db3", ".mcap")
+
+
+def is_ros1(path: Path) -> bool:
+    """Return whether a file is a ROS 1 bag."""
+    if path.is_dir():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(4) == b"#ROS"
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """Return the storage files of a ROS 2 bag's directory as they were written: number 10 comes after number 9."""
+    files = [entry for entry in folder.iterdir() if entry.suffix in STORAGE_SUFFIXES]
+    return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
+
+
+class CutFileError(ValueError):
+    """A file of a bag ends too soon."""
+
+
+def check_files(path: Path) -> None:
+    """Refuse a database that is shorter than it says: sqlite would read zeros where its last page is cut off.
+
+    And what passes for an empty file, since reading it might never end.
+
+    Parameters
+    ----------
+    path
+        A bag's file or directory.
+
+    Raises
+    ------
+    CutFileError
+        It is, or one of those in the directory.
+    """
+    for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
+        if why := why_unreadable(file):
+            raise CutFileError(f"{file.name} {why}")
+        if not file.is_file():
+            continue
+        with file.open("rb") as stream:
+            head = stream.read(100)
+        if not head.startswith(b"SQLite format 3\0") or head[24:28] != head[92:96]:  # an older sqlite states no size
+            continue
+        page = int.from_bytes(head[16:18], "big")
+        stated = int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page)
+        size = file.stat().st_size
+        if size < stated:
+            raise CutFileError(f"the database is cut off, {size} of {stated} bytes are there")
+
+
+def _parts(name: str) -> list[str]:
+    """Return a name's numbers and what lies between them, beginning with the latter."""
+    return re.split(r"(\d+)", name)
+
+
+_PIECE = 1 << 20  # bytes that are unpacked at a time
+_folders: dict[int, tempfile.TemporaryDirectory[str]] = {}
+"""Where this process unpacks, by its number; removed when it ends."""
+_known: dict[tuple[str, int, int], "UnpackedFile"] = {}
+
+
+class UnpackedFile(NamedTuple):
+    """A file as it can be read.
+
+    Parameters
+    ----------
+    path
+        The file itself where it is not packed, else one that is removed when the program ends.
+    damage
+        What is wrong with the packing: the file ends where that shows.
+    """
+
+    path: Path
+    damage: str | None = None
+
+
+def unpacked(path: Path) -> UnpackedFile:
+    """Return a file whose content is not packed by gzip, bzip2 or xz; a folder stays as it is.
+
+    Raises
+    ------
+    DatasetError
+        There is no room for the content.
+    OSError
+        The file cannot be read.
+    """
+    if path.is_dir() or not is_packed(path):
+        return UnpackedFile(path)
+    state = path.stat()
+    key = os.fspath(path.resolve()), state.st_size, state.st_mtime_ns
+    if key not in _known or not _known[key].path.exists():
+        _known[key] = _unpack(path)
+    return _known[key]
+
+
+def _unpack(path: Path) -> UnpackedFile:
+    if os.getpid() not in _folders:
+        _folders[os.getpid()] = tempfile.TemporaryDirectory(prefix="tbmslam-")
+    folder = Path(tempfile.mkdtemp(dir=_folders[os.getpid()].name))
+    content, damage = folder / path.stem, None
+    try:
+        with open_unpacked(path) as packed, content.open("wb") as whole:
+            while piece := _next_piece(packed):
+                if isinstance(piece, str):
+                    damage = piece
+                    break
+                whole.write(piece)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            shutil.rmtree(folder)
+        raise DatasetError(
+            f"{path}: cannot be unpacked into {folder.parent} ({error.strerror}): make room, or set TMPDIR to a folder "
+            "with room"
+        ) from error
+    return UnpackedFile(content, damage)
+
+
+def _next_piece(packed: BufferedIOBase) -> bytes | str:
+    """Return the next bytes, none at the end; or what is wrong with the packing."""
+    try:
+        return packed.read1(_PIECE)  # of a cut file all that is there
+    except EOFError:
+        return "the packed file is cut off"
+    except (OSError, zlib.error, lzma.LZMAError) as error:
+        return f"the packed file is damaged ({error})"

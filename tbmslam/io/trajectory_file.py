@@ -1,0 +1,152 @@
+"""Trajectories in text files: TUM's format, and the MIT Stata Center's `*.gt.laser.poses`, which are of the laser."""
+
+import math
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from tbmslam.errors import TbmSlamError
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.atomic_file import write_text
+from tbmslam.sensing.laser_scan import FARTHEST_PLACE
+from tbmslam.special_file import why_unreadable
+
+
+class TumError(TbmSlamError):
+    """A trajectory file cannot be read."""
+
+
+def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
+    """Write a trajectory, whole or not at all; stamps keep nanoseconds."""
+    lines = [
+        # No space may follow the last number: evo refuses the line.
+        f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n"
+        for stamp, (x, y, theta) in zip(trajectory.stamps.tolist(), trajectory.poses.tolist(), strict=True)
+    ]
+    write_text(path, "".join(lines))
+
+
+def read_tum(path: str | os.PathLike[str]) -> Trajectory:
+    """Read a trajectory; height, roll and pitch are left out. Empty lines and lines that begin with ``#`` are skipped.
+
+    Raises
+    ------
+    TumError
+        The file cannot be read or a line is not a pose.
+    """
+    numbered = pose_lines(Path(path))
+    if not numbered:
+        raise TumError(f"{path}: holds no poses: give a file of lines 't x y z qx qy qz qw'")
+    values = np.array([_numbers(f"{path}:{number}", line) for number, line in numbered])
+    qx, qy, qz, qw = values[:, 4:].T
+    norms = np.linalg.norm(values[:, 4:], axis=1)
+    if (np.abs(norms - 1.0) > 0.01).any():
+        worst = int(np.argmax(np.abs(norms - 1.0)))
+        raise TumError(
+            f"{path}:{numbered[worst][0]}: the quaternion has length {norms[worst]:.3g}, not 1: "
+            "the columns must be t x y z qx qy qz qw"
+        )
+    theta = np.arctan2(2.0 * (qw * qz + qx * qy), qw**2 + qx**2 - qy**2 - qz**2)
+    poses: FloatArray = np.column_stack((values[:, 1], values[:, 2], wrap_angles(theta)))
+    return Trajectory(values[:, 0].copy(), poses)
+
+
+def pose_lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines of a file that should hold a pose, with their numbers from 1.
+
+    Raises
+    ------
+    TumError
+        The file cannot be read.
+    """
+    if why := why_unreadable(path):
+        raise TumError(f"{path}: {why}: give a trajectory's file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise TumError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TumError(f"{path}: is not text: give a file of lines 't x y z qx qy qz qw'") from None
+    lines = enumerate((line.strip() for line in text.splitlines()), start=1)
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
+def _numbers(place: str, line: str) -> list[float]:
+    fields = line.split()
+    if len(fields) != 8:
+        raise TumError(f"{place}: has {len(fields)} fields, not the 8 of 't x y z qx qy qz qw'")
+    try:
+        numbers = [float(field) for field in fields]
+    except ValueError as error:
+        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
+    if not all(map(math.isfinite, numbers)):
+        raise TumError(f"{place}: has a number that is not finite: leave the line out")
+    if not max(map(abs, numbers[1:4])) <= FARTHEST_PLACE:
+        raise TumError(f"{place}: lies more than {FARTHEST_PLACE:.0e} m away: leave the line out")
+    return numbers
+
+
+Frame = Literal["robot", "laser"]
+"""What a trajectory is of."""
+
+_FIELDS = 4
+
+
+@dataclass(frozen=True)
+class ReferenceTrajectory:
+    """Where a robot or its laser truly was.
+
+    Parameters
+    ----------
+    trajectory
+        The poses.
+    frame
+        What they are of.
+    """
+
+    trajectory: Trajectory
+    frame: Frame
+
+    def of_robot(self, T_robot_sensor: SE2) -> Trajectory:
+        """Return where the robot was whose laser is mounted so."""
+        if self.frame == "robot":
+            return self.trajectory
+        poses = compose(self.trajectory.poses, np.array(T_robot_sensor.inverse()))
+        return replace(self.trajectory, poses=poses)
+
+
+def read_reference(path: str | os.PathLike[str]) -> ReferenceTrajectory:
+    """Read a true trajectory of either format, told apart by what the first line holds.
+
+    The Stata Center's truth (M. Fallon et al., IJRR 2013) has lines `t, x, y, theta`: whole microseconds, metres,
+    radians, of the laser. A TUM file is of the robot.
+
+    Raises
+    ------
+    TumError
+        The file cannot be read or a line is not a pose.
+    """
+    numbered = pose_lines(Path(path))
+    if not numbered or "," not in numbered[0][1]:
+        return ReferenceTrajectory(read_tum(path), "robot")
+    values = np.array([_laser_pose(f"{path}:{number}", line) for number, line in numbered])
+    poses = np.column_stack((values[:, 1:3], wrap_angles(values[:, 3])))
+    return ReferenceTrajectory(Trajectory(values[:, 0].copy(), poses), "laser")
+
+
+def _laser_pose(place: str, line: str) -> tuple[float, float, float, float]:
+    """Return stamp [s], x, y [m] and heading [rad] of a line."""
+    fields = [field.strip() for field in line.split(",")]
+    if len(fields) != _FIELDS or not fields[0].isdecimal():
+        raise TumError(f"{place}: is not 't, x, y, theta' with t in whole microseconds: give a file of such lines")
+    try:
+        x, y, theta = map(float, fields[1:])
+    except ValueError as error:
+        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
+    if not (abs(x) <= FARTHEST_PLACE and abs(y) <= FARTHEST_PLACE and np.isfinite(theta)):
+        raise TumError(f"{place}: is not finite, or more than {FARTHEST_PLACE:.0e} m away: leave the line out")
+    return int(fields[0]) * 1e-6, x, y, theta

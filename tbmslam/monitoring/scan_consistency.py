@@ -1,0 +1,77 @@
+"""Scans that contradict the odometry or the scan before."""
+
+import math
+
+import numpy as np
+
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
+
+_CONTRADICTED = 0.02
+"""Trust below which a scan contradicts the odometry: 18 deviations off."""
+_PAUSE_S = 1.5
+"""A pause in which a robot may be carried."""
+_STOOD_M = 0.3
+"""Wheels that moved the robot by less in a pause may have slipped as it was lifted [m]."""
+_WHILE_S = 2.0
+"""Time [s] for which scans contradict odometry one after the other until it is told."""
+
+DISAGREE = "odometry and scans disagree about the motion"
+ELSEWHERE = (
+    "after a pause the robot does not stand where it stood before, though the wheels hardly moved: if it was carried, "
+    "make one robot of the drive before and one of the drive after by --interval"
+)
+
+
+class Contradictions:
+    """Watches how far the odometry is trusted beside the scans."""
+
+    def __init__(self) -> None:
+        self._last, self._since = -math.inf, math.inf
+        self._from = SE2.identity()
+
+    def told_by(self, stamp: float, match: ScanMatch, prior: PosePrior) -> str:
+        """Return what is to be said of a scan at a stamp [s] and where it was placed; "" where nothing is."""
+        pause, self._last = stamp - self._last, stamp
+        before, self._from = self._from, prior.start
+        if match.trust >= _CONTRADICTED or not (prior.by_odometry and match.moved):
+            self._since = math.inf
+            return ""
+        stood = math.hypot(prior.start.x - before.x, prior.start.y - before.y) < _STOOD_M
+        if stood and _PAUSE_S < pause < math.inf:
+            self._since = stamp
+            return ELSEWHERE
+        self._since = min(self._since, stamp)
+        return DISAGREE if stamp - self._since >= _WHILE_S else ""
+
+
+_NEAR, _NEAR_SHARE = 0.15, 0.03
+"""Distance between two ranges of one surface [m], and more of it per metre, as beams fall beside each other."""
+_FEWEST = 10
+_FARTHEST = 40.0
+"""Hits beyond are left out, as the tracker leaves them out [m]."""
+
+
+def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> float:
+    """Return which share of the hits of a scan the next one confirms, of those in its view; 1 where these are few.
+
+    Parameters
+    ----------
+    before, after
+        The two scans.
+    T_before_after
+        Pose of the laser at the later one as seen from the earlier.
+    """
+    points = T_before_after.inverse().apply(before.hits(_FARTHEST).points)
+    step, beams = after.angle_increment, len(after.ranges)
+    if not len(points) or not beams or step == 0.0:
+        return 1.0
+    ranges, angles = np.hypot(points[:, 0], points[:, 1]), np.arctan2(points[:, 1], points[:, 0])
+    turned = (angles - after.angle_min) * np.sign(step) + 0.5 * abs(step)
+    beam = (np.remainder(turned, 2.0 * np.pi) / abs(step)).astype(np.int64)
+    there = np.where(beam < beams, after.ranges[np.minimum(beam, beams - 1)], np.nan)
+    told = ~np.isnan(there)
+    if np.count_nonzero(told) < _FEWEST:
+        return 1.0
+    return float(np.mean(np.abs(there[told] - ranges[told]) <= _NEAR + _NEAR_SHARE * ranges[told]))

@@ -1,0 +1,149 @@
+"""vinySLAM's matchers: hill climbing, and random poses around the best one so far (Monte Carlo)."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tbmslam.belief.evidence_grid import EvidenceGrid
+from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.search.scoring import climb_hill, search_monte_carlo, weighted_impact
+from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking.tracker import ScanMatch, moved_from
+
+BeamWeighting = Literal["even", "viny"]
+CellScore = Literal["discrepancy", "disjunctive"]
+"""vinySLAM's discrepancy to a certain hit, or the consistency of the credibilist SLAM: what the disjunctive rule leaves
+on OCCUPIED (Trehard et al., "Credibilist simultaneous localization and mapping with a lidar", IROS 2014)."""
+
+
+def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:
+    """Return the weight (M,) of every hit beam, adding up to one.
+
+    ``even`` treats all alike. ``viny`` is vinySLAM's: beams along and across the sensor's axis, which meet the walls of
+    a corridor end-on, count up to three times, and all by the square root of their range.
+    """
+    hit = scan.is_hit()
+    if not hit.any():
+        return np.zeros(0)
+    if weighting == "even":
+        weights = np.ones(int(hit.sum()))
+    else:
+        turning = scan.angle_increment + scan.beam_step.theta
+        weights = _say_of_directions(len(hit), scan.angle_min, turning)[hit] * np.sqrt(scan.ranges[hit])
+    return np.asarray(weights / weights.sum())
+
+
+@lru_cache(maxsize=8)
+def _say_of_directions(count: int, first: float, step: float) -> FloatArray:
+    """Return how much each of some directions (N,) counts; a laser's are always the same."""
+    angles = first + step * np.arange(count, dtype=np.float64)
+    cosine, sine = np.abs(np.cos(angles)), np.abs(np.sin(angles))
+    return np.asarray(np.select([cosine > 0.9, cosine > 0.8], [3.0, 2.0], sine + cosine))
+
+
+class HillClimbingConfig(FrozenConfig):
+    """The original's constants."""
+
+    PUBLIC: ClassVar = ("method",)
+
+    method: Literal["hill_climbing"] = "hill_climbing"
+    position_step: float = Field(0.1, gt=0, description="first step along x and y [m]")
+    heading_step: float = Field(0.1, gt=0, description="first step of the heading [rad]")
+    halvings: int = Field(6, ge=1, description="rounds without improvement that end the search")
+    extra_candidate: bool = Field(False, description="score one more candidate at the end, as the original does")
+    weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
+    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
+
+
+class HillClimbingMatcher:
+    """Climbs to the nearest maximum of the score."""
+
+    def __init__(self, config: HillClimbingConfig) -> None:
+        self._config = config
+
+    def match(self, scan: LaserScan, grid: EvidenceGrid, initial_guess: SE2) -> ScanMatch:
+        """Return the local maximum that the guess leads to."""
+        config = self._config
+        x, y, theta, score, _ = climb_hill(
+            grid.ratios,
+            grid.lattice,
+            scan.hit_points(),
+            beam_weights(scan, config.weighting),
+            initial_guess,
+            (config.position_step, config.heading_step),
+            config.halvings,
+            config.extra_candidate,
+            config.score == "disjunctive",
+        )
+        pose = SE2(x, y, theta)
+        return ScanMatch(pose, score, moved_from(initial_guess, pose))
+
+
+DrawNormals = Callable[[int], FloatArray]
+"""Returns standard normal numbers (count, 3), for x, y and theta of as many candidates."""
+
+
+class MonteCarloConfig(FrozenConfig):
+    """The original's constants."""
+
+    PUBLIC: ClassVar = ("method",)
+
+    method: Literal["monte_carlo"] = "monte_carlo"
+    position_deviation: float = Field(0.2, gt=0, description="standard deviation of a candidate's x and y [m]")
+    heading_deviation: float = Field(0.1, gt=0, description="standard deviation of a candidate's heading [rad]")
+    max_failures: int = Field(20, ge=1, description="candidates in vain, at one deviation, that end the search")
+    max_candidates: int = Field(100, ge=1, description="candidates that end the search in any case")
+    weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
+    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
+
+
+class MonteCarloMatcher:
+    """Draws candidates around the best pose; an improvement that took long halves the deviation.
+
+    Parameters
+    ----------
+    config
+        Deviations and limits.
+    draw_normals
+        Where the randomness comes from; by default a generator with a seed.
+    """
+
+    def __init__(self, config: MonteCarloConfig, draw_normals: DrawNormals) -> None:
+        self._config = config
+        self._draw_normals = draw_normals
+
+    @classmethod
+    def from_seed(cls, config: MonteCarloConfig, seed: int) -> "MonteCarloMatcher":
+        """Draw from numpy's default generator."""
+        generator = np.random.default_rng(seed)
+        return cls(config, lambda count: generator.standard_normal((count, 3)))
+
+    def match(self, scan: LaserScan, grid: EvidenceGrid, initial_guess: SE2) -> ScanMatch:
+        """Return the best pose drawn; it is the guess itself when nothing scored better."""
+        config = self._config
+        cells = (grid.ratios, grid.lattice)
+        points, weights = scan.hit_points(), beam_weights(scan, config.weighting)
+        disjunctive = config.score == "disjunctive"
+        deviation = np.array([config.position_deviation, config.position_deviation, config.heading_deviation])
+        pose, score = initial_guess, weighted_impact(*cells, points, weights, initial_guess, disjunctive)
+        failures, candidates = 0, 0
+        while failures < config.max_failures and candidates < config.max_candidates:
+            offsets = deviation * self._draw_normals(
+                min(config.max_failures - failures, config.max_candidates - candidates)
+            )
+            better, score = search_monte_carlo(*cells, points, weights, pose, score, offsets, disjunctive)
+            if better < 0:
+                failures += len(offsets)
+                candidates += len(offsets)
+                continue
+            failures += better
+            candidates += better + 1
+            pose = SE2(*(float(p + o) for p, o in zip(pose, offsets[better], strict=True)))
+            if failures > config.max_failures // 3:
+                deviation = deviation / 2.0
+                failures = 0
+        return ScanMatch(pose, score, moved_from(initial_guess, pose))

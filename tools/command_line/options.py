@@ -1,0 +1,206 @@
+"""Options that several programs have: about recordings, parameters and the viewer."""
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from tools.command_line.paths import path_argument
+
+if TYPE_CHECKING:
+    from datasets.options import RecordingOptions
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options about recordings, in groups of their own.
+
+    Parameters
+    ----------
+    parser
+        Parser of the program.
+    """
+    scans = parser.add_argument_group("scans")
+    scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
+    scans.add_argument(
+        "--scan-topic",
+        action="append",
+        metavar="[RECORDING=]TOPIC",
+        help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log FLASER ..",
+    )
+    scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
+    scans.add_argument(
+        "--cloud-heights",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="slice of point clouds that becomes scans, above the robot's frame [m] (a band around the sensor)",
+    )
+    scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
+    scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
+    scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
+    scans.add_argument("--range-offset", type=float, metavar="M", help="added to every range that was measured (0)")
+    scans.add_argument(
+        "--no-return",
+        choices=("free", "drop"),
+        help="a beam without a return clears its way up to the range limit, or says nothing (as the preset has it)",
+    )
+    scans.add_argument(
+        "--no-return-code",
+        type=float,
+        action="append",
+        metavar="M",
+        help="a range by which the laser says that nothing came back; may be repeated",
+    )
+    scans.add_argument("--gap", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
+    _add_odometry_options(parser)
+
+
+def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options about odometry, frames and clocks."""
+    odometry = parser.add_argument_group("odometry and frames")
+    odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="where it is read from (auto)")
+    odometry.add_argument("--odometry-topic", metavar="TOPIC", help="topic of Odometry messages")
+    odometry.add_argument(
+        "--odometry-scale", type=float, metavar="F", help="its lengths are multiplied by this, millimetres by 0.001 (1)"
+    )
+    odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
+    odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
+    odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
+    odometry.add_argument(
+        "--sensor-pose",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "DEG"),
+        help="place of the laser on the robot [m, m, degrees] instead of the recorded one",
+    )
+    odometry.add_argument(
+        "--upside-down",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="whether the laser hangs upside down, instead of what tf says",
+    )
+    odometry.add_argument(
+        "--clock-offset",
+        type=float,
+        metavar="S",
+        help="added to a scan's stamp to find its odometry (detected)",
+    )
+    odometry.add_argument(
+        "--max-odometry-gap", type=float, metavar="S", help="odometry is not interpolated over more (5)"
+    )
+
+
+def options_from(args: argparse.Namespace) -> "RecordingOptions":
+    """Return the options about recordings among parsed arguments, the others as the library has them.
+
+    Parameters
+    ----------
+    args
+        Result of a parser that `add_recording_options` was used on.
+
+    Raises
+    ------
+    ValueError
+        A value cannot be meant, such as a negative range.
+    """
+    # Only a program that does something needs the rest: --help must be quick.
+    from datasets.options import RecordingOptions
+
+    return RecordingOptions(**given_options(args))
+
+
+def scan_topics_of_recordings(args: argparse.Namespace) -> dict[str, str]:
+    """Return the topics of scans that were asked for of single recordings, by the name given for the recording."""
+    return {name: topic for name, topic in _scan_topics(args).items() if name}
+
+
+def _scan_topics(args: argparse.Namespace) -> dict[str, str]:
+    parted = (text.rpartition("=") for text in args.scan_topic or ())
+    return {name: topic for name, _, topic in parted}
+
+
+def given_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what was asked for about recordings, by the names that `RecordingOptions` has."""
+    from tbmslam.geometry.se2 import SE2
+
+    pose = args.sensor_pose
+    values = {
+        "profile": args.profile,
+        "scan_topic": _scan_topics(args).get(""),
+        "laser_frame": args.laser_frame,
+        "odometry": args.odometry,
+        "odometry_topic": args.odometry_topic,
+        "tf_topics": tuple(args.tf_topic) if args.tf_topic else None,
+        "odom_frame": args.odom_frame,
+        "robot_frame": args.robot_frame,
+        "sensor_pose": SE2(pose[0], pose[1], math.radians(pose[2])) if pose else None,
+        "upside_down": args.upside_down,
+        "cloud_heights": tuple(args.cloud_heights) if args.cloud_heights else None,
+        "angle_step_deg": args.angle_step_deg,
+        "range_min": args.range_min,
+        "range_max": args.range_max,
+        "range_offset": args.range_offset,
+        "no_return": args.no_return,
+        "no_return_codes": tuple(args.no_return_code) if args.no_return_code else None,
+        "odometry_scale": args.odometry_scale,
+        "clock_offset": args.clock_offset,
+        "gap_s": args.gap,
+        "max_odometry_gap_s": args.max_odometry_gap,
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, printing: bool = True) -> None:
+    """Add the options about parameters, in a group of their own.
+
+    Parameters
+    ----------
+    parser
+        Parser of the program.
+    example
+        A setting that makes sense there.
+    printing
+        Whether the program may print them instead of doing its work.
+    """
+    group = parser.add_argument_group("parameters")
+    group.add_argument(
+        "--preset",
+        help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist, particles or odometry; or paper: "
+        "viny, and merging exactly as in the paper",
+    )
+    group.add_argument(
+        "--config",
+        type=path_argument,
+        metavar="TOML",
+        help="parameters that differ; also a folder with the config.toml of an earlier result",
+    )
+    group.add_argument(
+        "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
+    )
+    if printing:
+        group.add_argument(
+            "--print-config",
+            action="store_true",
+            help="print the parameters with meaning, unit and value as TOML, and do nothing else",
+        )
+
+
+LIVE = "live"
+
+
+def add_viewer_option(grammar: argparse.ArgumentParser) -> None:
+    """Add `--viewer`; its value is None, `LIVE`, or the name of a .rrd file."""
+    grammar.add_argument(
+        "--viewer",
+        nargs="?",
+        const=LIVE,
+        type=_place,
+        metavar="FILE.rrd",
+        help="watch scans, map, drive and loops in Rerun, live or into a file to be opened later with `rerun FILE.rrd` "
+        "(needs the extra tbmslam[viewer]); give it after the recordings",
+    )
+
+
+def _place(text: str) -> str:
+    if text != LIVE and not text.endswith(".rrd"):
+        raise argparse.ArgumentTypeError(f"must end with .rrd, or be the last word for live viewing, got {text!r}")
+    return text
