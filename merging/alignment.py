@@ -1,7 +1,8 @@
-"""How one map lies in another's frame, or why nobody knows."""
+"""The pose of one map in the frame of another, or the reason why it is unknown."""
 
 import math
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 from merging.verification.covariance import Covariance, deviations, seen_from
 from merging.verification.evidence import Evidence
@@ -11,29 +12,42 @@ Pair = tuple[str, str]
 """The names of a target and a source map."""
 
 
+_SURE = 0.999
+"""No hypothesis is believed more than this, and none less than the rest to 1."""
+
+
 @dataclass(frozen=True)
-class Alternative:
-    """Another place where the source might lie.
+class PoseHypothesis:
+    """A pose that the source map may have in the target's frame.
 
     Parameters
     ----------
     T_target_source
         Pose of the source's frame in the target's frame.
     confidence
-        Probability that this is the truth.
+        Probability that it is right.
     agreed_wall_m
         Length of the walls that agree there [m].
     covariance
-        How exactly they tell the place; None where nobody asked.
+        How exact the pose is if it is right; None if it is not known.
+    accepted
+        Whether it is the pose of an accepted alignment.
     """
 
     T_target_source: SE2
     confidence: float
     agreed_wall_m: float
     covariance: Covariance | None = None
+    accepted: bool = False
 
-    def reversed(self) -> "Alternative":
-        """Return where the target might lie in the source's frame."""
+    @cached_property
+    def log_odds(self) -> float:
+        """Log odds that it is right."""
+        p = min(max(self.confidence, 1.0 - _SURE), _SURE)
+        return math.log(p / (1.0 - p))
+
+    def reversed(self) -> "PoseHypothesis":
+        """Return the pose of the target in the source's frame."""
         covariance = _reversed(self.covariance, self.T_target_source)
         return replace(self, T_target_source=self.T_target_source.inverse(), covariance=covariance)
 
@@ -42,46 +56,48 @@ class Alternative:
 class Alignment:
     """The answer to "where does the source map lie in the target's frame?".
 
-    A refusal is an answer too: `accepted` is False, `reason` says why, and the transform, if there is one, is what was
-    refused. It is never the identity by default.
+    A refused pair has an answer too: `accepted` is False, `reason` says why, and the transform, if there is one, is the
+    pose that was refused. It is never the identity by default.
 
     Parameters
     ----------
     method
         What found it.
     accepted
-        Whether it may be used.
+        Whether the transform may be used.
     reason
-        Why, or why not, in one sentence with the numbers.
+        Why it was accepted or refused, in one sentence with the numbers.
     T_target_source
         Pose of the source's frame in the target's frame.
     matches, inliers
-        Of `features`, keypoints that look alike, and how many of them the transform brings together; of `correlation`,
-        cells of wall in the overlap, and how many of them agree.
+        Of `features`, matched keypoints, and how many of them the transform brings together; of `correlation`, cells of
+        wall in the overlap, and how many of them agree.
     rmse_m
         Root mean square distance of the inliers [m].
     scale
-        The factor that would fit the inliers best, where the method estimates it; two maps in metres have 1.
+        The factor that fits the inliers best, if the method estimates it; two maps in metres have 1.
     overlap_m2
-        Area both maps know [m^2].
+        Area that both maps know [m^2].
     agreement, conflict
-        Shares of the walls in the overlap that agree, and that stand on the other map's free space.
+        Shares of the walls in the overlap that agree, and that lie in the other map's free space.
     agreed_wall_m, weakest_wall_m
-        Length of the agreeing walls, and what of it resists the easiest slide [m].
+        Length of the agreeing walls, and how much of it resists the easiest slide [m].
     confidence
-        Probability that the transform is right: of alignments given 0.9, nine in ten are.
+        Probability that the transform is right: of ten alignments with 0.9, nine are right.
     covariance
-        How exact it is if it is right; see `merging.verification.covariance`. None where the method does not tell.
+        Covariance of the transform if it is right; see `merging.verification.covariance`. None if the method does not
+        estimate it.
     bent_m
-        How far one of the maps was bent to fit, root mean square [m]; 0 where they were laid as they are.
+        How far one of the maps was deformed, root mean square [m]; 0 for a rigid alignment.
     lead
-        Of `correlation`, the score of the best place over that of the next one, on coarse cells; 0 where there is none.
+        Of `correlation`, the score of the best pose divided by that of the next one, on coarse cells; 0 if there is
+        none.
     ambiguous
-        Whether it was refused because the maps fit well in several places.
+        Whether it was refused because the maps fit well at several poses.
     alternatives
-        Other places worth naming, the likeliest first.
+        Other likely poses, the most likely first.
     evidence
-        All that the maps say for and against it; None where there is no transform.
+        The evidence for and against it; None if there is no transform.
     """
 
     method: str
@@ -102,11 +118,11 @@ class Alignment:
     bent_m: float = 0.0
     lead: float = 0.0
     ambiguous: bool = False
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: tuple[PoseHypothesis, ...] = ()
     evidence: Evidence | None = None
 
     def __repr__(self) -> str:
-        """Return the answer in a line: the pose of the source in the target's frame, and why it is believed or not."""
+        """Return one line: the pose of the source in the target's frame, and the reason."""
         verdict = "accepted" if self.accepted else "refused"
         if self.T_target_source is None:
             return f"Alignment({verdict}: {self.reason})"
@@ -114,7 +130,7 @@ class Alignment:
         return f"Alignment({verdict}, x {x} m, y {y} m, turned {degrees} degrees: {self.reason})"
 
     def at(self, T_target_source: SE2, evidence: Evidence, confidence: float, covariance: Covariance) -> "Alignment":
-        """Return the answer with a place, what the maps say for and against it, its probability and exactness."""
+        """Return the alignment with a pose, its evidence, probability and covariance."""
         return replace(
             self,
             T_target_source=T_target_source,
@@ -129,15 +145,26 @@ class Alignment:
         )
 
     def reversed(self) -> "Alignment":
-        """Return where the target lies in the source's frame."""
+        """Return the pose of the target in the source's frame."""
         if self.T_target_source is None:
             return self
         covariance = _reversed(self.covariance, self.T_target_source)
-        others = tuple(one.reversed() for one in self.alternatives)
-        return replace(self, T_target_source=self.T_target_source.inverse(), covariance=covariance, alternatives=others)
+        alternatives = tuple(hypothesis.reversed() for hypothesis in self.alternatives)
+        return replace(
+            self, T_target_source=self.T_target_source.inverse(), covariance=covariance, alternatives=alternatives
+        )
+
+    def hypotheses(self) -> tuple[PoseHypothesis, ...]:
+        """Return the pose of the alignment and its alternatives; none if there is no pose."""
+        if self.T_target_source is None:
+            return ()
+        best = PoseHypothesis(
+            self.T_target_source, self.confidence, self.agreed_wall_m, self.covariance, accepted=self.accepted
+        )
+        return (best, *self.alternatives)
 
     def matched_by_walls(self, evidence: Evidence, resolution: float) -> "Alignment":
-        """Return the answer of a method whose matches are the walls themselves, in cells of a size [m]."""
+        """Return the alignment of a method whose matches are cells of wall, with the size of a cell [m]."""
         return replace(
             self,
             matches=round(evidence.compared_wall_m / resolution),
@@ -146,13 +173,14 @@ class Alignment:
         )
 
     def as_json(self) -> dict[str, object]:
-        """Return the fields as JSON can hold them; the transform as [x m, y m, theta rad] or None."""
+        """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
         values = asdict(self)
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
-        # The scale of inliers that all lie on one spot is not a number.
+        # The scale is not a number if all inliers lie at one point.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None
         for alternative in values["alternatives"]:
             alternative["T_target_source"] = list(alternative["T_target_source"])
+            del alternative["accepted"]  # no alternative is
         return values
 
 
@@ -166,7 +194,7 @@ def format_confidence(confidence: float) -> str:
 
 
 def format_pose(pose: SE2 | None) -> tuple[str, str, str]:
-    """Return x [m], y [m] and theta [deg]; dashes where there is no pose."""
+    """Return x [m], y [m] and theta [deg]; dashes if there is no pose."""
     if pose is None:
         return "–", "–", "–"
     x, y, degrees = round(pose.x, 3), round(pose.y, 3), round(math.degrees(wrap_angle(pose.theta)), 2)
@@ -174,13 +202,13 @@ def format_pose(pose: SE2 | None) -> tuple[str, str, str]:
 
 
 def format_covariance(covariance: Covariance) -> str:
-    """Return the standard deviations of a place and of its turn."""
+    """Return the standard deviations of a position and of its rotation."""
     place_m, turn = deviations(covariance)
     return f"{place_m:.2f} m, {math.degrees(turn):.1f}°"
 
 
 def format_evidence(evidence: Evidence) -> str:
-    """Return in a line what two maps say for and against a place."""
+    """Return the evidence for and against a pose in one line."""
     return (
         f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "
         f"{evidence.weakest_wall_m:.1f} m of them against sliding, "

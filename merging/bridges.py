@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
-from merging.map_graph.hypothesis import is_same_place
+from merging.map_graph.hypothesis import is_same_pose
 from merging.merge_state import MergeState
 from merging.merged_group import group_maps_of
 from merging.pairwise import align_all
@@ -136,12 +136,12 @@ def _refuted(found: Alignment, pair: Pair, bridge: Bridge, likely: float, config
     motion = poses[pair[0]].inverse() @ poses[pair[1]]
     others = tuple(
         replace(one, confidence=min(one.confidence, likely))
-        if is_same_place(motion, one.T_target_source, config.graph, one.covariance)
+        if is_same_pose(motion, one.T_target_source, config.graph, one.covariance)
         else one
         for one in found.alternatives
     )
     where = found.T_target_source
-    if where is not None and is_same_place(motion, where, config.graph, found.covariance):
+    if where is not None and is_same_pose(motion, where, config.graph, found.covariance):
         found = replace(found, accepted=False, confidence=min(found.confidence, likely))
     return found if others == found.alternatives else replace(found, alternatives=others)
 
@@ -193,12 +193,10 @@ def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeCon
         return 1.0
     grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}
     found = align_all(grids, config, executor, [join.pair])[join.pair]
-    if found.T_target_source is None:
-        return 0.0
     told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
-    offered = [
-        (found.T_target_source, found.confidence, found.covariance),
-        *((one.T_target_source, one.confidence, one.covariance) for one in found.alternatives),
-    ]
-    likely = (confidence for place, confidence, known in offered if is_same_place(told, place, config.graph, known))
+    likely = (
+        hypothesis.confidence
+        for hypothesis in found.hypotheses()
+        if is_same_pose(told, hypothesis.T_target_source, config.graph, hypothesis.covariance)
+    )
     return max(likely, default=0.0)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment, Alternative, format_confidence, format_evidence
+from merging.alignment import Alignment, PoseHypothesis, format_confidence, format_evidence
 from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
@@ -153,7 +153,7 @@ def _judged(
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
     confidence, (motion, evidence) = ranked[0]
     others = [
-        Alternative(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.covariance))
+        PoseHypothesis(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.covariance))
         for p, (other, e) in ranked[1 : 1 + _ALTERNATIVES]
         if p >= min(_WORTH_NAMING, limits.ambiguous_share * confidence)
     ]
@@ -181,7 +181,9 @@ def _mirrored(confidence: float) -> str:
     )
 
 
-def _is_ambiguous(confidence: float, evidence: Evidence, others: list[Alternative], config: VerificationConfig) -> bool:
+def _is_ambiguous(
+    confidence: float, evidence: Evidence, others: list[PoseHypothesis], config: VerificationConfig
+) -> bool:
     """Tell whether the maps fit well, and elsewhere nearly as well."""
     fits = (
         evidence.agreed_wall_m >= config.min_ambiguous_wall_m and evidence.agreement >= config.min_ambiguous_agreement
@@ -190,7 +192,7 @@ def _is_ambiguous(confidence: float, evidence: Evidence, others: list[Alternativ
 
 
 def _reason(
-    found: Alignment, confidence: float, evidence: Evidence, rivals: list[Alternative], config: VerificationConfig
+    found: Alignment, confidence: float, evidence: Evidence, rivals: list[PoseHypothesis], config: VerificationConfig
 ) -> str:
     """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
     before = f"{found.reason}; " if found.method == "features" else ""

@@ -23,7 +23,7 @@ class GraphConfig(FrozenConfig):
         With less agreeing wall than this a place that was refused confirms nothing [m].
     coincidence
         Chance that the wrong place of one pair is that of others too, whose maps show the same: what a confirmation is
-        worth, see `merging.map_graph.hypothesis.worth_of`. Of 10,000 threes of maps, two of them of one place, the
+        worth, see `merging.map_graph.hypothesis.support_of`. Of 10,000 threes of maps, two of them of one place, the
         third laid onto one of these wrongly, it lay alike on the other in 30 %, and in 47 % where its
         confidence was above 0.1.
     min_support

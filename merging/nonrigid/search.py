@@ -17,7 +17,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair, format_confidence
 from merging.config import MergeConfig
 from merging.fusion.warping import at_resolution
-from merging.map_graph.hypothesis import is_same_place
+from merging.map_graph.hypothesis import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
@@ -184,7 +184,7 @@ def _limit(config: MergeConfig) -> float:
 
 def _is_aligned(found: Alignment, there: SE2, config: MergeConfig) -> bool:
     where = found.T_target_source
-    return found.accepted and where is not None and is_same_place(there, where, config.graph, found.covariance)
+    return found.accepted and where is not None and is_same_pose(there, where, config.graph, found.covariance)
 
 
 def _other_scale(bend: Deformation) -> float | None:

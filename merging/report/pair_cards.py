@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.alignment import Alignment, Alternative, Pair, format_confidence, format_covariance, format_pose
+from merging.alignment import Alignment, Pair, PoseHypothesis, format_confidence, format_covariance, format_pose
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
 from merging.merger import Merge
@@ -214,7 +214,7 @@ def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig
     ]
 
 
-def _caption(number: int, other: Alternative) -> str:
+def _caption(number: int, other: PoseHypothesis) -> str:
     x, y, degrees = format_pose(other.T_target_source)
     where = f"Alternative {number}, at {x} m, {y} m, {degrees}°"
     return f"{where}: confidence {format_confidence(other.confidence)}, {other.agreed_wall_m:.1f} m of wall agree."

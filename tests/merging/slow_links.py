@@ -1,68 +1,80 @@
-"""The slow plain twin of `merging.map_graph.links`: one place and one way after another."""
+"""The slow plain twin of `merging.map_graph.links`: one pose and one path after another."""
 
 import itertools
 import math
 
-from merging.map_graph.hypothesis import is_same_place
+from merging.map_graph.hypothesis import is_same_pose
 
 
-def slow_links_of(groups, offers, config):
-    between = _by_groups(groups, offers)
+def slow_links_of(groups, edges, config):
+    between = _by_groups(groups, edges)
     pairs = itertools.combinations(range(len(groups)), 2)
-    return [joint for pair in pairs if (joint := _best_link(groups, *pair, between, config)) is not None]
+    return [link for pair in pairs if (link := _best_link(groups, *pair, between, config)) is not None]
 
 
-def _by_groups(groups, offers):
-    """Sort offers by the groups that they join, either way round."""
+def _by_groups(groups, edges):
+    """Sort edges by the groups that they join, in both directions."""
     where = {name: index for index, group in enumerate(groups) for name in group}
     between = {}
-    for offer in offers:
-        ends = tuple(where.get(name) for name in offer.pair)
+    for edge in edges:
+        ends = tuple(where.get(name) for name in edge.pair)
         for first, second in (ends, ends[::-1]):
             if first is not None and second is not None and first != second:
-                motion = _between(groups[first], groups[second], offer)
-                between.setdefault((first, second), []).append((offer, motion))
+                motion = _between(groups[first], groups[second], edge)
+                between.setdefault((first, second), []).append((edge, motion))
     return between
 
 
 def _best_link(groups, first, second, between, config):
-    """Return the place of the second group in the first's frame for which most speaks; None if too little does."""
+    """Return the link with the largest support between two groups; None if no support suffices."""
     direct = between.get((first, second), ())
     if not direct:
         return None
     others = [index for index in range(len(groups)) if index not in {first, second}]
-    ways = [way for other in others for way in _ways_over(first, other, second, between)]
-    joints = [(_support(motion, direct, ways, config), offer.wall_m, first, second, motion) for offer, motion in direct]
-    good = [joint for joint in joints if joint[0] >= config.min_support]
-    return max(good, key=lambda joint: joint[:2]) if good else None
+    paths = [path for other in others for path in _paths_over(first, other, second, between)]
+    links = [
+        (_support(motion, direct, paths, config), edge.hypothesis.agreed_wall_m, first, second, motion)
+        for edge, motion in direct
+    ]
+    good = [link for link in links if link[0] >= config.min_support]
+    return max(good, key=lambda link: link[:2]) if good else None
 
 
-def _support(place, direct, ways, config):
+def _support(pose, direct, paths, config):
     leading = sorted(
-        (offer for offer, there in direct if is_same_place(place, there, config)), key=lambda one: -one.odds
+        (edge for edge, there in direct if is_same_pose(pose, there, config)), key=lambda one: -one.hypothesis.log_odds
     )
-    further = [(offer.probability, offer.accepted) for offer in leading[1:]]
-    further += [(likely, sure) for likely, sure, _, there in ways if is_same_place(place, there, config)]
-    against = [offer.odds for offer, there in direct if offer.accepted and not is_same_place(place, there, config)]
-    against += [odds for _, _, odds, there in ways if odds > 0.0 and not is_same_place(place, there, config)]
+    further = [(edge.probability, edge.hypothesis.accepted) for edge in leading[1:]]
+    further += [(likely, sure) for likely, sure, _, there in paths if is_same_pose(pose, there, config)]
+    against = [
+        edge.hypothesis.log_odds
+        for edge, there in direct
+        if edge.hypothesis.accepted and not is_same_pose(pose, there, config)
+    ]
+    against += [odds for _, _, odds, there in paths if odds > 0.0 and not is_same_pose(pose, there, config)]
     worth = [(math.log(1.0 - likely + likely / config.coincidence), sure) for likely, sure in further]
     refused = min(sum(one for one, sure in worth if not sure), math.log(1.0 / config.coincidence))
-    return leading[0].odds + sum(one for one, sure in worth if sure) + refused - sum(against)
+    return leading[0].hypothesis.log_odds + sum(one for one, sure in worth if sure) + refused - sum(against)
 
 
-def _between(first, second, offer):
-    """Return where an offer that joins two groups puts the second in the first's frame."""
-    target, source = offer.pair
+def _between(first, second, edge):
+    """Return the pose of the second group in the frame of the first, by an edge between two of their maps."""
+    target, source = edge.pair
     if target in first:
-        return first[target] @ offer.motion @ second[source].inverse()
-    return first[source] @ offer.motion.inverse() @ second[target].inverse()
+        return first[target] @ edge.motion @ second[source].inverse()
+    return first[source] @ edge.motion.inverse() @ second[target].inverse()
 
 
-def _ways_over(first, middle, second, between):
-    """Return of every way over a third group how likely it is right, whether it was accepted, its odds, its place."""
+def _paths_over(first, middle, second, between):
+    """Return probability, acceptance, log odds and pose of every path over a third group."""
     there, onward = between.get((first, middle), ()), between.get((middle, second), ())
-    # A way is right where both of its halves are.
+    # A path is right if both of its edges are.
     return [
-        (a.probability * b.probability, a.accepted and b.accepted, min(a.odds, b.odds) - math.log(2.0), p @ q)
+        (
+            a.probability * b.probability,
+            a.hypothesis.accepted and b.hypothesis.accepted,
+            min(a.hypothesis.log_odds, b.hypothesis.log_odds) - math.log(2.0),
+            p @ q,
+        )
         for (a, p), (b, q) in itertools.product(there, onward)
     ]

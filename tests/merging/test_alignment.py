@@ -3,14 +3,19 @@ import math
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.verification.covariance import deviations, seen_from
 from tbmslam.geometry.se2 import SE2
 
 COVARIANCE = ((0.04, 0.01, -0.002), (0.01, 0.09, 0.003), (-0.002, 0.003, 0.0004))
 PLACE, ELSEWHERE = SE2(3.0, -2.0, 1.0), SE2(-7.0, 1.0, 2.5)
 FOUND = Alignment(
-    "correlation", True, "", PLACE, covariance=COVARIANCE, alternatives=(Alternative(ELSEWHERE, 0.1, 5.0, COVARIANCE),)
+    "correlation",
+    True,
+    "",
+    PLACE,
+    covariance=COVARIANCE,
+    alternatives=(PoseHypothesis(ELSEWHERE, 0.1, 5.0, COVARIANCE),),
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge, merged_group
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.bridges import bridges_of, refute_bridge, without_refuted_bridges
 from merging.fusion.warping import warp
 from merging.map_graph.grouping import groups_of
@@ -171,7 +171,7 @@ def test_a_refuted_bridge_of_a_group_that_stays_is_not_checked_again(strangers):
 def test_refuted_alternatives_are_unlikely_too(strangers):
     elsewhere = SE2(30.0, 0.0, 0.0)
     (_, second), *_ = AGREEING[1].items()
-    alternative = Alternative(second.T_target_source, 0.8, 10.0)
+    alternative = PoseHypothesis(second.T_target_source, 0.8, 10.0)
     other = {("a", "d"): replace(second, T_target_source=elsewhere, confidence=0.1, alternatives=(alternative,))}
     found, _ = refuted(strangers, SURE | AGREEING[0] | AGREEING[2] | AGREEING[3] | other)
     assert (found["a", "d"].confidence, found["a", "d"].T_target_source) == (0.1, elsewhere)

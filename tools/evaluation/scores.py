@@ -151,11 +151,10 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
     if found.T_target_source is None:
         raise EvaluationError(f"{args.map} cannot be laid onto {args.truth}: {found.reason}: pass --transform X Y DEG")
-    places = [(found.T_target_source, found.confidence)]
-    places += [(other.T_target_source, other.confidence) for other in found.alternatives]
     middle = grid.geometry.centre_of(grid.geometry.rows / 2.0, grid.geometry.cols / 2.0)
     near, far = list[tuple[SE2, float]](), 0.0
-    for place, probability in places:
+    for hypothesis in found.hypotheses():
+        place, probability = hypothesis.T_target_source, hypothesis.confidence
         apart = math.dist(place.apply(middle), guess.apply(middle))
         if apart <= args.align and abs(wrap_angle(place.theta - guess.theta)) <= _MOST_TURN:
             near.append((place, probability))

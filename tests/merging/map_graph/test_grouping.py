@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
-from merging.map_graph.hypothesis import hypotheses_of
+from merging.map_graph.hypothesis import edges_of
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
@@ -17,7 +17,7 @@ POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -
 
 def found(target, source, confidence=0.95, accepted=True, T=None, others=()):
     motion = T or POSES[target].inverse() @ POSES[source]
-    alternatives = tuple(Alternative(other, confidence, 5.0) for other in others)
+    alternatives = tuple(PoseHypothesis(other, confidence, 5.0) for other in others)
     one = Alignment(
         "correlation", accepted, "", motion, agreed_wall_m=10.0, confidence=confidence, alternatives=alternatives
     )
@@ -48,14 +48,14 @@ def test_refused_alignments_connect_nothing():
 
 def test_of_forty_maps_the_one_false_alignment_is_outvoted_at_once():
     places = {number: SE2(float(number), 0.5 * number, 0.1 * number) for number in range(40)}
-    config, offers = GraphConfig(), []
+    config, edges = GraphConfig(), []
     for target, source in itertools.combinations(places, 2):  # 78 million threes of alignments, minutes to look at all
         motion = SE2(30.0, 0.0, 0.0) if (target, source) == (7, 21) else places[target].inverse() @ places[source]
         (pair, one), *_ = found(str(target), str(source), T=motion).items()
-        offers += hypotheses_of(pair, one, config)
-    kept = _without_outvoted(offers, config)
-    assert [offer for offer in offers if offer not in kept] == [one for one in offers if one.pair == ("7", "21")]
-    assert len(kept) == len(offers) - 1
+        edges += edges_of(pair, one, config)
+    kept = _without_outvoted(edges, config)
+    assert [edge for edge in edges if edge not in kept] == [one for one in edges if one.pair == ("7", "21")]
+    assert len(kept) == len(edges) - 1
 
 
 def test_a_known_group_comes_first_and_stands_whatever_speaks_against_it():

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
-from merging.map_graph.hypothesis import CentroidFrames, PoseHypothesis, hypotheses_of, is_same_place
+from merging.map_graph.hypothesis import CentroidFrames, Edge, edges_of, is_same_pose
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
@@ -14,17 +14,17 @@ KNOWN_FAR = seen_from((np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist(), 
 
 def test_places_are_compared_where_they_are_known():
     turned = FAR @ SE2(0.0, 0.0, 0.01) @ FAR.inverse()
-    assert is_same_place(SE2.identity(), turned, GRAPH, KNOWN_FAR)
-    assert not is_same_place(SE2.identity(), turned, GRAPH)
+    assert is_same_pose(SE2.identity(), turned, GRAPH, KNOWN_FAR)
+    assert not is_same_pose(SE2.identity(), turned, GRAPH)
     about_the_origin = SE2(0.0, 0.0, 0.01)
-    assert is_same_place(SE2.identity(), about_the_origin, GRAPH)
-    assert not is_same_place(SE2.identity(), about_the_origin, GRAPH, KNOWN_FAR)
+    assert is_same_pose(SE2.identity(), about_the_origin, GRAPH)
+    assert not is_same_pose(SE2.identity(), about_the_origin, GRAPH, KNOWN_FAR)
 
 
 def test_another_place_or_another_turn_is_not_the_same():
-    assert not is_same_place(SE2.identity(), SE2(GRAPH.same_m + 0.01, 0.0, 0.0), GRAPH)
-    assert not is_same_place(SE2.identity(), SE2(0.0, 0.0, GRAPH.same_rad + 0.01), GRAPH)
-    assert is_same_place(SE2(0.0, 0.0, 3.14), SE2(0.0, 0.0, -3.14), GRAPH)
+    assert not is_same_pose(SE2.identity(), SE2(GRAPH.same_m + 0.01, 0.0, 0.0), GRAPH)
+    assert not is_same_pose(SE2.identity(), SE2(0.0, 0.0, GRAPH.same_rad + 0.01), GRAPH)
+    assert is_same_pose(SE2(0.0, 0.0, 3.14), SE2(0.0, 0.0, -3.14), GRAPH)
 
 
 SPREAD = (np.array([0.02, 0.02, 0.01]) ** 2 * np.eye(3)).tolist()
@@ -32,37 +32,37 @@ ABOUT = SE2(200.0, -70.0, 0.0)
 MOTION = SE2(5.0, 3.0, 1.0)
 
 
-def offer(covariance, pair=("a", "b")):
-    return PoseHypothesis(pair, MOTION, 1.0, 10.0, True, covariance)
+def edge(covariance, pair=("a", "b")):
+    return Edge(pair, PoseHypothesis(MOTION, 0.7, 10.0, covariance, accepted=True))
 
 
-def test_the_middles_are_where_alignments_know_best():
-    one = offer(seen_from(SPREAD, ABOUT))
+def test_the_centroids_are_where_alignments_know_best():
+    one = edge(seen_from(SPREAD, ABOUT))
     centroids = CentroidFrames([one])
     assert centroids.of("b") == pytest.approx(ABOUT)
     assert centroids.of("a")[:2] == pytest.approx(MOTION.apply(ABOUT[:2]))
     between = centroids.between(one)
     assert between.motion == pytest.approx(SE2(0.0, 0.0, MOTION.theta), abs=1e-9)
-    np.testing.assert_allclose(between.covariance, SPREAD, atol=1e-9)
+    np.testing.assert_allclose(between.hypothesis.covariance, SPREAD, atol=1e-9)
 
 
-def test_several_alignments_make_one_middle():
+def test_several_alignments_make_one_centroid():
     other = SE2(100.0, 30.0, 0.0)
-    centroids = CentroidFrames([offer(seen_from(SPREAD, ABOUT)), offer(seen_from(SPREAD, other), ("c", "b"))])
+    centroids = CentroidFrames([edge(seen_from(SPREAD, ABOUT)), edge(seen_from(SPREAD, other), ("c", "b"))])
     assert centroids.of("b") == pytest.approx(SE2(150.0, -20.0, 0.0))
 
 
 def test_a_map_of_which_nobody_tells_keeps_its_frame():
-    one = offer(None)
+    one = edge(None)
     assert CentroidFrames([one]).of("a") == SE2.identity()
     assert CentroidFrames([one]).between(one) == one
 
 
 def test_groups_go_there_and_back():
-    centroids = CentroidFrames([offer(seen_from(SPREAD, ABOUT))])
+    centroids = CentroidFrames([edge(seen_from(SPREAD, ABOUT))])
     poses = {"a": SE2(1.0, 2.0, 0.5), "b": SE2(-4.0, 0.0, 2.0), "d": SE2(7.0, 7.0, 0.0)}
-    first, inside = centroids.group(poses)
-    assert first == pytest.approx(poses["a"] @ centroids.of("a"))
+    inside = centroids.group(poses)
+    assert inside["b"] == pytest.approx((poses["a"] @ centroids.of("a")).inverse() @ poses["b"] @ centroids.of("b"))
     assert inside["a"] == pytest.approx(SE2.identity(), abs=1e-9)
     back = centroids.maps(inside)
     for name, pose in poses.items():
@@ -70,10 +70,10 @@ def test_groups_go_there_and_back():
 
 
 def test_alternatives_of_an_accepted_place_are_not_accepted():
-    others = tuple(Alternative(SE2(float(k), 0.0, 0.0), 0.3, 30.0) for k in (1, 2))
+    others = tuple(PoseHypothesis(SE2(float(k), 0.0, 0.0), 0.3, 30.0) for k in (1, 2))
     found = Alignment("correlation", True, "", MOTION, agreed_wall_m=40.0, confidence=0.99, alternatives=others)
-    offers = hypotheses_of(("a", "b"), found, GRAPH)
-    assert [one.accepted for one in offers] == [True, False, False]
-    assert [one.motion for one in offers] == [MOTION, *(one.T_target_source for one in others)]
-    assert offers[0].probability == pytest.approx(0.99)
-    assert offers[1].probability == pytest.approx(0.3)
+    edges = edges_of(("a", "b"), found, GRAPH)
+    assert [found.hypothesis.accepted for found in edges] == [True, False, False]
+    assert [found.motion for found in edges] == [MOTION, *(one.T_target_source for one in others)]
+    assert edges[0].probability == pytest.approx(0.99)
+    assert edges[1].probability == pytest.approx(0.3)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
-from merging.map_graph.hypothesis import hypotheses_of
+from merging.map_graph.hypothesis import edges_of
 from merging.map_graph.links import GroupLinks, _are_same
 from tbmslam.geometry.se2 import SE2
 from tests.merging.slow_links import slow_links_of
@@ -33,7 +33,7 @@ def crowd(count, rng, wrong=0.0, others=1):
             motion,
             agreed_wall_m=float(rng.uniform(5.0, 50.0)),
             confidence=float(rng.uniform(0.8, 1.0) if accepted else rng.uniform(0.0, 0.8)),
-            alternatives=tuple(Alternative(anywhere(rng), float(rng.uniform(0.0, 0.6)), 5.0) for _ in range(others)),
+            alternatives=tuple(PoseHypothesis(anywhere(rng), float(rng.uniform(0.0, 0.6)), 5.0) for _ in range(others)),
         )
     return places, alignments
 
@@ -47,15 +47,15 @@ def anywhere(rng):
 def test_links_are_those_of_the_slow_twin_after_every_join(seed, count, wrong):
     rng = np.random.default_rng(seed)
     places, alignments = crowd(count, rng, wrong)
-    offers = [offer for pair, found in alignments.items() for offer in hypotheses_of(pair, found, CONFIG)]
+    edges = [edge for pair, found in alignments.items() for edge in edges_of(pair, found, CONFIG)]
     groups = [{} for _ in range(int(rng.integers(1, count + 1)))]
     for name, place in places.items():
         groups[int(rng.integers(len(groups)))][name] = place
-    links = GroupLinks(groups, offers, CONFIG)
-    assert_same(links.all(), slow_links_of(groups, offers, CONFIG))
+    links = GroupLinks(groups, edges, CONFIG)
+    assert_same(links.all(), slow_links_of(groups, edges, CONFIG))
     while found := links.all():
         links.join(found[int(rng.integers(len(found)))])
-        assert_same(links.all(), slow_links_of(groups, offers, CONFIG))
+        assert_same(links.all(), slow_links_of(groups, edges, CONFIG))
     assert sum(len(group) for group in groups) == count
 
 

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from merging import MergeConfig, merge
-from merging.alignment import Alignment, Alternative
+from merging.alignment import Alignment, PoseHypothesis
 from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
 from merging.fusion.warping import warp
@@ -42,7 +42,7 @@ def test_accepted_and_refused_pairs_are_told_and_pictured_alike(maps):
 
 
 def test_alternatives_of_an_ambiguous_pair_are_pictured(maps):
-    other = Alternative(SE2(1.0, 0.0, 0.0), 0.4, 12.0)
+    other = PoseHypothesis(SE2(1.0, 0.0, 0.0), 0.4, 12.0)
     found = Alignment(
         "correlation", accepted=False, reason="r", T_target_source=SE2.identity(), ambiguous=True, alternatives=(other,)
     )
