@@ -188,7 +188,7 @@ def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeCon
     Groups too large to be one map cannot speak against it: then it is 1.
     """
     target, source = join.pair
-    wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.watch)
+    wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.progress)
     if len(wholes) < 2:
         return 1.0
     grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}

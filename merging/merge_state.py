@@ -37,7 +37,7 @@ class MergeState:
     maps: Mapping[str, TbmMap]
     alignments: Mapping[Pair, Alignment]
     groups: Sequence[Group]
-    judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
+    evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
     @classmethod
@@ -63,12 +63,12 @@ class MergeState:
         return [pair for pair in self.alignments if not self.are_joined(pair)]
 
     def with_alignments(
-        self, found: Mapping[Pair, Alignment], judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
+        self, found: Mapping[Pair, Alignment], evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
     ) -> "MergeState":
         """Return the same with better answers for some pairs, and the grids they were judged by."""
         alignments = {**self.alignments, **found}
-        judged_by = {**self.judged_by, **(judged_by or {})}
-        return replace(self, alignments=alignments, groups=self.grouping(alignments), judged_by=judged_by)
+        evidence_grids = {**self.evidence_grids, **(evidence_grids or {})}
+        return replace(self, alignments=alignments, groups=self.grouping(alignments), evidence_grids=evidence_grids)
 
     def with_straightened(self, name: str, straightened: TbmMap) -> "MergeState":
         """Return the same with one of the maps straightened."""
@@ -79,4 +79,4 @@ class MergeState:
     def with_own_grids(self, pair: Pair) -> "MergeState":
         """Return the same with a pair judged by its grids as they are now."""
         grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
-        return replace(self, judged_by={**self.judged_by, pair: grids})
+        return replace(self, evidence_grids={**self.evidence_grids, pair: grids})

@@ -17,7 +17,7 @@ from tbmslam.belief.grid_resampling import resample
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -44,14 +44,14 @@ class MergedGroup:
     joint: JointRefinement | None
 
 
-def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, watch: Watch) -> MergedGroup:
+def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
     """Make one map of a group's maps."""
-    with watch.during("straightening"):
-        joint = refine_jointly(maps, group.poses, config.joint, watch) if config.joint.enabled else None
+    with progress.during("straightening"):
+        joint = refine_jointly(maps, group.poses, config.joint, progress) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
-    with watch.during("fusing"):
+    with progress.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
         if joint is not None and _may_be_drawn(joint, config):
             fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
@@ -127,7 +127,9 @@ class GroupMap:
     poses: Mapping[str, SE2]
 
     @classmethod
-    def of(cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, watch: Watch) -> "GroupMap":
+    def of(
+        cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
+    ) -> "GroupMap":
         """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
 
         Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows. Its
@@ -145,18 +147,18 @@ class GroupMap:
         poses = {first: SE2.identity()} | {name: T_first @ poses[name] for name in others}
         cell_m = maps[first].grid.geometry.resolution
         _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
-        merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), watch)
+        merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), progress)
         return cls(merged.merged.grid, merged.poses)
 
 
 def group_maps_of(
-    maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, watch: Watch
+    maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, progress: Progress
 ) -> dict[str, GroupMap]:
     """Return groups, T_any_map of their maps, as wholes by the same names; those too large to be one are left out."""
     wholes = {}
     for group, poses in groups.items():
         try:
-            wholes[group] = GroupMap.of(maps, poses, config, watch)
+            wholes[group] = GroupMap.of(maps, poses, config, progress)
         except (CellSizeError, MemoryError) as error:
             why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
             logger.warning("%s are not looked at as one map: %s", ", ".join(poses), why)

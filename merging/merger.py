@@ -22,7 +22,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class Merge:
     joint: JointRefinement | None = None
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
-    judged_by: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
+    evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -86,7 +86,7 @@ def merge(
     maps: Mapping[str, TbmMap],
     config: MergeConfig | None = None,
     workers: int = 1,
-    watch: Watch | None = None,
+    progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> Merge:
     """Merge maps whose relative poses nobody knows.
@@ -105,7 +105,7 @@ def merge(
         How; the defaults where None.
     workers
         Processes that align pairs; the result does not depend on it.
-    watch
+    progress
         Who is told how long the steps take and how far they are.
     scheduler
         Address of a Dask scheduler whose workers align the pairs; the result does not depend on it either.
@@ -115,27 +115,27 @@ def merge(
     ValueError
         If there are fewer than two maps or no worker, or poses are known of a map that is none of them or the first.
     """
-    config, executor = config or MergeConfig(), Executor(workers, scheduler, watch or Watch())
+    config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
     if len(maps) < 2:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_by_priors(maps, config)
-    grouping = partial(_grouped, list(maps), config, executor.watch, known.poses)
+    grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
     found = MergeState.of(maps, known.alignments, grouping)
     found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
     found = _with_looks(found, register_refused_pairs(found, config, executor))
-    return _merged(found, _joined(found, config, executor.watch))
+    return _merged(found, _joined(found, config, executor.progress))
 
 
 def _grouped(
     names: Sequence[str],
     config: MergeConfig,
-    watch: Watch,
+    progress: Progress,
     known: Mapping[str, SE2],
     alignments: Mapping[Pair, Alignment],
 ) -> list[Group]:
-    with watch.during("grouping"):
+    with progress.during("grouping"):
         return groups_of(names, alignments, config.graph, known)
 
 
@@ -153,14 +153,14 @@ def _with_looks(found: MergeState, looks: Mapping[Pair, NonrigidRegistration]) -
     return found
 
 
-def _joined(found: MergeState, config: MergeConfig, watch: Watch) -> MergedGroup | None:
-    return merge_group(found.maps, found.groups[0], config, watch) if len(found.groups[0]) > 1 else None
+def _joined(found: MergeState, config: MergeConfig, progress: Progress) -> MergedGroup | None:
+    return merge_group(found.maps, found.groups[0], config, progress) if len(found.groups[0]) > 1 else None
 
 
 def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
     if joined is None:
         left_out = {name: _why_alone(name, found.alignments) for name in found.maps}
-        return Merge(None, {}, found.alignments, left_out, None, judged_by=found.judged_by)
+        return Merge(None, {}, found.alignments, left_out, None, evidence_grids=found.evidence_grids)
     group = found.groups[0]
     left_out = {name: _why_left_out(name, group, found.alignments) for name in found.maps if name not in group.poses}
     return Merge(
@@ -172,7 +172,7 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
         joined.joint,
         group.used,
         group.outvoted,
-        found.judged_by,
+        found.evidence_grids,
         {name: one for name, one in found.straightened.items() if name in joined.poses},
     )
 

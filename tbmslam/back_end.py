@@ -14,7 +14,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, poses_of_sensor
 
@@ -59,7 +59,9 @@ class BackEnd:
         if config.loop_closing.enabled and isinstance(config.tracker, SurfelTrackerConfig):
             self._closer = LoopCloser(config.loop_closing, config.tracker.surfels)
 
-    def closed(self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, watch: Watch) -> OptimisedDrive | None:
+    def closed(
+        self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, progress: Progress
+    ) -> OptimisedDrive | None:
         """Return the drive after closing loops; None where loops are not to be closed, or there are none.
 
         Parameters
@@ -68,21 +70,21 @@ class BackEnd:
             Keyframes as they were tracked.
         keyframes
             The same, with the scans to believe.
-        watch
+        progress
             Sees the progress.
         """
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)
         steps = chain(measured)
-        poses, closures = self._closer.close(poses_of_sensor(tracked), self._hits(keyframes), steps, watch)
+        poses, closures = self._closer.close(poses_of_sensor(tracked), self._hits(keyframes), steps, progress)
         return OptimisedDrive(poses, measured, steps, closures)
 
-    def adjusted(self, drive: OptimisedDrive, keyframes: Keyframes, watch: Watch) -> OptimisedDrive:
+    def adjusted(self, drive: OptimisedDrive, keyframes: Keyframes, progress: Progress) -> OptimisedDrive:
         """Return the drive after poses and wall lines were optimised together."""
         if not self._adjustment.enabled:
             return drive
-        with watch.during("adjusting"):
+        with progress.during("adjusting"):
             scans, width = [self._hits(keyframes)], self._closing.robust_width
             poses = adjust(drive.poses, scans, drive.steps, drive.closures, width, self._adjustment)
         return drive._replace(poses=poses)

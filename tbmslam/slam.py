@@ -22,7 +22,7 @@ from tbmslam.map.rendering import render
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.tracked_keyframe import packed
@@ -40,7 +40,7 @@ class Slam:
         Every parameter; see `tbmslam.configuration.slam_config.preset`.
     name
         The robot's name in the map.
-    watch
+    progress
         Sees how long finishing takes and how far it is.
     start_stamp
         Time zero of all messages, such as the start of the whole recording; None for the first reading's stamp [s].
@@ -62,13 +62,13 @@ class Slam:
         self,
         config: SlamConfig | None = None,
         name: str = "robot",
-        watch: Watch | None = None,
+        progress: Progress | None = None,
         start_stamp: float | None = None,
         corrections: Corrections | None = None,
     ) -> None:
         self.config = config or SlamConfig()
         self.name = name
-        self._watch = watch or Watch()
+        self._progress = progress or Progress()
         self._start_stamp, self._corrections = start_stamp, corrections or Corrections()
         self._monitor = DriveMonitor(self.config.blocked_beams, self.config.odometry_check)
         self.incidents = self._monitor.incidents
@@ -125,7 +125,7 @@ class Slam:
         keyframes = replace(keyframes, poses=poses[keyframes.indices].reshape(-1, 3))
         self._review(trajectory, keyframes)
         self._monitor.log(self.name, self.start_stamp)
-        with self._watch.during("rendering"):
+        with self._progress.during("rendering"):
             grid = self._rendered(keyframes)
         counts = len(trajectory), len(keyframes)
         logger.info("%s: %d scans, %d keyframes, %.1f m", self.name, *counts, trajectory.driven())
@@ -136,8 +136,8 @@ class Slam:
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
         """Return the drive after loop closures and adjustment; None where neither is wanted."""
-        drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._watch)
-        return None if drive is None else self._back_end.adjusted(drive, keyframes, self._watch)
+        drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._progress)
+        return None if drive is None else self._back_end.adjusted(drive, keyframes, self._progress)
 
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings; `tracked` has them as they were tracked."""
@@ -154,7 +154,7 @@ class Slam:
         config = self.config
         if not config.laser_fit.enabled:
             return
-        with self._watch.during("checking the laser"):
+        with self._progress.during("checking the laser"):
             errors = fit_laser(keyframes, drive.poses, drive.steps, config.laser_fit, config.adjustment)
         if errors is not None:
             doubts = laser_doubts(errors, keyframes, config.laser_check, self._corrections.range_offset)
@@ -174,7 +174,7 @@ class Slam:
         """Forget keyframes that show nothing new, once there are very many."""
         if self._buffer.is_full():
             keyframes = self._packed(self._tracked_poses())
-            drive = self._back_end.closed(self._buffer.keyframes, keyframes, Watch())
+            drive = self._back_end.closed(self._buffer.keyframes, keyframes, Progress())
             if drive is not None:
                 self._buffer.forget(drive.poses, drive.closures)
 

@@ -179,13 +179,13 @@ def make(args: argparse.Namespace) -> None:
         seed=seed,
     )
     noise = OdometryNoise.preset(args.odometry)
-    watch = ProgressBars()
-    robots = simulate(world, drives, laser_of(args), noise, seed, watch)
+    progress = ProgressBars()
+    robots = simulate(world, drives, laser_of(args), noise, seed, progress)
     for fault in faults:
         _check_moment(fault, robots)
         robots = [inject(robot, fault, world, seed) for robot in robots]
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
-    for robot, bag in watch.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
+    for robot, bag in progress.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
         _write_bag(robot, args.out / bag, args)
     run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
     run["faults"] = [vars(fault) for fault in faults]

@@ -287,19 +287,19 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
         from tools.command_line.progress import ProgressBars
 
     check_extra_files(options)
-    watch = ProgressBars()
+    progress = ProgressBars()
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
     if strangers := [name for name in config.reliability if name not in named]:
         raise ConfigError(f"--reliability: {strangers[0]!r} is none of the maps, which are {', '.join(named)}")
     _check_known_poses(config, list(named))
     _check_files(options.maps, options.out)
     with output_folder(options.out):
-        maps = {name: load_map(path) for name, path in watch.each(named.items(), "loading", len(named), "maps")}
+        maps = {name: load_map(path) for name, path in progress.each(named.items(), "loading", len(named), "maps")}
         for first, second, shared, of in drives_given_twice(maps):
             counts = "one drive counts as two robots that agree, leave one of them out"
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
-        result = merge(maps, config, options.workers, watch, options.scheduler)
-        _save(options, result, maps, config, Making(command, watch.seconds))
+        result = merge(maps, config, options.workers, progress, options.scheduler)
+        _save(options, result, maps, config, Making(command, progress.seconds))
     _tell(result, options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
 

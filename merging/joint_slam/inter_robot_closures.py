@@ -13,7 +13,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tbmslam.tracking.tracked_keyframe import chain
 
@@ -94,7 +94,7 @@ def find_closures(
     poses: FloatArray,
     shift: float,
     config: JointConfig,
-    watch: Watch,
+    progress: Progress,
 ) -> list[MotionEdge]:
     """Lay bundles of every drive onto the nearest submaps of all drives.
 
@@ -110,13 +110,13 @@ def find_closures(
         How far a bundle is searched from there [m]; 0 lays it onto the surfaces from there.
     config
         When it fits.
-    watch
+    progress
         Who is told how far it is.
     """
     found = []
     for moving, track in enumerate(tracks):
         stops = track.stops(config.step)
-        for index in watch.shown(stops, f"straightening {track.map_name}", len(stops), "places"):
+        for index in progress.shown(stops, f"straightening {track.map_name}", len(stops), "places"):
             here = int(starts[moving]) + index
             for fixed, other in enumerate(tracks):
                 offset = int(starts[fixed])

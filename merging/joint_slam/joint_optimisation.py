@@ -25,7 +25,7 @@ from tbmslam.map.trajectory_correction import with_keyframes_at
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class JointRefinement:
 
 
 def refine_jointly(
-    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig, watch: Watch | None = None
+    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig, progress: Progress | None = None
 ) -> JointRefinement | None:
     """Straighten the drives of aligned maps together.
 
@@ -68,7 +68,7 @@ def refine_jointly(
         T_merged_map of those that are merged; the first one's first keyframe stays where it is.
     config
         When a bundle fits a submap, and how stiff a drive is.
-    watch
+    progress
         Who is told how far it is.
 
     Returns
@@ -88,7 +88,7 @@ def refine_jointly(
     owners = [track.map_name for track in tracks for _ in range(len(track.sensors))]
     moved, closures = rigid, list[MotionEdge]()
     for shift in (config.first_shift_m, config.last_shift_m, *[0.0] * config.tightenings):
-        found = find_closures(tracks, starts, moved, shift, config, watch or Watch())
+        found = find_closures(tracks, starts, moved, shift, config, progress or Progress())
         closures = [edge for edge in found if owners[edge.source] != owners[edge.target]]
         if len(closures) < config.min_closures or not _reach_all(owners, closures):
             logger.info("%d closures between robots are too few: the alignment stays rigid", len(closures))

@@ -197,9 +197,9 @@ def _pose_words(found: Alignment) -> str:
 
 def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig) -> Sequence[Picture]:
     found, caption = merge.alignments[pair], CAPTION
-    if pair in merge.judged_by:
+    if pair in merge.evidence_grids:
         views, caption = (
-            PreparedMaps(dict(zip(pair, merge.judged_by[pair], strict=True)), config),
+            PreparedMaps(dict(zip(pair, merge.evidence_grids[pair], strict=True)), config),
             f"{CAPTION} {_AS_JUDGED}",
         )
     target, source = views.of_pair(pair)

@@ -28,7 +28,7 @@ from tbmslam.map.trajectory_correction import spread_corrections
 from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_chain import MotionChain
 from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
 
@@ -109,7 +109,7 @@ class LoopCloser:
         self._surfels = surfels
 
     def close(
-        self, poses: FloatArray, scans: ScanHits, chain: Sequence[MotionEdge], watch: Watch | None = None
+        self, poses: FloatArray, scans: ScanHits, chain: Sequence[MotionEdge], progress: Progress | None = None
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
@@ -121,10 +121,10 @@ class LoopCloser:
             What they hit.
         chain
             Motions between consecutive keyframes.
-        watch
+        progress
             Who is told how far it is.
         """
-        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), watch or Watch())
+        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), progress or Progress())
         drive.search_forward()
         drive.tighten()
         drive.drop_contradictions()
@@ -142,10 +142,10 @@ class _Drive:
         poses: FloatArray,
         scans: ScanHits,
         chain: list[MotionEdge],
-        watch: Watch,
+        progress: Progress,
     ) -> None:
         self.config = config
-        self._watch = watch
+        self._progress = progress
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
@@ -163,7 +163,7 @@ class _Drive:
     def search_forward(self) -> None:
         """Follow the drive in time and close what it comes back to, correcting at once what follows."""
         stops = self._stops().tolist()
-        for keyframe in self._watch.each(stops, "closing loops", len(stops), "places"):
+        for keyframe in self._progress.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
             elected = [] if fits else self._found_far(keyframe)
@@ -181,7 +181,7 @@ class _Drive:
         What they still miss, adjusting drive and walls makes good.
         """
         stops = self._stops().tolist()
-        for keyframe in self._watch.each(stops, "tightening loops", len(stops), "places"):
+        for keyframe in self._progress.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
                 known = self.closures.get((keyframe, target))

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.cluster import Cluster
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.parallel.worker_pool import worker_pool
 
 _T = TypeVar("_T")
@@ -44,7 +44,7 @@ class Executor:
         Processes of this machine that share the work.
     scheduler
         Address of a Dask scheduler whose workers share it instead; None for this machine.
-    watch
+    progress
         Who is told how long steps take and how far they are.
 
     Raises
@@ -55,7 +55,7 @@ class Executor:
 
     workers: int = 1
     scheduler: str | None = None
-    watch: Watch = field(default_factory=Watch)
+    progress: Progress = field(default_factory=Progress)
 
     def __post_init__(self) -> None:
         """Refuse to have nobody do it."""
@@ -112,7 +112,7 @@ class Executor:
                     yield _outcome(partial(pool.result, future))
 
     def _shown(self, items: Sequence[_T], step: str, unit: str) -> Iterable[_T]:
-        return self.watch.each(items, step, len(items), unit) if step else items
+        return self.progress.each(items, step, len(items), unit) if step else items
 
 
 class _MadeInputs:

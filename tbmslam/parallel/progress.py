@@ -12,7 +12,7 @@ from tbmslam.sensing.laser_scan import Reading
 T = TypeVar("T")
 
 
-class Watch:
+class Progress:
     """Notes how long steps take, and shows nothing; programs derive from it and show what goes on.
 
     Attributes

@@ -62,9 +62,9 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
 def test_its_card_shows_what_was_looked_at(halls):
     result = merge(halls, CONFIG)
     near = [short_range_map(one, NEAR).grid for one in halls.values()]
-    assert [grid.geometry for grid in result.judged_by["a", "b"]] == [grid.geometry for grid in near]
+    assert [grid.geometry for grid in result.evidence_grids["a", "b"]] == [grid.geometry for grid in near]
     (card,), _ = pair_cards(result, halls, CONFIG)
-    (as_they_are,), _ = pair_cards(replace(result, judged_by={}), halls, CONFIG)
+    (as_they_are,), _ = pair_cards(replace(result, evidence_grids={}), halls, CONFIG)
     assert card.pictures[0].caption == f"{as_they_are.pictures[0].caption} The maps are drawn as they were judged."
     assert card.pictures[0].png != as_they_are.pictures[0].png
 
@@ -78,8 +78,8 @@ def test_only_maps_of_different_groups_that_were_driven_are_looked_at(halls):
     first = dict.fromkeys(itertools.combinations(maps, 2), nothing)
     groups = [Group({"a": SE2.identity(), "same": SE2.identity()}), *(Group({n: SE2.identity()}) for n in others)]
     look = with_short_range_alignments(MergeState.of(maps, first, lambda _: groups), CONFIG, Executor())
-    assert look.judged_by.keys() == {("a", "stranger"), ("same", "stranger")}
-    assert {pair for pair, found in look.alignments.items() if found is not nothing} == look.judged_by.keys()
+    assert look.evidence_grids.keys() == {("a", "stranger"), ("same", "stranger")}
+    assert {pair for pair, found in look.alignments.items() if found is not nothing} == look.evidence_grids.keys()
     assert not any(found.accepted for found in look.alignments.values())
 
 
@@ -87,7 +87,7 @@ def test_it_can_be_switched_off(halls):
     off = CONFIG.model_validate({**CONFIG.model_dump(), "short_range": {"enabled": False}})
     result = merge(halls, off)
     assert result.merged is None
-    assert result.judged_by == {}
+    assert result.evidence_grids == {}
 
 
 def test_hits_far_off_only_clear_the_way(halls):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from numba.core.event import Listener, register, unregister
 from tqdm import tqdm
 
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 
 if TYPE_CHECKING:
     from tbmslam.geometry.se2 import SE2
@@ -88,7 +88,7 @@ def tell_of_compiling() -> Compiling:
 T = TypeVar("T")
 
 
-class ProgressBars(Watch):
+class ProgressBars(Progress):
     """Shows a bar with rate and time left for every step of many items; nothing where the output is no terminal.
 
     Parameters

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from datasets.recording_files import file_digests, list_recordings
 from tbmslam.configuration.parameters import changed
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.segmentation import (
     Itinerary,
     Segment,
@@ -82,7 +82,9 @@ def _stem(recording: Path) -> str:
     return name
 
 
-def plan_mapping(args: argparse.Namespace, config: Configuration, shelf: Shelf, watch: Watch) -> list[MappingTask]:
+def plan_mapping(
+    args: argparse.Namespace, config: Configuration, shelf: Shelf, progress: Progress
+) -> list[MappingTask]:
     """Return the robots in the order of the recordings.
 
     A recording that is split is read for it, unless all its robots are finished already.
@@ -102,13 +104,13 @@ def plan_mapping(args: argparse.Namespace, config: Configuration, shelf: Shelf, 
     configs = _configs(args, config, dict(zip(names, groups, strict=True)))
     tasks: list[MappingTask] = []
     for (name, own), paths in zip(
-        configs.items(), watch.each(groups, "checking", len(groups), "recordings"), strict=True
+        configs.items(), progress.each(groups, "checking", len(groups), "recordings"), strict=True
     ):
         whole = MappingTask(name, paths, tuple(file_digests(paths)), own, None, None, args.out)
         shares = _shares(args)
         drafts = _parts(args, whole, len(tasks), shares)
         if shares != [None] and (args.split == "gaps" or args.redo or not all(map(finished, drafts))):
-            drafts = _cut(args, whole, len(tasks), shelf, watch)
+            drafts = _cut(args, whole, len(tasks), shelf, progress)
         tasks += drafts
     return tasks
 
@@ -153,12 +155,14 @@ def _parts(
     return tasks
 
 
-def _cut(args: argparse.Namespace, whole: MappingTask, index: int, shelf: Shelf, watch: Watch) -> list[MappingTask]:
+def _cut(
+    args: argparse.Namespace, whole: MappingTask, index: int, shelf: Shelf, progress: Progress
+) -> list[MappingTask]:
     """Read a recording and return its robots with the parts that are theirs."""
     options = whole.config.recording
     recording = shelf.open(whole.paths, options)
     stamps, poses = [], []
-    for reading in watch.each(recording, "reading", recording.expected_scans, "scans"):
+    for reading in progress.each(recording, "reading", recording.expected_scans, "scans"):
         stamps.append(reading.scan.stamp)
         poses.append(reading.T_odom_robot)
     segments = _segments(args, options.gap_s, Itinerary.from_poses(stamps, poses))

@@ -12,7 +12,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.report.page import Making
 from tbmslam.report.rerun_viewer import RerunViewer
@@ -78,7 +78,7 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
 
 def _calls(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> list[Call]:
     if executor.is_serial(len(tasks)):
-        return [Call(task.name, map_robot, (task, shelf, executor.watch)) for task in tasks]
+        return [Call(task.name, map_robot, (task, shelf, executor.progress)) for task in tasks]
     if executor.scheduler is not None:
         tasks = [task.at(Path.cwd()) for task in tasks]
     return [Call(task.name, _map_elsewhere, (task,)) for task in tasks]
@@ -86,7 +86,7 @@ def _calls(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> li
 
 def _map_elsewhere(task: MappingTask) -> Mapped:
     """Map a robot in a process of its own; the map itself stays in its folder."""
-    made = map_robot(task, Shelf(), Watch())
+    made = map_robot(task, Shelf(), Progress())
     return Mapped(made.run, made.summary, made.seconds)
 
 
@@ -105,31 +105,31 @@ def build_maps(args: argparse.Namespace, config: Configuration, command: str) ->
             _build(args, config, command, ProgressBars(viewer))
 
 
-def _build(args: argparse.Namespace, config: Configuration, command: str, watch: Watch) -> None:
+def _build(args: argparse.Namespace, config: Configuration, command: str, progress: Progress) -> None:
     for reference in args.reference or []:  # rather now than after hours of mapping
         read_reference(reference)
     shelf = Shelf()
-    tasks = plan_mapping(args, config, shelf, watch)
+    tasks = plan_mapping(args, config, shelf, progress)
     _refuse_stale_robots(args.out, [task.name for task in tasks])
-    done, failure = _map(args, tasks, shelf, watch)
+    done, failure = _map(args, tasks, shelf, progress)
     made = [(task, done[task.name].tbm_map or load_map(task.folder)) for task in tasks if task.name in done]
     for task, tbm_map in made:
         if done[task.name].tbm_map is None:  # made elsewhere or earlier
-            watch.finished(task.name, tbm_map)
+            progress.finished(task.name, tbm_map)
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
     usual = Configuration.of_preset(config.preset).slam.model_dump(mode="json")
-    page = maps_page(robots, Making(command, watch.seconds, usual), None if failure is None else str(failure))
+    page = maps_page(robots, Making(command, progress.seconds, usual), None if failure is None else str(failure))
     write_text(args.out / "report.html", page.to_html())
     print(f"report -> {args.out / 'report.html'}")
-    _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, watch)
+    _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, progress)
     if failure is not None:
         raise failure
 
 
 def _map(
-    args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, watch: Watch
+    args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, progress: Progress
 ) -> tuple[dict[str, Mapped], TbmSlamError | None]:
     """Map what is not finished yet; return all results by robot, and what kept others from having one."""
     told: set[tuple[tuple[Path, ...], str]] = set()
@@ -141,7 +141,7 @@ def _map(
     _tell_changed(missing)
     done = dict(kept)
     try:
-        for task, result in map_all(missing, shelf, Executor(args.workers, args.scheduler, watch)):
+        for task, result in map_all(missing, shelf, Executor(args.workers, args.scheduler, progress)):
             done[task.name] = result
             _tell(task, result, told)
     except TbmSlamError as failure:
@@ -179,7 +179,7 @@ def _write_truth(
     recordings: Sequence[tuple[Path, ...]],
     made: Sequence[tuple[MappingTask, TbmMap]],
     shelf: Shelf,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     path = args.out / NAME
     # Without reference trajectories nobody knows how two recordings lie to each other.
@@ -187,7 +187,7 @@ def _write_truth(
         path.unlink(missing_ok=True)
         return
     references = dict(zip(recordings, args.reference or [], strict=False))
-    write_truth(path, made, references, shelf, watch)
+    write_truth(path, made, references, shelf, progress)
     print(f"truth for evaluation -> {path}")
     if (doubt := read_truth_file(path).doubt()) is not None:
         logger.warning("%s %s", path, doubt)

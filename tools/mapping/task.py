@@ -24,7 +24,7 @@ from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
 from tbmslam.parallel.cluster import code_digest
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.report.page import versions
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.sensing.segmentation import Segment, in_frame
@@ -136,20 +136,20 @@ class Shelf:
         return self._recording
 
 
-def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
+def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     """Map a robot and write its folder; the checksums come last and say that it is finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording
     corrections = Corrections(options.range_offset, options.odometry_scale)
-    slam = Slam(task.config.slam, task.name, watch, task.began, corrections)
+    slam = Slam(task.config.slam, task.name, progress, task.began, corrections)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans, first, last = 0, math.inf, -math.inf
-    for reading in watch.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
+    for reading in progress.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
         with nullcontext() if scans else loading():  # compiled code is loaded when it is first used
             T_map_robot = slam.process(reading)
-        watch.saw(task.name, reading, T_map_robot)
+        progress.saw(task.name, reading, T_map_robot)
         scans, first, last = scans + 1, min(first, reading.scan.stamp), max(last, reading.scan.stamp)
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
@@ -158,9 +158,9 @@ def map_robot(task: MappingTask, shelf: Shelf, watch: Watch) -> Mapped:
     _check_seen(recording, tbm_map, scans)
     run = _run_record(task, recording) | _noted(recording, span, slam)  # only the end tells what the laser's errors are
     tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
-    watch.finished(task.name, tbm_map)
+    progress.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
-    with watch.during("saving"):
+    with progress.during("saving"):
         save_map(task.folder, tbm_map)
     drive = tbm_map.drives[0]
     run["result"] = {

@@ -15,7 +15,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
 from tools.evaluation.truth_file import GIVEN, OWN_MAP
@@ -40,7 +40,7 @@ def write_truth(
     made: Sequence[tuple[MappingTask, TbmMap]],
     references: Mapping[tuple[Path, ...], Path],
     shelf: Shelf,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     """Write the pose of each robot's map in its recording's true frame, unless that is written already.
 
@@ -57,7 +57,7 @@ def write_truth(
         True trajectories by recording; without one, the default SLAM maps the whole recording for it.
     shelf
         Recordings at hand.
-    watch
+    progress
         Who is told how far it is.
     """
     fingerprint = _fingerprint([task for task, _ in made], references)
@@ -68,7 +68,7 @@ def write_truth(
     for task, tbm_map in made:
         if task.paths not in known:
             given, keyframes = references.get(task.paths), tbm_map.drives[0].keyframes
-            known[task.paths] = _reference(task, given, keyframes, shelf, watch)
+            known[task.paths] = _reference(task, given, keyframes, shelf, progress)
         reference = known[task.paths]
         try:
             alignment = align_trajectories(reference.trajectory, tbm_map.drives[0].trajectory)
@@ -107,13 +107,15 @@ def _written(path: Path) -> str | None:
         return None
 
 
-def _reference(task: MappingTask, given: Path | None, keyframes: Keyframes, shelf: Shelf, watch: Watch) -> _Reference:
+def _reference(
+    task: MappingTask, given: Path | None, keyframes: Keyframes, shelf: Shelf, progress: Progress
+) -> _Reference:
     """Return the trajectory of the whole drive; keyframes of it know where the laser is mounted."""
     if given is not None:
         return _Reference(given.name, read_reference(given).of_robot(keyframes.mounting()))
     recording = shelf.open(task.paths, task.config.recording)
     slam = Slam(preset("default"), _WHOLE)
-    for reading in watch.each(recording, "mapping the reference", recording.expected_scans, "scans", _WHOLE):
+    for reading in progress.each(recording, "mapping the reference", recording.expected_scans, "scans", _WHOLE):
         slam.process(reading)
     trajectory = slam.finish().drives[0].trajectory
     whose = {"recording": task.files[0]["name"]}

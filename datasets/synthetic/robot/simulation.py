@@ -14,7 +14,7 @@ from datasets.synthetic.world.world import World
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.laser_scan import Reading
 
 FIRST_SCAN_AFTER = 0.007
@@ -55,7 +55,7 @@ def simulate(
     laser: SimulatedLaser,
     odometry: OdometryNoise,
     seed: int = 0,
-    watch: Watch | None = None,
+    progress: Progress | None = None,
 ) -> list[SimulatedRobot]:
     """Let robots measure while they drive.
 
@@ -65,14 +65,14 @@ def simulate(
         One true drive a robot in the world's frame, as `plan_drives` returns them.
     seed
         Draws every error of lasers and wheels.
-    watch
+    progress
         Who is told how far it is.
     """
-    watch = watch or Watch()
+    progress = progress or Progress()
     rngs = np.random.default_rng([seed, 23]).spawn(len(drives))
     return [
         _simulate_robot(world, index, *each, laser, odometry)
-        for index, each in enumerate(watch.each(zip(drives, rngs, strict=True), "simulating", len(drives), "robots"))
+        for index, each in enumerate(progress.each(zip(drives, rngs, strict=True), "simulating", len(drives), "robots"))
     ]
 
 

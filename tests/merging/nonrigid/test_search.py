@@ -92,8 +92,8 @@ def test_the_source_is_straightened_onto_the_target():
     assert straight.agreement == pytest.approx(result.alignments["a", "b"].agreement, abs=0.02)
     assert straight.agreement > agreement(target, source, result.poses["b"]) + 0.2
     assert errors(straight.T_target_source, result.poses["b"], source)[0] < 0.2
-    assert result.judged_by["a", "b"][0] is target.grid
-    assert result.judged_by["a", "b"][1] is result.straightened["b"].grid
+    assert result.evidence_grids["a", "b"][0] is target.grid
+    assert result.evidence_grids["a", "b"][1] is result.straightened["b"].grid
 
 
 def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():

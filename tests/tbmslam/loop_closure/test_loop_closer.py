@@ -4,7 +4,7 @@ import pytest
 from tbmslam.geometry.se2 import SE2
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
 from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
-from tbmslam.parallel.progress import Watch
+from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -114,7 +114,7 @@ def test_a_closure_knows_nothing_of_a_direction_that_its_fit_leaves_open():
     """Along a corridor: there the prior of closures must not make up what no laser saw."""
     scans = packed([LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0)) for k in range(50)])
     chain = [MotionEdge(k, k + 1, SE2.identity(), INFORMATION) for k in range(49)]
-    drive = _Drive(LoopClosingConfig(), SurfelConfig(), np.zeros((50, 3)), scans, chain, Watch())
+    drive = _Drive(LoopClosingConfig(), SurfelConfig(), np.zeros((50, 3)), scans, chain, Progress())
     drive._new = [PlacedBundle(40, 0, 3, SE2(1.0, 2.0, np.pi / 2), np.diag([0.0, 1e6, 1e6]))]
     drive._add_closures()
     (closure,) = drive.closures.values()

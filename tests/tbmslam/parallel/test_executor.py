@@ -36,7 +36,7 @@ def test_inputs_are_made_once_in_each_process_and_results_keep_their_order(worke
     processes = {process for _, _, process in results}
     assert len({(identity, process) for _, identity, process in results}) == len(processes)
     assert (os.getpid() in processes) == executor.is_serial(len(calls)) == (workers == 1)
-    assert list(executor.watch.seconds) == ["adding"]
+    assert list(executor.progress.seconds) == ["adding"]
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -71,9 +71,9 @@ def names_mapped(monkeypatch):
 
     names, really = [], mapping_run.map_robot
 
-    def noting(task, shelf, watch):
+    def noting(task, shelf, progress):
         names.append(task.name)
-        return really(task, shelf, watch)
+        return really(task, shelf, progress)
 
     monkeypatch.setattr(mapping_run, "map_robot", noting)
     return names
