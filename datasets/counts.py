@@ -81,7 +81,7 @@ class ReadingCounts:
     incidents
         What went wrong, and when.
     doubtful_sweeps
-        Scans that state more time between beams than they can have taken; their beams count as of one moment.
+        Scans that state an impossible time between beams; their beams count as of one moment.
     farthest_m, farthest_beams, farthest_scans
         The longest range that counted as a hit [m], how many beams ended exactly there, and in how many scans.
     pauses

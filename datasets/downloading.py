@@ -66,15 +66,17 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
                 continue
             have = part.stat().st_size if part.is_file() else 0
             raise DownloadError(
-                f"{address}: the connection failed after {have} bytes ({type(error).__name__}): check the network and "
-                "run again, it goes on from there"
+                f"{address}: the connection failed after {have} bytes ({type(error).__name__}): check the network "
+                f"and run again to resume"
             ) from None
         except requests.RequestException as error:
-            raise DownloadError(f"{address}: cannot be asked for ({error}): check the address") from None
+            raise DownloadError(f"{address}: cannot be requested ({error}): check the address") from None
     if why := _doubt(part, target.name):
         part.unlink()
         _tag_of(part).unlink(missing_ok=True)
-        raise DownloadError(f"{address}: what arrived {why}: removed; see if the file has moved or needs a password")
+        raise DownloadError(
+            f"{address}: what arrived {why}: it was removed: check if the file has moved or needs a password"
+        )
     arrived = _digest(part)
     if sha256 is not None and arrived != sha256:
         part.unlink()
@@ -100,9 +102,13 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
             return  # it broke off after the last byte
         if answer.status_code == requests.codes.requested_range_not_satisfiable and have:
             part.unlink()
-            raise DownloadError(f"{address}: what had arrived is no part of this file (416): removed, run again")
+            raise DownloadError(
+                f"{address}: the earlier part does not belong to this file (416): it was removed, run again"
+            )
         if not answer.ok:
-            raise DownloadError(f"{address}: the server says {answer.status_code} {answer.reason}: see if it has moved")
+            raise DownloadError(
+                f"{address}: the server says {answer.status_code} {answer.reason}: check if it has moved"
+            )
         goes_on = answer.status_code == requests.codes.partial_content and said.startswith(f"bytes {have}-")
         tag = answer.headers.get("ETag") or answer.headers.get("Last-Modified")
         if tag and not tag.startswith("W/"):  # a weak tag does not promise the same bytes
@@ -121,20 +127,20 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
     if have > most:
         part.unlink()
         raise DownloadError(
-            f"{address}: more than {most} bytes came, which is all there should be: removed; ask its makers"
+            f"{address}: more than {most} bytes arrived, more than announced: the file was removed; ask its publisher"
         )
 
 
 def _length(address: str, answer: requests.Response) -> int | None:
     """Return how many bytes are to come; None where the server does not say."""
     if encoding := answer.headers.get("Content-Encoding", "").replace("identity", ""):
-        raise DownloadError(f"{address}: comes packed as {encoding}, which nobody asked for: try another address")
+        raise DownloadError(f"{address}: comes packed as {encoding}, which was not requested: try another address")
     lengths = {part.strip() for part in answer.headers.get("Content-Length", "").split(",")} - {""}
     if not lengths:
         return None
     stated = lengths.pop()
     if lengths or not (stated.isascii() and stated.isdigit()):
-        raise DownloadError(f"{address}: the server states no length that can be read ({stated}): try again later")
+        raise DownloadError(f"{address}: the server states an unreadable length ({stated}): try again later")
     return int(stated)
 
 

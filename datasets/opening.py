@@ -41,7 +41,7 @@ def open_recording(paths: Sequence[Path], options: RecordingOptions | None = Non
     kinds = {path: _kind(path) for path in files}
     if len(set(kinds.values())) > 1:
         listed = ", ".join(f"{path} ({kind})" for path, kind in kinds.items())
-        raise DatasetError(f"{listed}: bags and logs cannot be one recording, give them separately")
+        raise DatasetError(f"{listed}: bags and logs cannot be one recording: give them separately")
     chosen = options or RecordingOptions()
     if kinds[files[0]] == "carmen":
         from datasets.carmen.reader import open_carmen  # noqa: PLC0415 - each format loads only what it needs
@@ -84,7 +84,7 @@ def _kind_of_directory(path: Path) -> str:
     of_bag = [path / name for name in names if name == "metadata.yaml" or name.endswith((*STORAGE_SUFFIXES, ".zstd"))]
     for file in of_bag:
         if is_device_or_pipe(file):
-            raise DatasetError(f"{file}: is no file but a device or a pipe: put the recording's there")
+            raise DatasetError(f"{file}: is a device or a pipe: give the recording's own file")
     storage = [file for file in of_bag if file.name != "metadata.yaml"]
     if storage and all(map(why_unreadable, storage)):
         raise DatasetError(f"{storage[0]}: is empty: copy the recording again")

@@ -28,8 +28,8 @@ def in_blocks(items: Iterable[Item]) -> Iterator[list[Item]]:
 
 _REMEDIES = {
     "before_odometry": "check --odometry, --odom-frame and --clock-offset",
-    "empty": "no beam of them says anything; check --range-min and --range-max, or choose another --scan-topic",
-    "unreadable": "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic",
+    "empty": "none of their beams holds a range; check --range-min and --range-max, or choose another --scan-topic",
+    "unreadable": "pass --angle-step-deg if only the angle step is wrong, or choose another --scan-topic",
     "impossible_angles": "pass --angle-step-deg",
     "other_frame": "choose another --laser-frame or --scan-topic",
 }

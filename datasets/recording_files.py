@@ -28,13 +28,13 @@ def list_recordings(paths: Iterable[Path]) -> list[Path]:
 
 def _recordings_at(path: Path) -> list[Path]:
     if is_device_or_pipe(path):
-        raise DatasetError(f"{path}: is no file but a device or a pipe: give a recording's file or folder")
+        raise DatasetError(f"{path}: is a device or a pipe: give a recording's file or folder")
     if not path.is_dir() or _is_ros2_bag(path):
         return [path]
     found = [entry for entry in _entries(path) if (_is_ros2_bag(entry) if entry.is_dir() else _is_recording(entry))]
     if not found:
         raise DatasetError(
-            f"{path}: a directory without recordings (.bag, .mcap, .db3, .log, .clf): give the one that they lie in"
+            f"{path}: a directory without recordings (.bag, .mcap, .db3, .log, .clf): give another directory"
         )
     return found
 
@@ -79,7 +79,7 @@ def _files(path: Path) -> list[Path]:
 def _digest(file: Path) -> dict[str, str | int]:
     try:
         if is_device_or_pipe(file):
-            raise DatasetError(f"{file}: is no file but a device or a pipe: give a recording's file or folder")
+            raise DatasetError(f"{file}: is a device or a pipe: give a recording's file or folder")
         size = file.stat().st_size
         if not size:  # what passes for empty may have no end
             return {"name": file.name, "bytes": 0, "sha256": hashlib.sha256().hexdigest()}

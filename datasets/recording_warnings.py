@@ -31,9 +31,9 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     if span is not None:
         counted = [f"in the whole recording, {what}" for what in counted]
     pauses = counts.pauses_in(span)
-    said = counted + ([f"{gaps_in_words(pauses)}: what moved meanwhile nobody saw"] if pauses else [])
+    said = counted + ([f"{gaps_in_words(pauses)}: motion during a gap is unknown"] if pauses else [])
     if recording.description.get("sensor_pose_known") is False:
-        said.append("nothing tells where the laser sits on the robot: its place was taken for granted")
+        said.append("the mount of the laser on the robot is not recorded: a default was used")
     frames = recording.description.get("frame_warnings")
     said += [str(one) for one in frames] if isinstance(frames, list) else []
     first_scan = recording.description.get("first_scan")
@@ -53,16 +53,16 @@ def _counted(counts: ReadingCounts) -> list[str]:
             (counts.backward_stamps, "are stamped earlier than the scan before: the clock stepped back"),
             (counts.same_stamps, "have the stamp of an earlier scan"),
             (counts.clock_disagreements, "are stamped by another clock than the rest of the recording"),
-            (counts.extrapolated, "came after the last odometry, which was carried on for them"),
-            (counts.without_odometry, "had no odometry, so that they alone told the motion"),
-            (counts.doubtful_sweeps, "state more time between beams than they can have taken"),
+            (counts.extrapolated, "came after the last odometry, which was extrapolated"),
+            (counts.without_odometry, "had no odometry, so scan matching alone estimated the motion"),
+            (counts.doubtful_sweeps, "state an impossible time between beams"),
         )
         if number
     ]
     if (code := counts.likely_code()) is not None:
         said.append(
-            f"{counts.farthest_beams} beams end at exactly {code:.6g} m, the longest range of all, as if that said "
-            f"that nothing came back: try --no-return-code {code:.6g}"
+            f"{counts.farthest_beams} beams end at exactly {code:.6g} m, the longest range of all, which may be a "
+            f"code for no return: try --no-return-code {code:.6g}"
         )
     if counts.beam_count_changes:
         said.append(f"the number of beams changed {counts.beam_count_changes} times")
@@ -76,9 +76,9 @@ def _beam_warnings(counts: ReadingCounts) -> list[str]:
     return [
         f"{counts.beams[fate] / total:.0%} of the beams {what}"
         for fate, what in (
-            ("nan", "are no number"),
+            ("nan", "are not a number"),
             ("zero", "are zero"),
-            ("too_close", "end nearer than the laser sees"),
+            ("too_close", "are below the least range of the laser"),
         )
         if counts.beams.get(fate, 0) > _MANY * total
     ]

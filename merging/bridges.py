@@ -99,7 +99,7 @@ def refute_bridge(
         likely = _likely_as_wholes(join, found.maps, config, executor)
         if likely < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
-            reason = f"groups of {numbers} maps, which it joins, do not fit so ({likely:.2f}): {before.reason}"
+            reason = f"groups of {numbers} maps, which it joins, do not match as wholes ({likely:.2f}): {before.reason}"
             logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
             refuted = {pair: _refuted(one, pair, join, likely, config) for pair, one in alignments.items()}
             refuted[join.pair] = replace(refuted[join.pair], accepted=False, reason=reason, confidence=likely)

@@ -187,7 +187,7 @@ def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     if not accepted:
         return "no other map could be aligned with it"
     surest = max(accepted, key=lambda one: accepted[one].confidence)
-    was = "too much speaks against what was accepted of its alignments: accepted ones contradict each other"
+    was = "its accepted alignments contradict each other"
     return f"{was}; the surest, with {surest}: {accepted[surest].reason}"
 
 
@@ -199,9 +199,9 @@ def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment])
         if (target == name and source in group.poses) or (source == name and target in group.poses)
     }
     if not tried:
-        return "none of the merged maps looks like it, so that it was aligned with none of them"
+        return "no merged map is similar to it, so it was aligned with none"
     nearest = max(tried, key=lambda one: (tried[one].accepted, tried[one].agreed_wall_m, tried[one].inliers))
     was = "no alignment with a merged map was accepted"
     if tried[nearest].accepted:
-        was = "too much speaks against what was accepted of its alignments with merged maps"
+        was = "its accepted alignments with merged maps are outvoted"
     return f"{was}; with {nearest}: {tried[nearest].reason}"

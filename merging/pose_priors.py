@@ -84,7 +84,7 @@ def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPos
         found = align_near(*views.of_pair((target, name)), poses[target].inverse() @ guess, config)
         logger.info("%s in %s: %s", name, target, found.reason)
         if found.evidence is not None and found.evidence.conflicting_wall_m > found.evidence.agreed_wall_m:
-            logger.warning("%s: more of its walls contradict the told pose than bear it out: is it right?", name)
+            logger.warning("%s: more of its walls contradict the given pose than confirm it: is it right?", name)
         alignments[target, name] = found
         poses[name] = poses[target] @ (found.T_target_source or SE2.identity())
         _check_extent(name, [corners_of(maps[one].grid.geometry, pose) for one, pose in poses.items()], resolution)
@@ -97,7 +97,7 @@ def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -
     cols, rows = math.ceil(width / resolution), math.ceil(height / resolution)
     if rows * cols > MAX_CELLS:
         raise KnownPoseError(
-            f"{name}: where it is told to lie the merged map would be {width:.0f} x {height:.0f} m, {rows * cols:.2g} "
+            f"{name}: at the given pose the merged map would be {width:.0f} x {height:.0f} m, {rows * cols:.2g} "
             f"cells, more than the {MAX_CELLS:.0e} that are possible: correct the pose, or pass a coarser --resolution"
         )
 
@@ -118,7 +118,7 @@ def align_near(
     """
     if target is None or source is None:
         empty = "target" if target is None else "source"
-        return Alignment("told", True, f"laid as told: the {empty} map is empty", T_target_source)
+        return Alignment("told", True, f"placed at the given pose: the {empty} map is empty", T_target_source)
     place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
     enough = evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     bare = without_walls(target.structure, source.structure)
@@ -183,9 +183,9 @@ def _apart(motion: SE2, told: SE2, source: WallMap) -> tuple[float, float]:
 
 def _how_laid(place: SE2, told: SE2, source: WallMap, enough: bool) -> str:
     if not enough:
-        return "laid exactly as told, since hardly any wall says more"
+        return "placed exactly at the given pose, as hardly any wall can refine it"
     moved_m, turned = _apart(place, told, source)
-    return f"laid where told, but for {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
+    return f"placed at the given pose, refined by {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
 
 
 def _shared_wall_m(target: str, source: str, motion: SE2, views: PreparedMaps, config: MergeConfig) -> float:

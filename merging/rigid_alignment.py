@@ -92,11 +92,11 @@ def align_prepared(target: PreparedMap | None, source: PreparedMap | None, confi
     """Find where the source lies in the target's frame; see `align`."""
     if target is None or source is None:
         empty = "target" if target is None else "source"
-        return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it was seen")
+        return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it is known")
     if target.grid is not None and source.grid is not None:
         return BASELINES[config.method](target.grid, source.grid, config)
     if bare := without_walls(target.structure, source.structure):
-        return Alignment(config.method, accepted=False, reason=f"{bare}: nothing tells how they lie")
+        return Alignment(config.method, accepted=False, reason=f"{bare}: their relative pose is unknown")
     if config.method == "features":
         return _by_features(target, source, config)
     return _by_correlation(target.structure, source.structure, config)
@@ -137,7 +137,7 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
         return _by_correlation(source, target, config).reversed()
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
-    reason = "no rotation and shift brings the walls together"
+    reason = "no rotation and translation brings the walls together"
     found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source))
     if not candidates:
         return found

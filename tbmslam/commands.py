@@ -17,7 +17,7 @@ PROGRAMS = {
     "benchmark": ("benchmark", "measure speed, memory and errors"),
     "config": ("print_config", "print all parameters as TOML"),
     "warm-up": ("warm_up", "compile everything now, so that the first map does not wait"),
-    "completion": ("completion", "print what completes these commands in a shell"),
+    "completion": ("completion", "print the script that completes these commands in a shell"),
 }
 """What is run by each command: a module of `tools`; and what it does."""
 
@@ -59,7 +59,7 @@ def main(words: Sequence[str]) -> int:
         sys.stdout.write(f"tbmslam {version()}\n")
         return 0
     what = f"there is no command {command!r}" if command else "a command is missing"
-    sys.stderr.write(f"tbmslam: error: {what}; there are {', '.join(PROGRAMS)} (tbmslam --help tells what they do)\n")
+    sys.stderr.write(f"tbmslam: error: {what}; there are {', '.join(PROGRAMS)} (tbmslam --help describes them)\n")
     return WRONG_USAGE
 
 

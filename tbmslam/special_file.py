@@ -27,5 +27,5 @@ def why_unreadable(path: Path) -> str | None:
         If a folder on the way may not be entered.
     """
     if is_device_or_pipe(path):
-        return "is no file but a device or a pipe"
+        return "is a device or a pipe"
     return "is empty" if path.is_file() and path.stat().st_size == 0 else None

@@ -64,7 +64,7 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
     for name, about, add in (
         ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam),
         ("scaling", "cost of a scan against the length of the drive and the size of map", _add_scaling),
-        ("align", "how often pairs of maps are aligned rightly", _add_align),
+        ("align", "how often pairs of maps are aligned correctly", _add_align),
         ("merge", "cost of a merge against the area of the maps, and of many robots", _add_merge),
         ("fleet", "cost and errors of merging many maps of many buildings", _add_fleet),
         ("split", "recordings cut into robots, mapped and merged again", _add_split),
@@ -123,7 +123,7 @@ def _add_align(align: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is told of a simulated encounter",
     )
-    align.add_argument("--details", action="store_true", help="a line for every pair that was not got right")
+    align.add_argument("--details", action="store_true", help="print a line for every pair that is not right")
     align.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
 
 
@@ -139,7 +139,9 @@ def _add_merge(merge: argparse.ArgumentParser) -> None:
 
 def _add_split(split: argparse.ArgumentParser) -> None:
     split.add_argument("recordings", nargs="+", metavar="RECORDING[,option=value]...", help="bags or logs")
-    split.add_argument("--robots", default="2,3,5", metavar="N,...", help="into how many each is cut (2,3,5)")
+    split.add_argument(
+        "--robots", default="2,3,5", metavar="N,...", help="numbers of robots that each is cut into (2,3,5)"
+    )
 
 
 def _add_perturb(perturb: argparse.ArgumentParser) -> None:
@@ -154,7 +156,7 @@ def _add_perturb(perturb: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="A.B=C",
-        help="also try the recordings with this parameter, as one that turns a rule off; may be repeated",
+        help="run also with this parameter, such as one that disables a rule; may be repeated",
     )
     perturb.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time; the result is the same (1)")
 
@@ -164,7 +166,7 @@ def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument(
         "--sets", type=int, default=0, metavar="N", help="sets of six maps to try instead of pairs, a quarter a kind"
     )
-    strangers.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other pairs (0)")
+    strangers.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the pairs (0)")
     strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
 
 
@@ -176,13 +178,15 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
         metavar="BUILDINGSxMAPS",
         help="how many buildings, and maps of each (1x40 40x1)",
     )
-    fleet.add_argument("--seed", type=int, default=0, metavar="N", help="another seed makes other buildings (0)")
+    fleet.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the buildings (0)")
     fleet.add_argument("--workers", type=int, default=1, metavar="N", help="processes; the result is the same (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs instead")
 
 
 def _add_limits(limits: argparse.ArgumentParser) -> None:
-    limits.add_argument("--share", type=float, default=1.0, metavar="F", help="go only so far: 0.1 is a quick look (1)")
+    limits.add_argument(
+        "--share", type=float, default=1.0, metavar="F", help="share of the full size: 0.1 is a quick test (1)"
+    )
 
 
 def main(argv: list[str] | None = None, program: str = "benchmark") -> int:

@@ -58,7 +58,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     many = grammar.add_argument_group("many recordings, many machines")
     many.add_argument("--workers", type=int, default=1, metavar="N", help="processes that map robots (1)")
     many.add_argument(
-        "--scheduler", metavar="ADDRESS", help="have them mapped by an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
+        "--scheduler", metavar="ADDRESS", help="map on an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
     )
     many.add_argument("--redo", action="store_true", help="map again what an earlier run has finished")
     add_extra_files(grammar)
@@ -77,7 +77,9 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
 
 
 def _add_robots(robots: argparse._ArgumentGroup) -> None:
-    robots.add_argument("--separate", action="store_true", help="each recording is a robot; else they are one drive")
+    robots.add_argument(
+        "--separate", action="store_true", help="each recording is one robot; else all recordings are one drive"
+    )
     robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
     robots.add_argument(
         "--split",
@@ -86,7 +88,11 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         help="what to split by; gaps: see --gap (distance)",
     )
     robots.add_argument(
-        "--overlap", type=float, default=0.3, metavar="F", help="share of its way that a robot repeats (0.3)"
+        "--overlap",
+        type=float,
+        default=0.3,
+        metavar="F",
+        help="share of the path that neighbouring robots have in common (0.3)",
     )
     robots.add_argument(
         "--interval",
@@ -94,7 +100,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         type=float,
         action="append",
         metavar=("BEGIN", "END"),
-        help="seconds since the start that make a robot; repeat for more robots",
+        help="interval of a robot, in seconds since the start; repeat for more robots",
     )
     robots.add_argument(
         "--frames",
@@ -103,7 +109,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         help="turn and shift each robot's frame at random, or keep the odometry's (private)",
     )
     robots.add_argument(
-        "--seed", type=int, help="of the private frames and of matchers that draw (the configuration's)"
+        "--seed", type=int, help="seed of the private frames and of random matchers (the configuration's)"
     )
 
 
@@ -116,7 +122,7 @@ def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
         program,
         lambda: _run(grammar, args, argv, program),
         debug=args.debug,
-        interrupted="run the same again to go on, finished robots are kept",
+        interrupted="run the same command again to continue; finished robots are kept",
         out_of_memory="use a coarser map.resolution, a smaller map.max_cells or fewer --workers",
     )
 
@@ -138,7 +144,7 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[
 
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if not args.recordings and not args.print_config:
-        grammar.error("the following arguments are required: RECORDING: name a bag, a log or a directory of them")
+        grammar.error("the following arguments are required: RECORDING: give a bag, a log or a directory of them")
     # Nobody knows yet how many lie in a directory. (Unlike a Path, this does not fail where a name is too long.)
     listed = args.separate and any(os.path.isdir(path) for path in args.recordings)  # noqa: PTH112
     if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
@@ -148,7 +154,7 @@ def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> 
     if not 1 <= args.robots <= MOST_ROBOTS or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
         grammar.error("--robots must be at least 1 and at most 10000, --overlap within [0, 1), --seed not negative")
     if args.workers < 1 or (args.scheduler and args.workers > 1):
-        grammar.error("--workers must be at least 1, and a --scheduler has workers of its own: drop --workers")
+        grammar.error("--workers must be at least 1, and a --scheduler has its own workers: drop --workers")
 
 
 def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

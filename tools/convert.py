@@ -56,7 +56,7 @@ def parser(program: str = "convert") -> argparse.ArgumentParser:
     )
     grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
     grammar.add_argument("out", type=path_argument, metavar="OUT", help="folder or file to write")
-    picture = grammar.add_argument_group("where a picture lies, which states no size")
+    picture = grammar.add_argument_group("size of a pixel of a picture")
     picture.add_argument("--resolution", type=float, metavar="M", help="side of a pixel")
     picture.add_argument(
         "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="its lower left corner (0 0)"
@@ -89,10 +89,10 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
     ending = path.suffix.lower()
     if ending in _PICTURES and not path.is_dir():
         if resolution is None:
-            raise ConversionError(f"{path}: a picture does not tell the size of its pixels: pass --resolution")
+            raise ConversionError(f"{path}: a picture holds no size of its pixels: pass --resolution")
         return TbmMap.from_image(path, resolution, origin)
     if resolution is not None:
-        raise ConversionError(f"{path}: is no picture, and states the size of its cells: drop --resolution")
+        raise ConversionError(f"{path}: is not a picture and holds the size of its cells: drop --resolution")
     if ending in (".tif", ".tiff"):
         from tbmslam.io.geotiff import read_geotiff
 
@@ -121,7 +121,7 @@ def _writer(out: Path) -> "Callable[[Path, TbmMap], None]":
     }
     ending = "" if out.is_dir() else out.suffix.lower()
     if ending not in writers:
-        raise ConversionError(f"{out}: no format ends in {ending}: choose of {', '.join(filter(None, writers))}")
+        raise ConversionError(f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, writers))}")
     return writers[ending]
 
 

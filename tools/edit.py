@@ -88,7 +88,7 @@ def main(argv: list[str] | None = None, program: str = "edit") -> int:
     grammar = parser(program)
     args = grammar.parse_args(argv)
     if not args.wanted and args.edits is None:
-        grammar.error("name an edit, such as --align-axes, or a file of --edits")
+        grammar.error("give an edit, such as --align-axes, or a file of --edits")
     return ended(program, lambda: _run(args), debug=args.debug)
 
 
@@ -101,7 +101,7 @@ def _run(args: argparse.Namespace) -> None:
     from tools.command_line.output_folder import output_folder, write_checksums
 
     if args.out.exists() and args.out.samefile(args.map):
-        raise EditError(f"{args.out}: is the map itself, which an edit would lose: choose another folder with -o")
+        raise EditError(f"{args.out}: is the folder of the map itself: choose another folder with -o")
     wanted = [*(_read_edits(args.edits) if args.edits else []), *(args.wanted or [])]
     tbm_map, mask, done = _applied(load_map(args.map), wanted)
     tbm_map = without_scans(tbm_map)

@@ -91,11 +91,9 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
 
 
 def _add_map(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "map", type=path_argument, metavar="MAP", help="the map to judge: a folder, map.npz or ROS yaml"
-    )
+    command.add_argument("map", type=path_argument, metavar="MAP", help="the map: a folder, map.npz or ROS yaml")
     command.add_argument("--truth", type=path_argument, required=True, metavar="MAP2|world.npz", help="the true one")
-    place = command.add_argument_group("where the map lies in the truth (the same frame when nothing is said)")
+    place = command.add_argument_group("pose of the map in the truth (identity)")
     either = place.add_mutually_exclusive_group()
     either.add_argument("--transform", type=float, nargs=3, metavar=("X", "Y", "DEG"), help="T_truth_map [m, m, deg]")
     either.add_argument(
@@ -111,7 +109,7 @@ def _add_map(command: argparse.ArgumentParser) -> None:
         metavar="M",
         help="search within M metres and 20 degrees of that, by the walls as merge does, such as on a floor plan",
     )
-    place.add_argument("--refine", action="store_true", help="refine that by laying the walls onto each other")
+    place.add_argument("--refine", action="store_true", help="refine that pose by the distances between walls")
     command.add_argument(
         "--min-evidence",
         type=float,
@@ -124,7 +122,7 @@ def _add_map(command: argparse.ArgumentParser) -> None:
 
 def _add_output(command: argparse.ArgumentParser) -> None:
     output = command.add_argument_group("output")
-    output.add_argument("--json", action="store_true", help="print JSON instead of lines for people")
+    output.add_argument("--json", action="store_true", help="print JSON instead of text")
     output.add_argument("--picture", type=path_argument, metavar="PNG", help="draw where the error is")
     output.add_argument("--debug", action="store_true", help="show a traceback when something fails")
 

@@ -71,7 +71,7 @@ def parser(program: str = "make_world") -> argparse.ArgumentParser:
         prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     grammar.add_argument(
-        "-o", "--out", type=path_argument, required=True, help="folder for everything; made when missing"
+        "-o", "--out", type=path_argument, required=True, help="folder for all results; created if missing"
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     _add_world(grammar.add_argument_group("world and drives"))
@@ -92,9 +92,17 @@ def _add_world(world: argparse._ArgumentGroup) -> None:
         "--drive-seed", type=int, metavar="SEED", help="of drives and noise alone: other drives in the same building"
     )
     world.add_argument("--robots", type=int, default=1, metavar="N", help="number of robots (1)")
-    world.add_argument("--length", type=float, metavar="M", help="metres a robot drives (all that needs seeing)")
+    world.add_argument(
+        "--length", type=float, metavar="M", help="metres that a robot drives (enough to see everything)"
+    )
     world.add_argument("--duration", type=float, metavar="S", help="seconds a robot drives at most")
-    world.add_argument("--overlap", type=float, default=0.3, metavar="F", help="share of a way in common (0.3)")
+    world.add_argument(
+        "--overlap",
+        type=float,
+        default=0.3,
+        metavar="F",
+        help="share of the path that neighbouring robots have in common (0.3)",
+    )
     world.add_argument("--speed", type=float, default=0.65, metavar="M/S", help="largest speed (0.65)")
     world.add_argument("--odometry", choices=("none", "good", "poor"), default="good", help="odometry's errors (good)")
     world.add_argument(
@@ -118,7 +126,7 @@ def _add_laser(laser: argparse._ArgumentGroup) -> None:
         "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"), help="(0.275 0 0)"
     )
     laser.add_argument(
-        "--sweep", type=float, default=0.0, metavar="S", help="from a scan's first beam to its last [s] (0: one moment)"
+        "--sweep", type=float, default=0.0, metavar="S", help="time from the first beam of a scan to the last [s] (0)"
     )
     laser.add_argument(
         "--rings",

@@ -109,20 +109,22 @@ def _run(
 
 def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
     if options.out is None:
-        grammar.error("the following arguments are required: -o/--out: say where the merged map goes, as -o merged")
+        grammar.error(
+            "the following arguments are required: -o/--out: give a folder for the merged map, such as -o merged"
+        )
     if len(options.maps) < 2:
         grammar.error(_too_few(given, options.maps))
     if options.workers < 1:
         grammar.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:
-        grammar.error("a --scheduler has workers of its own: drop --workers")
+        grammar.error("a --scheduler has its own workers: drop --workers")
     if any(_lies_in(path, options.out) for path in (*options.maps, *given)):
         grammar.error(f"{options.out} holds one of the maps: choose another folder with -o")
 
 
 def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
     """Return why there are not two maps, and what to do."""
-    remedy = "name their folders, as out/robot_0 out/robot_1"
+    remedy = "give their folders, such as out/robot_0 out/robot_1"
     if len(given) != 1:
         return f"two maps or more are needed, got {len(maps)}: {remedy}"
     if not given[0].exists():
@@ -153,8 +155,8 @@ def parser(program: str = "merge") -> argparse.ArgumentParser:
         help="a map folder, a folder of map folders (the output of build_maps), or a file: .npz, .yaml, .yml, "
         ".tbm_map, .tbm_map.xz, .dat or .dat.gz",
     )
-    grammar.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="where the merged map goes")
-    _add_finding(grammar.add_argument_group("how maps find each other"))
+    grammar.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="folder of the merged map")
+    _add_finding(grammar.add_argument_group("method that aligns two maps"))
     features = grammar.add_argument_group("method features (the paper's)")
     features.add_argument("--keypoints", type=int, metavar="N", help="keypoints in each map, default: 1000")
     features.add_argument("--ratio", type=float, metavar="R", help="Lowe's ratio, default: 0.7")
@@ -166,7 +168,7 @@ def parser(program: str = "merge") -> argparse.ArgumentParser:
     add_configuration_options(grammar, "merging.verification.min_confidence=0.9")
     add_extra_files(grammar)
     grammar.add_argument("-v", "--verbose", action="store_true", help="log every step")
-    grammar.add_argument("--debug", action="store_true", help="show where an error came from")
+    grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 
 
@@ -215,7 +217,7 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
         action="append",
         default=[],
         metavar="NAME=R",
-        help="believe a map, by its name in the report, with this probability; may be repeated",
+        help="reliability of a map, by its name in the report, between 0 and 1; may be repeated",
     )
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
@@ -290,13 +292,13 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     progress = ProgressBars()
     named = dict(zip(unique_names(options.maps), options.maps, strict=True))
     if strangers := [name for name in config.reliability if name not in named]:
-        raise ConfigError(f"--reliability: {strangers[0]!r} is none of the maps, which are {', '.join(named)}")
+        raise ConfigError(f"--reliability: {strangers[0]!r} is not one of the maps, which are {', '.join(named)}")
     _check_known_poses(config, list(named))
     _check_files(options.maps, options.out)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in progress.each(named.items(), "loading", len(named), "maps")}
         for first, second, shared, of in drives_given_twice(maps):
-            counts = "one drive counts as two robots that agree, leave one of them out"
+            counts = "one drive would count as two robots that agree: omit one of them"
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, progress, options.scheduler)
         _save(options, result, maps, config, Making(command, progress.seconds))
@@ -312,7 +314,7 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
             others = ", ".join(names[1:])
             raise ConfigError(f"--pose: poses are told in the frame of {name}, the first map: tell those of {others}")
         if name not in names:
-            raise ConfigError(f"--pose: {name!r} is none of the maps, which are {', '.join(names)}")
+            raise ConfigError(f"--pose: {name!r} is not one of the maps, which are {', '.join(names)}")
 
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:
@@ -324,7 +326,7 @@ def _check_files(paths: Sequence[Path], out: Path) -> None:
     for path in paths:
         file, *pictures = (Path(os.path.realpath(each)) for each in files_of_map(path))
         if file in seen:
-            logger.warning("%s: is given twice, and counts as two robots that saw the same", path)
+            logger.warning("%s: is given twice and counts as two robots", path)
         seen.add(file)
         for picture in pictures:
             if picture.name in ours and picture.parent == out.resolve():
@@ -364,7 +366,7 @@ def _tell(result: "Merge", out: Path) -> None:
     for name, reason in result.left_out.items():
         print(f"left out: {name}: {reason}")
     if result.left_out:
-        print("whoever knows where one lies may say so: --pose NAME X Y DEG, in the first map's frame")
+        print("if the pose of a map is known, pass --pose NAME X Y DEG, in the first map's frame")
     if result.merged is None:
         print(f"nothing merged; the reasons are in {out / 'report.html'}")
         return

@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         "recordings", nargs="*", type=path_argument, help="bags or logs of one drive; none: simulated drives"
     )
     grammar.add_argument(
-        "-o", "--out", type=path_argument, required=True, help="folder for everything; made when missing"
+        "-o", "--out", type=path_argument, required=True, help="folder for all results; created if missing"
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     maps = grammar.add_argument_group("maps")

@@ -39,7 +39,12 @@ def parser(program: str = "warm_up") -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None, program: str = "warm_up") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     args = parser(program).parse_args(arguments)
-    return ended(program, _run, debug=args.debug, interrupted="what is compiled stays, run the same again to go on")
+    return ended(
+        program,
+        _run,
+        debug=args.debug,
+        interrupted="compiled functions are kept; run the same command again to continue",
+    )
 
 
 def _run() -> int:

@@ -103,7 +103,7 @@ def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> s
     there = [kind for kind in SCAN_KINDS if kind in survey.numbers]
     names = ", ".join(str(path) for path in paths)
     if not there:
-        raise DatasetError(f"{names}: no ROS bag, and no line of {', '.join(SCAN_KINDS)}: not a laser recording")
+        raise DatasetError(f"{names}: no ROS bag, and no line of {', '.join(SCAN_KINDS)}: give a laser recording")
     if options.scan_topic is None:
         return there[0]
     if options.scan_topic not in there:

@@ -130,12 +130,14 @@ class FrameGraph:
         for edge in (step.edge for step in steps):
             name = f"{edge.child} in {edge.parent}"
             if edge.static and edge.moves:
-                said.append(f"tf_static states several places of {name}; taken the first: pass --sensor-pose")
+                said.append(
+                    f"tf_static states several places of {name}; the first is used: pass --sensor-pose if it is wrong"
+                )
             parents = {parent for parent, child in self.edges if child == edge.child and not is_localised(parent)}
             if rivals := sorted(parents - {edge.parent}):
                 remedy = "--sensor-pose" if edge.is_fixed else "--odom-frame"
                 said.append(
-                    f"tf places {name} and in {', '.join(rivals)}; taken the former: pass {remedy} if it is wrong"
+                    f"tf places {name} and in {', '.join(rivals)}; the former is used: pass {remedy} if it is wrong"
                 )
         return said
 

@@ -53,8 +53,8 @@ class Mounting:
             return self._sensor_pose, self._upside_down if self._upside_down is not None else up < 0.0
         if abs(up) < _STEEPEST:
             raise DatasetError(
-                f"the laser in frame {self._steps[-1].edge.child} scans {math.degrees(math.acos(abs(up))):.0f} degrees "
-                "off the horizontal: choose another with --scan-topic, or state its place with --sensor-pose"
+                f"the laser in frame {self._steps[-1].edge.child} scans {math.degrees(math.acos(abs(up))):.0f} "
+                f"degrees off the horizontal: choose another with --scan-topic, or set its pose with --sensor-pose"
             )
         return pose.planar(), self._upside_down if self._upside_down is not None else up < 0.0
 

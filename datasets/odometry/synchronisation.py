@@ -154,7 +154,7 @@ class Pairing:
         incidents = self._counts.incidents
         self._counts.without_odometry += 1
         if self._missing is None:
-            self._missing = incidents.add(stamp, "no odometry, scans alone tell the motion")
+            self._missing = incidents.add(stamp, "no odometry: scan matching alone estimates the motion")
         incidents.lengthen(self._missing, stamp)
 
 

@@ -102,13 +102,13 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     laser = _laser(files, options, topics, survey)
     if (near := laser.nearest_usual()) > _NEVER_ALL_BEYOND:
         raise DatasetError(
-            f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, as if in millimetres: "
-            "record them in metres, or choose another --scan-topic"
+            f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, perhaps in millimetres: "
+            f"record them in metres, or choose another --scan-topic"
         )
     if laser.alternates():
         raise DatasetError(
-            f"{files.paths[0]}: two lasers or robots share {topics.scan}, every other scan is of the other: record "
-            "each on a topic of its own"
+            f"{files.paths[0]}: two lasers or robots share {topics.scan}, their scans alternate: record each on its "
+            f"own topic"
         )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
@@ -117,10 +117,10 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
         logger.warning(
-            "%s: tf does not tell where the laser (frame %r) sits; taken %s: pass --sensor-pose",
+            "%s: tf does not hold the mount of the laser (frame %r); the default is %s: pass --sensor-pose",
             files.paths[0],
             laser.frame,
-            "where the PR2 carries it" if sensor_pose else "at the robot's centre",
+            "that of the PR2" if sensor_pose else "the robot's centre",
         )
     odometry_lags = _odometry_lags(survey, frames, topics, source)
     clock = compare_clocks(laser.lags, odometry_lags, laser.sweep())
@@ -213,7 +213,7 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
             for number, laser in enumerate(lasers)
         )
         logger.warning(
-            "%s: %s holds scans of several lasers: %s; taken %s: pass --laser-frame for another",
+            "%s: %s holds scans of several lasers: %s; %s is used: pass --laser-frame for another",
             files.paths[0],
             topics.scan,
             listed,
@@ -238,13 +238,13 @@ def _source(
         topic = topics.odometry[0]
         if topic in survey.pose_topics or not survey.no_motions[topic]:  # it may begin late
             return "topic"
-        fact = f"{files.paths[0]}: poses of {topic} are no motions (quaternions of zeros, or no numbers)"
+        fact = f"{files.paths[0]}: poses of {topic} are no poses (quaternions of zeros, or not a number)"
         if options.odometry == "topic":
             raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
-        logger.warning("%s; going on without odometry", fact)
+        logger.warning("%s; continuing without odometry", fact)
         return "none"
     if options.odometry == "auto":
-        logger.warning("%s: neither tf nor a topic holds odometry; going on without it", files.paths[0])
+        logger.warning("%s: neither tf nor a topic holds odometry; continuing without it", files.paths[0])
     return "none"
 
 
@@ -264,10 +264,10 @@ def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None)
     said = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
     far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
     if far > _TOO_FAR:
-        raise DatasetError(f"tf says that the laser sits {far:.3g} m from the robot's centre: pass --sensor-pose")
+        raise DatasetError(f"in tf the laser is mounted {far:.3g} m from the robot's centre: pass --sensor-pose")
     if far > _FAR_LASER:
         said.append(
-            f"tf says that the laser sits {far:.0f} m from the robot's centre: pass --sensor-pose if it does not"
+            f"in tf the laser is mounted {far:.0f} m from the robot's centre: pass --sensor-pose if that is wrong"
         )
     return tuple(said)
 

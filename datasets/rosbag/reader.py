@@ -82,11 +82,11 @@ class _Pass:
         self._note_damage()
         if others := self._counts.dropped.get("other_frame"):
             logger.warning(
-                "%s: %d scans of other lasers than %s are left out", plan.files.paths[0], others, plan.laser.frame
+                "%s: %d scans of lasers other than %s are ignored", plan.files.paths[0], others, plan.laser.frame
             )
         if self._counts.clock_disagreements:
             logger.warning(
-                "%s: %d scans are stamped by a clock that jumps against the bag's",
+                "%s: %d scans have stamps that jump relative to the bag's clock",
                 plan.files.paths[0],
                 self._counts.clock_disagreements,
             )
@@ -102,13 +102,13 @@ class _Pass:
         missing = files.topics[topic].messages - self._counts.scans_read
         if missing > 0 and not files.damages():
             logger.warning(
-                "%s: %d of %d scans that it announces are not in it",
+                "%s: %d of %d scans that it announces are missing",
                 files.paths[0],
                 missing,
                 files.topics[topic].messages,
             )
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
-        said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "as far as can be told, no scan is lost"
+        said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "no scan seems to be lost"
         for line in files.damages():
             known = "some are lost" if (vague or UNTOLD in line) and not lost else said
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)

@@ -72,7 +72,7 @@ class OpenBag:
             for connection, time, data in reader.messages(connections):
                 yield RawMessage(known[connection.id], time, data)
         elif self._indexed.steps_back(connections, steered_by):
-            logger.info("%s: times of %s step back, read in the order of writing", reader.path, steered_by)
+            logger.info("%s: times of %s step back, reading in the order of writing", reader.path, steered_by)
             yield from self._indexed.in_order_of_writing(connections)
         else:
             yield from self._indexed.by_time(connections)
@@ -269,14 +269,14 @@ def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
             return salvage_ros1(file, damage)
         return salvage_mcap(file, damage) if file.suffix == ".mcap" else salvage_sqlite(file, damage)
     except (OSError, ValueError, ArithmeticError, LookupError, struct.error) as error:  # an empty file cannot be mapped
-        raise DatasetError(f"{path}: {damage}; and nothing of it can be read ({error}): fetch it again") from error
+        raise DatasetError(f"{path}: {damage}; and no part of it can be read ({error}): fetch it again") from error
 
 
 def _salvaged_parts(folder: Path, damage: str) -> list[BagSource]:
     """Return the readable storage files of a directory."""
     files = storage_files(folder)
     if not files:
-        raise DatasetError(f"{folder}: {damage}, and no storage file (.db3, .mcap); decompress what is compressed")
+        raise DatasetError(f"{folder}: {damage}, and no storage file (.db3, .mcap); decompress compressed files")
     parts = []
     for path in files:
         try:

@@ -12,7 +12,7 @@ import yaml
 
 from tbmslam.special_file import why_unreadable
 
-UNTOLD = "it ends too soon and does not tell how much is missing"
+UNTOLD = "it is cut off, and the number of missing messages is unknown"
 _KEPT_BLOCKS = 6
 
 

@@ -39,18 +39,20 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
         return None
     if are_degrees(beams, angle_increment):
         turns = abs(angle_increment) * (beams - 1) / math.tau
-        return f"{beams} beams {abs(angle_increment):g} rad apart are stated, {turns:.0f} turns: taken for degrees"
+        return (
+            f"{beams} beams {abs(angle_increment):g} rad apart are stated, {turns:.0f} turns: they are read as degrees"
+        )
     step = abs(math.degrees(angle_increment))
     fan = step * (beams - 1)
     if fan > _MORE_THAN_A_TURN_DEG:
         return (
-            f"{beams} beams {step:.4f} degrees apart are stated, more than a turn: if they go once round, pass "
+            f"{beams} beams {step:.4f} degrees apart are stated, more than a turn: if they span one turn, pass "
             f"--angle-step-deg {360.0 / beams:.6g}"
         )
     for true_step in _ROUND_STEPS_DEG:
         if abs(fan - true_step * beams) < 0.02 * true_step:
             return (
-                f"{beams} beams {step:.4f} degrees apart are stated; real lasers step {true_step:g} degrees: "
-                f"if this is one, pass --angle-step-deg {true_step:g}"
+                f"{beams} beams {step:.4f} degrees apart are stated; real lasers have steps of {true_step:g} "
+                f"degrees: for a real laser pass --angle-step-deg {true_step:g}"
             )
     return None

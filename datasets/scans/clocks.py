@@ -72,10 +72,12 @@ def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], d
     apart = f"lag {offset:.2f} s behind" if offset > 0.0 else f"are {-offset:.2f} s ahead of"
     fact = f"stamps of the scans {apart} those of the odometry"
     if abs(offset) < LATENCY_LIMIT_S:
-        return ClockFinding(0.0, steady_lag, f"{fact}; taken for latency: pass --clock-offset if a clock is wrong")
+        return ClockFinding(
+            0.0, steady_lag, f"{fact}; this is treated as latency: pass --clock-offset if a clock is wrong"
+        )
     if scan_steady and odometry_high - odometry_low < STEADY_WITHIN_S:
         return ClockFinding(offset, steady_lag, f"{fact}: a clock fault, corrected (--clock-offset 0 to leave it)")
-    return ClockFinding(0.0, steady_lag, f"{fact}, but not steadily; nothing corrected: pass --clock-offset")
+    return ClockFinding(0.0, steady_lag, f"{fact}, but the offset varies, and was not corrected: pass --clock-offset")
 
 
 _STEP_S = 1.0
@@ -119,5 +121,5 @@ class ClockSteps:
         if not self._is_off:
             return stamp
         corrected = bag_time - self._steady_lag
-        self._counts.incidents.add(corrected, "the clock of the scans is set wrong, corrected by the recorder's")
+        self._counts.incidents.add(corrected, "the clock of the scans is wrong; the recorder's clock is used")
         return corrected

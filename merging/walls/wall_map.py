@@ -123,7 +123,7 @@ class WallMap:
 
 
 def without_walls(target: WallMap, source: WallMap) -> str | None:
-    """Return in words which of two maps holds no wall, so that nothing tells how they lie; None where both do."""
+    """Return in words which of two maps holds no wall, so that their relative pose is unknown; None where both do."""
     bare = [name for name, one in (("target", target), ("source", source)) if not len(one.points)]
     if not bare:
         return None

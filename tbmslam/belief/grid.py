@@ -99,7 +99,7 @@ class TbmGrid:
         """Check that geometry and masses belong together."""
         expected = (self.geometry.rows, self.geometry.cols, 4)
         if self.masses.shape != expected:
-            raise ValueError(f"masses must have shape {expected} as the geometry says, got {self.masses.shape}")
+            raise ValueError(f"masses must have the shape {expected} of the geometry, got {self.masses.shape}")
         if not (self.geometry.resolution > 0.0 and math.isfinite(self.geometry.resolution)):
             raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
         if not (math.isfinite(self.geometry.origin_x) and math.isfinite(self.geometry.origin_y)):

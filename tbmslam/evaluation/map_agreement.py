@@ -153,7 +153,9 @@ def refine_map_transform(
     """
     points = _occupied_centres(labels, geometry)
     if not len(points) or not (truth == OCCUPIED).any():
-        raise MapRefinementError("one of the maps has no occupied cell to refine the transform by: give it exactly")
+        raise MapRefinementError(
+            "one of the maps has no occupied cell, so the transform cannot be refined: give the exact transform"
+        )
     points = points[:: -(-len(points) // MAX_POINTS)]
     margin = int(np.ceil(REACHES[0] / truth_geometry.resolution)) + 1
     distances = _wall_distances(truth, truth_geometry.resolution, margin)

@@ -80,7 +80,7 @@ def read_relations(path: Path) -> Relations:
     if values.shape[1:] != (8,) or not np.isfinite(values).all() or not len(values):
         raise RelationsError(f"{path}: expected lines of eight finite numbers t1 t2 x y z roll pitch yaw")
     if not np.abs(values[:, 2:4]).max() <= FARTHEST_PLACE:
-        raise RelationsError(f"{path}: a relation reaches over more than {FARTHEST_PLACE:.0e} m: leave it out")
+        raise RelationsError(f"{path}: a relation is longer than {FARTHEST_PLACE:.0e} m: leave it out")
     return Relations(values[:, :2], values[:, [2, 3, 7]])
 
 

@@ -171,7 +171,7 @@ def relative_errors(
     ends = _step_ends(progress, step)
     if len(ends) < 2:
         raise TrajectoryAlignmentError(
-            f"the {len(i)} poses that both trajectories have reach over {progress[-1] if len(i) else 0.0:.3g} {unit}, "
+            f"the {len(i)} common poses of the trajectories span {progress[-1] if len(i) else 0.0:.3g} {unit}, "
             f"less than a step of {step:g} {unit}: choose a shorter step or check stamps and clocks"
         )
     true_x, true_y, true_theta = _motions(true[ends]).T

@@ -38,7 +38,7 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
     """
     target = Path(path)
     if not target.name:
-        raise FileNotWrittenError(f"{str(path)!r} names no file: name one")
+        raise FileNotWrittenError(f"{str(path)!r} is no file name: give a file name")
     _check_place(target)
     # The suffix stays last: some writers choose their format by it.
     temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
@@ -82,7 +82,7 @@ def _check_place(target: Path) -> None:
         return
     # /dev/stdout may be a link to a file, and be needed all the same.
     if is_taken or target.absolute().parent == Path(os.devnull).parent:
-        raise FileNotWrittenError(f"{target}: is a device or a pipe and stays as it is: name a file")
+        raise FileNotWrittenError(f"{target}: is a device or a pipe: give the name of a file")
 
 
 def _remove_leftovers(target: Path) -> None:

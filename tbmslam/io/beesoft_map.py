@@ -47,7 +47,7 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
         check_geometry(path, geometry)
         free: FloatArray = np.array(text[size.end() :].split(), dtype=np.float64)
     except ValueError as error:
-        raise MapFileError(f"{path}: holds what is no number ({str(error)[:120]}): it is damaged") from None
+        raise MapFileError(f"{path}: holds text that is no number ({str(error)[:120]}): it is damaged") from None
     if len(free) != lines * columns or not np.isfinite(free).all() or free.max() > 1.0:
         raise MapFileError(
             f"{path}: must hold {lines} x {columns} probabilities, it has {len(free)} numbers up to "
@@ -74,6 +74,8 @@ def _text(path: Path) -> str:
             check_size(path, lines, columns)
             return (head + file.read(lines * columns * _BYTES_A_CELL)).decode("ascii")
     except (EOFError, zlib.error, gzip.BadGzipFile, UnicodeDecodeError) as error:
-        raise MapFileError(f"{path}: is no text of a Beesoft map ({error}): it is damaged or something else") from error
+        raise MapFileError(
+            f"{path}: is not the text of a Beesoft map ({error}): it is damaged or something else"
+        ) from error
     except OSError as error:
         raise MapFileError(f"{path}: cannot be read: {error.strerror}") from error

@@ -99,7 +99,9 @@ def read_geotiff(path: str | os.PathLike[str]) -> TbmGrid:
     try:
         with rasterio.open(Path(path)) as file:
             if file.descriptions != BANDS or file.transform.b or file.transform.d:
-                raise MapFileError(f"{path}: holds no bands {', '.join(BANDS)}: only a GeoTIFF of ours holds beliefs")
+                raise MapFileError(
+                    f"{path}: holds no bands {', '.join(BANDS)}: only a GeoTIFF of tbmslam holds belief masses"
+                )
             step, left, top = file.transform.a, file.transform.c, file.transform.f
             geometry = GridGeometry(step, left, top - file.height * step, file.height, file.width)
             check_geometry(path, geometry)
@@ -110,5 +112,5 @@ def read_geotiff(path: str | os.PathLike[str]) -> TbmGrid:
         raise MapFileError(f"{path}: cannot be read as GeoTIFF ({error}): make it again") from error
     grid = TbmGrid(geometry, masses)
     if (fault := grid.fault()) is not None:
-        raise MapFileError(f"{path}: holds no beliefs ({fault}): make it again")
+        raise MapFileError(f"{path}: holds no valid masses ({fault}): make it again")
     return grid

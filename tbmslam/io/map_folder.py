@@ -90,10 +90,8 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
         if name.endswith(endings):
             return TbmMap(read_grid(path), provenance={"read_from": path.name})
     if name.endswith(_PICTURES):
-        raise MapFileError(
-            f"{path}: is a picture, which does not tell the size of a cell: give the yaml file beside it"
-        )
-    raise MapFileError(f"{path}: is no map this reads: give a folder, or a .npz, .yaml, .tbm_map or .dat file")
+        raise MapFileError(f"{path}: is a picture without the size of a cell: give its yaml file")
+    raise MapFileError(f"{path}: has an unknown format: give a folder, or a .npz, .yaml, .tbm_map or .dat file")
 
 
 def _map_in(folder: Path) -> Path:

@@ -95,7 +95,9 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
         with Path(path).open("rb"):
             pass
     except OSError as error:
-        raise MapFileError(f"{path}: cannot be read ({error.strerror}): permit it or name another file") from error
+        raise MapFileError(
+            f"{path}: cannot be read ({error.strerror}): check its permissions, or give another file"
+        ) from error
     try:
         with ArrayZip(path) as arrays:
             _require_version(path, arrays)
@@ -107,7 +109,7 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
             return TbmMap(grid, drives, _read_provenance(arrays))
     # ValueError: the types refuse arrays that do not belong together; RecursionError: provenance of brackets.
     except (NpzError, ValueError, RecursionError) as error:
-        raise MapFileError(f"{path}: is no map of this program or is damaged: {error}: make the map anew") from error
+        raise MapFileError(f"{path}: is not a map of tbmslam, or is damaged: {error}: make the map anew") from error
 
 
 def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:

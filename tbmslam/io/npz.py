@@ -147,7 +147,7 @@ def _checked_shape(
     stream: IO[bytes], info: zipfile.ZipInfo, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]
 ) -> tuple[int, ...]:
     if info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-        raise NpzError(f"{name} is packed in a way that numpy does not use")
+        raise NpzError(f"{name} has a compression that numpy does not use")
     version = np.lib.format.read_magic(stream)
     if version != (1, 0):
         raise NpzError(f"{name} has a header of version {version}, not 1.0")
@@ -164,5 +164,5 @@ def _checked_shape(
         raise NpzError(f"{name} has shape {found_shape}, not {wanted or 'that of a single value'}")
     size = stream.tell() + math.prod(found_shape) * found_dtype.itemsize
     if size != info.file_size or size > _DEFLATE_LIMIT * (info.compress_size + 64):
-        raise NpzError(f"{name} states {size} bytes and does not hold them")
+        raise NpzError(f"{name} states {size} bytes but does not hold them")
     return found_shape

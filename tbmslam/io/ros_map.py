@@ -75,13 +75,14 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         raise MapFileError(f"{path}: origin must be [x, y, yaw], it is {reprlib.repr(origin)}: correct it")
     x, y, yaw = (_number(path, "origin", value) for value in origin)
     if abs(yaw) > MAX_TURN:
-        raise MapFileError(f"{path}: the yaw of {yaw:.3g} rad in origin is no angle: correct it")
+        raise MapFileError(f"{path}: the yaw of {yaw:.3g} rad in origin is too large: correct it")
     resolution = _number(path, "resolution", values["resolution"])
     if resolution <= 0.0:
         raise MapFileError(f"{path}: the resolution must be positive, it says {resolution}: correct it")
     if resolution > _MAX_CELL_M:
         raise MapFileError(
-            f"{path}: cells of {resolution:g} m show no walls: the resolution is in metres, 0.05 for 5 cm: correct it"
+            f"{path}: cells of {resolution:g} m are too large for walls: the resolution is in metres, 0.05 for 5 cm: "
+            f"correct it"
         )
     negate, mode = values["negate"], values.get("mode", "trinary")
     if negate not in (0, 1):  # yaml's true and false are equal to them
@@ -211,7 +212,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     rule = header.pixels
     if _frees_the_unknown(image, rule):
         logger.warning(
-            "%s: by free_thresh %g what its map saver left unknown (%d) would be free: taken as unknown",
+            "%s: with free_thresh %g the unknown pixels (%d) of its map saver would be free: they are read as unknown",
             path,
             rule.free_threshold,
             UNKNOWN_PIXEL,
@@ -221,11 +222,11 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     if image.alpha is not None and not (occupancy == 100).any():
         opaque = MapImage(image.pixels[..., :-1], image.maximum)
         if (occupancy_of_image(opaque, rule) == 100).any():
-            logger.warning("%s: holds no wall, since all of its walls are transparent: paint them opaque", path)
+            logger.warning("%s: holds no wall, because all of its walls are transparent: paint them opaque", path)
     if not (occupancy < 0).any():
         logger.warning(
-            "%s: none of its cells is unknown, so that what nobody saw speaks against other maps: paint it grey (%d), "
-            "with mode trinary, negate 0 and free_thresh %g",
+            "%s: none of its cells is unknown, so unexplored cells contradict other maps: paint them grey (%d), with "
+            "mode trinary, negate 0 and free_thresh %g",
             path,
             UNKNOWN_PIXEL,
             FREE_THRESHOLD,

@@ -94,7 +94,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
     farthest = max(abs(edge) for edge in geometry.bounds())
     if not farthest <= FARTHEST_PLACE:
         raise MapFileError(
-            f"{path}: the map would reach to {farthest:.3g} m, more than the {FARTHEST_PLACE:.0e} m that are believed: "
+            f"{path}: the map would reach to {farthest:.3g} m, more than the {FARTHEST_PLACE:.0e} m that are possible: "
             "correct the resolution and the origin"
         )
 
@@ -108,15 +108,15 @@ def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
         If there are no cells, or too many to be believed or for this machine.
     """
     if rows < 1 or cols < 1:
-        raise MapFileError(f"{path}: a map of {rows} x {cols} cells holds nothing: make it again")
+        raise MapFileError(f"{path}: a map of {rows} x {cols} cells is empty: make it again")
     if rows * cols > MAX_CELLS:
         raise MapFileError(
-            f"{path}: {rows} x {cols} cells are more than the {MAX_CELLS} that are believed: crop the map or use "
-            "coarser cells"
+            f"{path}: {rows} x {cols} cells are more than the limit of {MAX_CELLS}: crop the map or use coarser cells"
         )
     needed, there = rows * cols * _BYTES_A_CELL, machine_memory()
     if needed > there:
         raise MapFileError(
-            f"{path}: {rows} x {cols} cells take {needed / 1e9:.1f} GB of memory, and there are {there / 1e9:.1f}: "
+            f"{path}: {rows} x {cols} cells take {needed / 1e9:.1f} GB of memory, and {there / 1e9:.1f} GB are "
+            f"available: "
             "crop the map, use coarser cells or a larger machine"
         )

@@ -102,7 +102,7 @@ def _decode_pgm(path: Path, content: bytes) -> MapImage:
         try:
             values = np.array(re.sub(rb"#[^\n]*", b"", body).split()[:count], dtype=np.uint32)
         except (ValueError, OverflowError):
-            raise MapFileError(f"{path}: the PGM holds what is no number: it is damaged") from None
+            raise MapFileError(f"{path}: the PGM holds text that is no number: it is damaged") from None
     if len(values) < count:
         raise MapFileError(f"{path}: the PGM ends after {len(values)} of {count} pixels: it is cut off")
     return MapImage(np.minimum(values, maximum).reshape(rows, cols, 1), maximum)
@@ -123,7 +123,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if pixels is None:
-        raise MapFileError(f"{path}: is no picture that can be read: it is damaged, or save it as PGM or PNG")
+        raise MapFileError(f"{path}: cannot be decoded: it is damaged, or its format is unknown: save it as PGM or PNG")
     if pixels.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
         raise MapFileError(f"{path}: has {pixels.dtype} pixels: save it with 8 or 16 bits")
     rows, cols = pixels.shape[:2]

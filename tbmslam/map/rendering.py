@@ -33,8 +33,10 @@ class MapConfig(FrozenConfig):
     max_cells: int = Field(
         60_000_000,
         ge=1000,
-        description="limit on the number of cells; a larger map gets coarser cells, and a grid that grows during the "
-        "drive ends; a cell takes 28 bytes while it is drawn and 16 afterwards",
+        description=(
+            "largest number of cells; a larger map gets coarser cells, and a grid that grows during the "
+            "drive ends with an error; a cell takes 28 bytes while it is rendered and 16 afterwards"
+        ),
     )
     # A beam that speaks a little for both contradicts itself, and many that agree would fill a cell with conflict.
     sensor_model: SensorModelConfig = SensorModelConfig(
@@ -46,9 +48,9 @@ class MapConfig(FrozenConfig):
     @model_validator(mode="after")
     def _check_once_per_scan(self) -> Self:
         if self.insertion.once_per_scan and self.sensor_model.wall_blur > 0.0:
-            raise ValueError("sensor_model.wall_blur must be 0 where insertion.once_per_scan is on")
+            raise ValueError("sensor_model.wall_blur must be 0 with insertion.once_per_scan")
         if self.insertion.once_per_scan and self.sensor_model.combination == "mean":
-            raise ValueError("sensor_model.combination must be 'conjunctive' where insertion.once_per_scan is on")
+            raise ValueError("sensor_model.combination must be 'conjunctive' with insertion.once_per_scan")
         return self
 
 
@@ -150,8 +152,8 @@ def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
     resolution = times * config.resolution
     if times > 1:
         logger.warning(
-            "the map spans %.0f x %.0f m: drawn with cells of %g m instead of %g m to keep within the %d cells of "
-            "map.max_cells",
+            "the map spans %.0f x %.0f m: rendered with cells of %g m instead of %g m, to stay within the %d cells "
+            "of map.max_cells",
             *(high - low),
             resolution,
             config.resolution,
@@ -160,7 +162,7 @@ def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
     needed, there = _BYTES_A_CELL * _cells(low, high, resolution), machine_memory()
     if needed > there:
         raise GridTooLargeError(
-            "the map spans {:.0f} x {:.0f} m and takes {:.1f} GB to draw, more than the {:.1f} GB there are: use a "
+            "the map spans {:.0f} x {:.0f} m and takes {:.1f} GB to render, more than the {:.1f} GB available: use a "
             "smaller map.max_cells or a coarser map.resolution".format(*(high - low), needed / 1e9, there / 1e9)
         )
     (left, bottom), (right, top) = (np.floor(corner / resolution).astype(int) for corner in (low, high))

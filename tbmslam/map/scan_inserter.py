@@ -18,14 +18,14 @@ class InsertionConfig(FrozenConfig):
     PUBLIC: ClassVar = ("max_range", "no_return")
 
     max_range: float = Field(
-        float("inf"), gt=0, description="a hit beyond this range marks free space up to it, and no obstacle [m]"
+        float("inf"), gt=0, description="a hit beyond this range marks free space up to the range, and no obstacle [m]"
     )
     no_return: Literal["free", "ignore"] = Field(
         "ignore", description="a beam without a return marks free space up to its range limit, or nothing"
     )
     once_per_scan: bool = Field(
         False,
-        description="a scan speaks once of each cell, and a hit outweighs passages; else every beam speaks for itself",
+        description="each scan counts once per cell, and a hit overrides passages; else every beam counts",
     )
 
 

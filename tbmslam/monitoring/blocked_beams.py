@@ -119,16 +119,24 @@ class BlockedBeamsConfig(FrozenConfig):
 
     PUBLIC: ClassVar = ("enabled",)
 
-    enabled: bool = Field(True, description="detect beams that a part of the robot blocks, and leave them out")
-    spread: float = Field(0.02, gt=0, description="how far the ranges of such a beam differ, at the most [m]")
-    near: float = Field(1.0, gt=0, description="they end within this [m]")
-    travelled: float = Field(2.0, gt=0, description="after such a way and turn constant ranges are suspicious [m]")
-    turned: float = Field(1.0, gt=0, description="turn that they must outlast: walls beside a way do not [rad]")
-    very_near: float = Field(0.35, gt=0, description="few walls are as near as this for long [m]")
-    soon: float = Field(0.7, gt=0, description="way for ranges as near as that [m]")
-    soon_turned: float = Field(0.35, gt=0, description="turn for ranges as near as that [rad]")
-    fewest: int = Field(5, ge=1, description="neighbouring beams that must be blocked together")
-    step: float = Field(0.3, gt=0, description="way or turn between two looks [m, rad]")
+    enabled: bool = Field(True, description="detect beams that a part of the robot blocks, and ignore them")
+    spread: float = Field(0.02, gt=0, description="largest difference between the ranges of a blocked beam [m]")
+    near: float = Field(1.0, gt=0, description="largest range of a blocked beam [m]")
+    travelled: float = Field(2.0, gt=0, description="distance after which a constant range counts as blocked [m]")
+    turned: float = Field(
+        1.0,
+        gt=0,
+        description=(
+            "rotation after which a constant range counts as blocked; the range to a wall along the path changes [rad]"
+        ),
+    )
+    very_near: float = Field(
+        0.35, gt=0, description="range below which shorter distances suffice, as few walls are so near for long [m]"
+    )
+    soon: float = Field(0.7, gt=0, description="distance for these short ranges [m]")
+    soon_turned: float = Field(0.35, gt=0, description="rotation for these short ranges [rad]")
+    fewest: int = Field(5, ge=1, description="least number of neighbouring beams that are blocked together")
+    step: float = Field(0.3, gt=0, description="distance or rotation between two checks [m, rad]")
 
 
 class BlockedBeams:
@@ -306,5 +314,6 @@ def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:
 
 def _blocks(scan: LaserScan, beams: BoolArray) -> str:
     return (
-        f"something on the robot, or along with it, blocks {beams.mean():.0%} of the beams, {directions(scan, beams)}"
+        f"a part of the robot, or something that moves with it, blocks {beams.mean():.0%} of the beams, "
+        f"{directions(scan, beams)}"
     )

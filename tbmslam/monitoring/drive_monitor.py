@@ -18,12 +18,9 @@ logger = logging.getLogger(__name__)
 _SAID_AT_MOST = 20
 _SAME_PLACE = 0.5
 """Share of the last scan that a scan of the same place confirms at least."""
-_CARRIED = (
-    "if the robot was carried or took a lift, make one robot of the drive before and one of the drive after by "
-    "--interval"
-)
-LOST = f"the scan fits nothing seen before where the odometry puts the robot: the drive goes on by odometry; {_CARRIED}"
-LOST_WITHOUT_ODOMETRY = f"the scan fits nothing seen before: without odometry the motion is a guess there; {_CARRIED}"
+_CARRIED = "if the robot was carried or took a lift, split the recording there with --interval"
+LOST = f"the scan matches nothing near the pose of the odometry: the drive continues by odometry; {_CARRIED}"
+LOST_WITHOUT_ODOMETRY = f"the scan matches nothing known: without odometry the motion is a guess there; {_CARRIED}"
 
 
 class DriveMonitor:
@@ -130,5 +127,5 @@ class DriveMonitor:
         if 0.0 <= stamp - until <= SOON_S:
             self.incidents.lengthen(number, stamp)
         else:
-            number = self.incidents.add(stamp, f"the odometry steps by {metres:.0f} m, which is not believed")
+            number = self.incidents.add(stamp, f"the odometry steps by {metres:.0f} m, which is ignored")
         self._stepping = number, stamp

@@ -33,8 +33,8 @@ class ImpossibleSpeed(NamedTuple):
     def warning(self) -> str:
         """Return what is said of it."""
         return (
-            f"the robot would drive at {self.speed:.1f} m/s for {_SPAN_S:.0f} s, which no robot does: the map is wrong "
-            "there, or ranges or stamps have another unit"
+            f"the robot would drive at {self.speed:.1f} m/s for {_SPAN_S:.0f} s, faster than any mapping robot: "
+            f"the map is wrong there, or ranges or stamps have another unit"
         )
 
 
@@ -115,8 +115,8 @@ class UndeterminedMotion(NamedTuple):
 
 
 _UNDETERMINED = (
-    "neither odometry nor scans determine the motion: the map is a guess there; record odometry, or use a laser that "
-    "sees farther"
+    "neither odometry nor scans determine the motion: the map is unreliable there; record odometry, or "
+    "use a laser with a longer range"
 )
 
 
@@ -208,17 +208,17 @@ class DriveReview:
         begin = ends[number - 2] - self._started if number > 1 else 0.0
         knock, end = ends[number - 1] - self._started, ends[number] - self._started
         what = (
-            f"the laser turned by {abs(turn):.0f} degrees to the {'left' if turn > 0.0 else 'right'} on the robot: "
-            f"make one robot of the drive before, by --interval {begin:.1f} {knock:.1f}, and one of the drive after, "
-            f"by --interval {knock:.1f} {end:.1f} with --sensor-pose {x:.2f} {y:.2f} {math.degrees(yaw):.0f}"
+            f"the laser turned by {abs(turn):.0f} degrees to the {'left' if turn > 0.0 else 'right'} on the "
+            f"robot: split the recording there: map the first part with --interval {begin:.1f} {knock:.1f}, and the "
+            f"second with --interval {knock:.1f} {end:.1f} with --sensor-pose {x:.2f} {y:.2f} {math.degrees(yaw):.0f}"
         )
         return EndWarning("mount change", what, ends[number - 1], all_along=False)
 
 
 def _scaled(ratio: float, scale: float) -> str:
     """Return what is said where scans go so many times as far as an odometry that was scaled before."""
-    told = f"the scans go {_digits(ratio)} times as far as the odometry, one of them has a wrong scale"
-    return f"{told}; where it is the odometry's, --odometry-scale {_digits(ratio * scale)} mends it"
+    told = f"the scans go {_digits(ratio)} times as far as the odometry: one of them has a wrong scale"
+    return f"{told}; if it is the odometry, pass --odometry-scale {_digits(ratio * scale)}"
 
 
 def _digits(scale: float) -> str:

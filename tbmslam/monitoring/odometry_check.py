@@ -19,14 +19,16 @@ _FORGETTING = 0.995  # of the top speed, from reading to reading
 class OdometryCheckConfig(FrozenConfig):
     """When odometry and scans contradict each other."""
 
-    keyframes: int = Field(4, ge=1, description="number of steps over which motions are compared")
-    distance: float = Field(0.4, gt=0, description="difference that is worth a warning [m]")
-    angle: float = Field(0.4, gt=0, description="difference that is worth a warning [rad]")
-    per_metre: float = Field(0.25, ge=0, description="more of both per travelled metre")
-    scale: float = Field(0.06, gt=0, description="share by which lengths differ all along that is worth a warning")
-    lengths: int = Field(10, ge=1, description="lengths that must be compared for that, of a metre at least")
-    step: float = Field(0.3, gt=0, description="length from which on a single step may be a jump [m]")
-    speeding: float = Field(4.0, gt=1, description="times the usual top speed that make it one")
+    keyframes: int = Field(4, ge=1, description="number of keyframes over which motions are compared")
+    distance: float = Field(0.4, gt=0, description="difference that gives a warning [m]")
+    angle: float = Field(0.4, gt=0, description="difference that gives a warning [rad]")
+    per_metre: float = Field(0.25, ge=0, description="additional tolerance of both per metre")
+    scale: float = Field(
+        0.06, gt=0, description="relative difference of lengths over the whole drive that gives a warning"
+    )
+    lengths: int = Field(10, ge=1, description="least number of compared lengths of at least a metre")
+    step: float = Field(0.3, gt=0, description="least length of a jump [m]")
+    speeding: float = Field(4.0, gt=1, description="a jump is this many times faster than the usual top speed")
 
 
 class OdometryCheck:

@@ -19,8 +19,8 @@ _WHILE_S = 2.0
 
 DISAGREE = "odometry and scans disagree about the motion"
 ELSEWHERE = (
-    "after a pause the robot does not stand where it stood before, though the wheels hardly moved: if it was carried, "
-    "make one robot of the drive before and one of the drive after by --interval"
+    "after a pause the scan shows another place, but the odometry hardly moved: if the robot was carried, "
+    "split the recording there with --interval"
 )
 
 

@@ -115,12 +115,12 @@ class Cluster:
             except KilledWorker:
                 name = future.key.rpartition("-")[0]
                 raise ClusterError(
-                    f"{name}: every worker that tried it died: memory may have run out; see the workers' logs"
+                    f"{name}: every worker that ran it died, perhaps out of memory: see the logs of the workers"
                 ) from None
             except (CancelledError, CommClosedError, TimeoutError) as error:
                 raise ClusterError(
-                    f"{self._address}: the scheduler was lost ({type(error).__name__}): run again when it is back; "
-                    "finished work is kept"
+                    f"{self._address}: the connection to the scheduler was lost ({type(error).__name__}): run again "
+                    f"when it is available; finished work is kept"
                 ) from None
 
 

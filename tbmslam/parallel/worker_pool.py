@@ -81,7 +81,7 @@ class WorkerDiedError(TbmSlamError):
     """A process that had work to do ended before it was done."""
 
     def __init__(self) -> None:
-        super().__init__("a worker process died: memory may have run out; run again with fewer --workers")
+        super().__init__("a worker process died, perhaps out of memory: run again with fewer --workers")
 
 
 class WorkerPool(ProcessPoolExecutor):

@@ -93,14 +93,16 @@ class ParticleTrackerConfig(FrozenConfig):
     resample_below: float = Field(
         0.5, ge=0, le=1, description="N_eff, as a share of the particles, below which to resample"
     )
-    max_points: int = Field(120, ge=10, description="hits of a scan that are matched, evenly chosen")
-    max_range: float = Field(30.0, gt=0, description="hits beyond this are neither matched nor written [m]")
-    independent_points: float = Field(40.0, gt=0, description="how many independent hits a scan counts for in matching")
-    weighing_points: float = Field(8.0, gt=0, description="and when hypotheses are weighed against one another")
+    max_points: int = Field(120, ge=10, description="hits of a scan that are matched, evenly spaced")
+    max_range: float = Field(30.0, gt=0, description="hits beyond this range are neither matched nor inserted [m]")
+    independent_points: float = Field(
+        40.0, gt=0, description="number of independent hits that a scan counts for in matching"
+    )
+    weighing_points: float = Field(8.0, gt=0, description="the same when the particles are weighted")
     clutter: float = Field(
         0.05, gt=0, lt=1, description="likelihood of a hit in free space, beside 1 on a certain wall"
     )
-    unknown: float = Field(0.3, ge=0, le=1, description="likelihood of a hit where nothing is known")
+    unknown: float = Field(0.3, ge=0, le=1, description="likelihood of a hit in an unknown cell")
     spread: float = Field(0.8, gt=0, description="standard deviation of a hit from its cell's centre [cells]")
     position_step: float = Field(0.1, gt=0, description="first step of the search along x and y [m]")
     heading_step: float = Field(0.04, gt=0, description="first step of the search in heading [rad]")

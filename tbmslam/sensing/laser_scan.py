@@ -169,13 +169,12 @@ class Reading:
             )
         if scan.angle_increment == 0.0 and len(scan.ranges) > 1:
             raise ValueError(
-                f"angle_increment must not be 0 where there is more than one beam, got 0 and {len(scan.ranges)} beams"
+                f"angle_increment must not be 0 with more than one beam, got 0 and {len(scan.ranges)} beams"
             )
         # -inf, too, which some drivers write for what is too close. Asked this way in half the time of `any`.
         if np.fmin.reduce(scan.ranges, initial=0.0) < 0.0:
             raise ValueError(
-                f"ranges must not be negative, got {np.nanmin(scan.ranges)}: "
-                "nan stands for nothing known, inf for no return"
+                f"ranges must not be negative, got {np.nanmin(scan.ranges)}: nan means unknown, inf means no return"
             )
 
     def with_scan(self, scan: LaserScan) -> "Reading":

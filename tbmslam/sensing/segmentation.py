@@ -88,8 +88,8 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     count, steps = len(itinerary.stamps), _time_steps(itinerary.stamps)
     if count > _FEW and (usual := float(np.median(steps))) > gap_s:
         raise SegmentationError(
-            f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s from one reading to the next, so that each "
-            "would be a robot of its own: pass a longer --gap"
+            f"a gap of {gap_s:g} s is shorter than the usual {usual:.3g} s between readings, so each reading would "
+            f"be a robot: pass a longer --gap"
         )
     cuts = [0, *(np.flatnonzero(steps > gap_s) + 1).tolist(), count]
     return [Segment(start, stop) for start, stop in itertools.pairwise(cuts) if stop > start]

@@ -21,12 +21,12 @@ class SensorModelConfig(FrozenConfig):
     PUBLIC: ClassVar = ("hit_quality", "miss_quality")
 
     hit_probability: float = Field(0.95, gt=0, le=1, description="probability of occupied in the cell a beam ends in")
-    hit_quality: float = Field(0.04, gt=0, lt=1, description="mass that one hit commits; the rest stays unknown")
+    hit_quality: float = Field(0.04, gt=0, lt=1, description="mass of one hit; the rest is unknown")
     miss_probability: float = Field(0.01, ge=0, lt=1, description="probability of occupied in a cell a beam passes")
-    miss_quality: float = Field(0.003, gt=0, lt=1, description="mass that one passage commits")
-    wall_blur: float = Field(0.3, ge=0, description="length before a hit over which passage turns into wall [m]")
+    miss_quality: float = Field(0.003, gt=0, lt=1, description="mass of one passage")
+    wall_blur: float = Field(0.3, ge=0, description="length before a hit over which free turns into occupied [m]")
     combination: Literal["conjunctive", "mean"] = Field(
-        "conjunctive", description="'mean' takes the mean of all probabilities a cell was given, and knows no ignorance"
+        "conjunctive", description="'mean' takes the mean of all probabilities of a cell; no mass stays unknown"
     )
 
 

@@ -20,8 +20,8 @@ class GridTrackerConfig(FrozenConfig):
 
     kind: Literal["grid"] = "grid"
     matcher: Annotated[MonteCarloConfig | HillClimbingConfig, Field(discriminator="method")] = MonteCarloConfig()
-    quality_if_moved: float = Field(0.9, ge=0, le=1, description="weight of a scan whose guess was corrected")
-    quality_if_kept: float = Field(0.6, ge=0, le=1, description="weight of a scan that stayed at its guess")
+    quality_if_moved: float = Field(0.9, ge=0, le=1, description="weight of a scan whose predicted pose was corrected")
+    quality_if_kept: float = Field(0.6, ge=0, le=1, description="weight of a scan that kept its predicted pose")
 
 
 class GridTracker:

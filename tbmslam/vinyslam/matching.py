@@ -54,9 +54,9 @@ class HillClimbingConfig(FrozenConfig):
     position_step: float = Field(0.1, gt=0, description="first step along x and y [m]")
     heading_step: float = Field(0.1, gt=0, description="first step of the heading [rad]")
     halvings: int = Field(6, ge=1, description="rounds without improvement that end the search")
-    extra_candidate: bool = Field(False, description="score one more candidate at the end, as the original does")
+    extra_candidate: bool = Field(False, description="score one more candidate at the end, like the original")
     weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
-    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
+    score: CellScore = Field("discrepancy", description="score of a hit in a cell: see `CellScore`")
 
 
 class HillClimbingMatcher:
@@ -95,10 +95,10 @@ class MonteCarloConfig(FrozenConfig):
     method: Literal["monte_carlo"] = "monte_carlo"
     position_deviation: float = Field(0.2, gt=0, description="standard deviation of a candidate's x and y [m]")
     heading_deviation: float = Field(0.1, gt=0, description="standard deviation of a candidate's heading [rad]")
-    max_failures: int = Field(20, ge=1, description="candidates in vain, at one deviation, that end the search")
+    max_failures: int = Field(20, ge=1, description="rejected candidates, at one deviation, that end the search")
     max_candidates: int = Field(100, ge=1, description="candidates that end the search in any case")
     weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
-    score: CellScore = Field("discrepancy", description="what a hit gains in a cell: see `CellScore`")
+    score: CellScore = Field("discrepancy", description="score of a hit in a cell: see `CellScore`")
 
 
 class MonteCarloMatcher:

@@ -191,7 +191,7 @@ def test_a_wrong_digest_is_not_kept(server, tmp_path):
 @pytest.mark.parametrize("status", [404, 403, 500])
 def test_a_server_that_refuses(server, tmp_path, status):
     server.status = status
-    with pytest.raises(DownloadError, match=rf"a\.bag: the server says {status} .+: see if it has moved"):
+    with pytest.raises(DownloadError, match=rf"a\.bag: the server says {status} .+: check if it has moved"):
         download(server.address, tmp_path / "a.bag")
     assert names(tmp_path) == []
 

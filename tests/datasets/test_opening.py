@@ -35,7 +35,7 @@ def test_paths_of_no_use(tmp_path):
     (tmp_path / "a.bag").touch()
     with pytest.raises(DatasetError, match=r"a directory of ROS 1 bags; give the files themselves: a\.bag"):
         open_recording([tmp_path])
-    with pytest.raises(DatasetError, match=r"/dev/zero: is no file but a device or a pipe"):
+    with pytest.raises(DatasetError, match=r"/dev/zero: is a device or a pipe"):
         open_recording([Path("/dev/zero")])
     with pytest.raises(ValueError, match="paths must name at least one file, got none"):
         open_recording([])

@@ -43,7 +43,7 @@ def test_nothing_to_read_is_an_error():
         ("empty", "no beam of them says anything; check --range-min and --range-max"),
         ("before_odometry", "check --odometry, --odom-frame and --clock-offset"),
         ("impossible_angles", "pass --angle-step-deg"),
-        ("unreadable", "pass --angle-step-deg if only that is wrong in them, or choose another --scan-topic"),
+        ("unreadable", "pass --angle-step-deg if only the angle step is wrong, or choose another --scan-topic"),
         ("other_frame", "choose another --laser-frame or --scan-topic"),
     ],
 )

@@ -32,7 +32,7 @@ def test_a_directory_without_any(tmp_path):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"run\.bag: is no file but a device or a pipe: give a recording's file"):
+    with pytest.raises(DatasetError, match=r"run\.bag: is a device or a pipe: give a recording's file"):
         list_recordings([tmp_path / "run.bag"])
     with pytest.raises(DatasetError, match="a directory without recordings"):
         list_recordings([tmp_path])

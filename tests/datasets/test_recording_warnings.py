@@ -41,14 +41,14 @@ def test_every_fault_is_a_sentence():
         "3 scans are stamped earlier than the scan before: the clock stepped back",
         "1 scans have the stamp of an earlier scan",
         "4 scans are stamped by another clock than the rest of the recording",
-        "5 scans came after the last odometry, which was carried on for them",
-        "9 scans had no odometry, so that they alone told the motion",
-        "7 scans state more time between beams than they can have taken",
+        "5 scans came after the last odometry, which was extrapolated",
+        "9 scans had no odometry, so scan matching alone estimated the motion",
+        "7 scans state an impossible time between beams",
         "the number of beams changed 6 times",
         "about 40 scans, 8.0 s, are lost in a damaged file",
-        "20% of the beams are no number",
-        "2 gaps of 9.0 s in all without a scan, the longest 7.0 s: what moved meanwhile nobody saw",
-        "nothing tells where the laser sits on the robot: its place was taken for granted",
+        "20% of the beams are not a number",
+        "2 gaps of 9.0 s in all without a scan, the longest 7.0 s: motion during a gap is unknown",
+        "the mount of the laser on the robot is not recorded: a default was used",
         "the laser's clock is 82 s behind",
         "angles do not fit",
     ]
@@ -56,7 +56,7 @@ def test_every_fault_is_a_sentence():
 
 def test_a_gap_is_one():
     said = recording_warnings(recording(pauses=[(1.0, 3.0)]))
-    assert said == ["1 gap of 3.0 s without a scan: what moved meanwhile nobody saw"]
+    assert said == ["1 gap of 3.0 s without a scan: motion during a gap is unknown"]
 
 
 def test_nobody_who_told_the_angles_is_asked_for_them():
@@ -69,12 +69,12 @@ def test_a_part_is_told_of_its_own_gaps_and_of_the_counts_of_all():
     made.counts.add_gap(50.0, 4.0)
     counted = [
         "in the whole recording, 8 of 100 scans were dropped: they were empty",
-        "in the whole recording, 20% of the beams are no number",
+        "in the whole recording, 20% of the beams are not a number",
     ]
     assert recording_warnings(made, Span(60.0, 90.0)) == counted
     assert recording_warnings(made, Span(20.0, 60.0)) == [
         *counted,
-        "1 gap of 4.0 s without a scan: what moved meanwhile nobody saw",
+        "1 gap of 4.0 s without a scan: motion during a gap is unknown",
     ]
 
 
@@ -100,8 +100,8 @@ def test_a_moment_is_of_the_part_whose_end_it_is():
 def test_a_code_that_was_taken_for_a_wall_is_told_with_the_option():
     made = recording(beams={"hit": 1000}, farthest_m=8.0, farthest_beams=40, farthest_scans=10)
     said = (
-        "40 beams end at exactly 8 m, the longest range of all, as if that said that nothing came back: "
-        "try --no-return-code 8"
+        "40 beams end at exactly 8 m, the longest range of all, which may be a code for no return: try "
+        "--no-return-code 8"
     )
     assert recording_warnings(made) == [said]
     assert "odd: 40 beams of exactly 8 m (try --no-return-code 8)" in made.counts.summary()

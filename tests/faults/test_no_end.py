@@ -28,7 +28,7 @@ from tools.evaluation.truth_file import TruthFileError
 from tools.map_pairs.files import PairFileError, load_pair
 from tools.paper.maps import load_pairs
 
-NO_FILE, EMPTY = "is no file but a device or a pipe", "is empty"
+NO_FILE, EMPTY = "is a device or a pipe", "is empty"
 KERNEL_LOG = Path("/proc/kmsg")
 """Of size 0, and whoever reads it waits for the kernel's next message."""
 YAML = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -62,14 +62,14 @@ def test_a_rough_pose_is_made_exact_and_says_so(maps):
     assert one.method == "told"
     assert one.accepted
     assert one.confidence > 0.9
-    assert "laid where told, but for 0.6" in one.reason
+    assert "placed at the given pose, refined by 0.6" in one.reason
     assert "of wall agree (" in one.reason
 
 
 def test_a_pose_that_is_exact_is_said_to_be_borne_out(maps):
     exact = place_by_priors(maps, told(half=TRUTH)).alignments["floor", "half"].T_target_source
     reason = place_by_priors(maps, told(half=exact)).alignments["floor", "half"].reason
-    assert reason.startswith("laid where told, but for 0.00 m and 0.0 degrees; ")
+    assert reason.startswith("placed at the given pose, refined by 0.00 m and 0.0 degrees; ")
 
 
 def test_what_is_told_is_not_searched_and_the_rest_is(maps):
@@ -110,7 +110,7 @@ def test_a_pose_that_walls_contradict_is_warned_of(maps, caplog):
     with caplog.at_level(logging.WARNING):
         done = merge({name: maps[name] for name in ("floor", "foreign")}, told(foreign=(2.0, 1.0, 0.3)))
     assert list(done.poses) == ["floor", "foreign"]
-    assert "foreign: more of its walls contradict the told pose than bear it out: is it right?" in caplog.text
+    assert "foreign: more of its walls contradict the given pose than confirm it: is it right?" in caplog.text
 
 
 @pytest.mark.parametrize(("empty", "which"), [(0, "target"), (1, "source")])
@@ -148,7 +148,7 @@ def test_a_pose_of_no_other_map_is_refused(maps, name):
 
 
 def test_a_pose_so_far_off_that_the_merged_map_were_too_large_is_refused(maps):
-    where = "half: where it is told to lie the merged map would be [0-9]+ x [0-9]+ m, .* cells, more than the 4e[+]08"
+    where = "half: at the given pose the merged map would be [0-9]+ x [0-9]+ m, .* cells, more than the 4e[+]08"
     with pytest.raises(KnownPoseError, match=where):
         merge(maps, told(half=(5000.0, -5000.0, 0.0)))
 

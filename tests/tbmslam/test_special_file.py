@@ -20,5 +20,5 @@ def test_what_cannot_be_read_is_told(tmp_path):
     os.mkfifo(pipe)
     link.symlink_to(empty)
     assert [why_unreadable(path) for path in (file, tmp_path, tmp_path / "nothing")] == [None] * 3
-    assert why_unreadable(pipe) == "is no file but a device or a pipe"
+    assert why_unreadable(pipe) == "is a device or a pipe"
     assert [why_unreadable(path) for path in (empty, link)] == ["is empty"] * 2

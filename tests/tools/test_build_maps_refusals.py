@@ -25,8 +25,8 @@ from tools.mapping.run import OutputError
         (("a", "--robots", "0"), "--robots must be at least 1"),
         (("a", "--robots", "10001"), "--robots must be at least 1 and at most 10000"),
         (("a", "--robots", "2.5"), "invalid int value: '2.5'"),
-        (("", "-o", "x"), "an empty text names no file: is a variable of the shell unset?"),
-        (("a", "-o", ""), "an empty text names no file: is a variable of the shell unset?"),
+        (("", "-o", "x"), "the name of a file is empty: is a variable of the shell unset?"),
+        (("a", "-o", ""), "the name of a file is empty: is a variable of the shell unset?"),
         (("a", "--sensor-pose", "nan", "0", "0"), "sensor_pose must be finite and within 1000 m"),
         (("a", "--range-min", "5", "--range-max", "2"), "range_min must be below range_max"),
         (("a", "--overlap", "1"), "--overlap within [0, 1)"),
@@ -37,7 +37,7 @@ from tools.mapping.run import OutputError
         (("a", "--gap", "0"), "gap_s must be positive, got 0.0"),
         (("a", "--odom-frame", ""), "names of topics and frames must not be empty: is a variable of the shell unset?"),
         (("a", "--tf-topic", ""), "names of topics and frames must not be empty"),
-        (("a", "--config", ""), "an empty text names no file: is a variable of the shell unset?"),
+        (("a", "--config", ""), "the name of a file is empty: is a variable of the shell unset?"),
     ],
 )
 def test_wrong_usage_is_exit_2(capsys, tmp_path, monkeypatch, arguments, message):
@@ -82,7 +82,7 @@ def errors(bag, tmp_path):
         "a number without end": ((bag, "--config", digits), ConfigError, r"digits\.toml: cannot be .*4300 digits"),
         "a text for a number": ((bag, "--set", "seed='1'"), ConfigError, "--set: seed must be a number, got '1'"),
         "cells of no size": ((bag, "--set", "map.resolution=1e-12"), ConfigError, r"map\.resolution: .*got 1e-12"),
-        "a pipe": ((pipe,), DatasetError, r"pipe\.bag: is no file but a device or a pipe"),
+        "a pipe": ((pipe,), DatasetError, r"pipe\.bag: is a device or a pipe"),
         "no truth": ((bag, "--reference", tmp_path / "bad.tum"), TumError, r"bad\.tum"),
     }
 
@@ -118,8 +118,8 @@ def test_a_place_that_cannot_be_written_is_one_line(bag, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "end"),
     [
-        (("x" * 300,), "File name too long: check that name, or choose another\n"),
-        (("x" * 300, "--separate"), "File name too long: check that name, or choose another\n"),
+        (("x" * 300,), "File name too long: check the name, or choose another\n"),
+        (("x" * 300, "--separate"), "File name too long: check the name, or choose another\n"),
         (("-o", "x" * 300), "cannot be written into (File name too long): choose another folder with -o\n"),
     ],
 )

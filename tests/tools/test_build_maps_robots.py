@@ -19,7 +19,7 @@ def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
     log.write_text("".join(f"FLASER 180 {ranges} 0 0 0 0 0 0 {t}.0 host {t}.0\n" for t in stamps))
     intervals = ("--interval", 0, 9, "--interval", 5, 25, "--interval", 20, 30)
     assert run(log, *intervals, "--no-truth", "-o", tmp_path / "out") == 0
-    gap = "1 gap of 11.0 s without a scan: what moved meanwhile nobody saw"
+    gap = "1 gap of 11.0 s without a scan: motion during a gap is unknown"
     for name, befell in (("log_0", False), ("log_1", True), ("log_2", False)):
         record = run_record(tmp_path / "out" / name)
         assert (gap in record["warnings"]) is befell
@@ -110,7 +110,7 @@ def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
 def test_a_robot_of_one_scan_has_no_truth_and_costs_no_other(bag, tmp_path, caplog):
     assert run(bag, "-o", tmp_path, "--interval", 0, 10, "--interval", 10.01, 10.25) == 0
     assert list(json.loads((tmp_path / "truth.json").read_text())["robots"]) == ["robot_0_0"]
-    assert "robot_0_1: it is not known where its map lies: only " in caplog.text
+    assert "robot_0_1: the pose of its map is unknown: only " in caplog.text
 
 
 def test_a_second_run_replaces_the_robots_of_the_first(bag, tmp_path):

@@ -42,13 +42,13 @@ def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):
     picture[2], picture[5] = 0, 255
     cv2.imwrite(str(tmp_path / "plan.png"), picture)
     assert run(tmp_path / "plan.png", tmp_path / "out") == 1
-    assert "plan.png: a picture does not tell the size of its pixels: pass --resolution" in capsys.readouterr().err
+    assert "plan.png: a picture holds no size of its pixels: pass --resolution" in capsys.readouterr().err
     assert run(tmp_path / "plan.png", tmp_path / "out", "--resolution", 0.1, "--origin", -3, 4) == 0
     made = load_map(tmp_path / "out")
     assert made.grid.geometry == pytest.approx((0.1, -3.0, 4.0, 10, 20))
     assert (made.to_occupancy()[7] == 100).all()
     assert run(plan, tmp_path / "x", "--resolution", 0.1) == 1
-    assert "is no picture, and states the size of its cells: drop --resolution" in capsys.readouterr().err
+    assert "is not a picture and holds the size of its cells: drop --resolution" in capsys.readouterr().err
     assert run(plan, tmp_path / "again.png") == 0
     assert (tmp_path / "again.pgw").is_file()
     assert cv2.imread(str(tmp_path / "again.png"), cv2.IMREAD_UNCHANGED).shape == (30, 40)
@@ -72,7 +72,7 @@ def test_keyframes_become_a_pose_graph(bag, plan, tmp_path, capsys):
     [
         (("none", "out"), "none: does not exist: give a map's folder or file"),
         (("plan", "plan"), "plan: is the map itself: choose another name"),
-        (("plan", "out.svg"), r"out\.svg: no format ends in \.svg: choose of \.npz, "),
+        (("plan", "out.svg"), r"out\.svg: no format has the suffix \.svg: choose of \.npz, "),
         (("a.bag", "out"), r"a\.bag: "),
         (("a.tif", "out"), r"a\.tif: "),
     ],

@@ -92,4 +92,4 @@ def test_without_an_edit_nothing_is_done(room, capsys):
     with pytest.raises(SystemExit) as left:
         run(room, "-o", "out")
     assert left.value.code == 2
-    assert "name an edit, such as --align-axes, or a file of --edits" in capsys.readouterr().err
+    assert "give an edit, such as --align-axes, or a file of --edits" in capsys.readouterr().err

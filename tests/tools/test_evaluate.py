@@ -234,12 +234,12 @@ def test_what_is_no_trajectory_map_or_world_is_one_line(files, tmp_path, capsys)
         np.savez(tmp_path / "world.npz", **(dict(arrays) | {"walls": np.full((1, 4), np.nan)}))
     pipe, estimate, own_map = tmp_path / "pipe.npz", files / "est.tum", files / "map"
     for arguments, said in (
-        (("trajectory", pipe, "--truth", estimate), "is no file but a device or a pipe: give a trajectory's file"),
-        (("trajectory", estimate, "--relations", pipe), "is no file but a device or a pipe: give a file of relations"),
+        (("trajectory", pipe, "--truth", estimate), "is a device or a pipe: give a trajectory's file"),
+        (("trajectory", estimate, "--relations", pipe), "is a device or a pipe: give a file of relations"),
         (("trajectory", tmp_path / "far.tum", "--truth", estimate), "lies more than 1e+08 m away: leave the line out"),
         (("trajectory", estimate, "--relations", tmp_path / "far.relations"), "reaches over more than 1e+08 m"),
         (("trajectory", estimate, "--relations", tmp_path / "empty.relations"), "is empty: give a file of relations"),
-        (("map", own_map, "--truth", pipe), "is no file but a device or a pipe: give a map's folder or file"),
+        (("map", own_map, "--truth", pipe), "is a device or a pipe: give a map's folder or file"),
         (("map", own_map, "--truth", tmp_path / "world.npz"), "world.npz: "),
         (("map", own_map, "--truth", files / "world.npz", "--transform", 1e7, 0, 0), "say where the map lies in it"),
     ):

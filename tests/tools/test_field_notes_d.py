@@ -43,9 +43,11 @@ def test_d09_scans_after_the_last_transform_are_mapped_and_told_with_the_time(tm
         tmp_path, BagScript().tf(98.0, "base_link", "laser", topic="/tf_static").drive(98.0, 101.0)
     )
     assert run["counts"]["scans_used"] == 30
-    assert "8 scans had no odometry, so that they alone told the motion" in run["warnings"]
+    assert "8 scans had no odometry, so scan matching alone estimated the motion" in run["warnings"]
     # The wheels turn before a wall that comes no nearer, which is told as well.
-    (incident,) = (one for one in run["incidents"] if one["what"] == "no odometry, scans alone tell the motion")
+    (incident,) = (
+        one for one in run["incidents"] if one["what"] == "no odometry: scan matching alone estimates the motion"
+    )
     assert incident["at_s"] == pytest.approx(2.2, abs=0.1)
     assert "odd: 2 scans after the last odometry, 8 scans without odometry" in capsys.readouterr().out
 
@@ -53,7 +55,7 @@ def test_d09_scans_after_the_last_transform_are_mapped_and_told_with_the_time(tm
 def test_d09_without_any_transform_the_program_says_what_is_missing(tmp_path, caplog):
     run = mapped_by_the_program(tmp_path, BagScript())
     assert run["counts"]["scans_used"] == 30
-    assert "run.bag: neither tf nor a topic holds odometry; going on without it" in caplog.text
+    assert "run.bag: neither tf nor a topic holds odometry; continuing without it" in caplog.text
     assert "tf does not tell where the laser (frame 'laser') sits" in caplog.text
 
 

@@ -57,7 +57,7 @@ def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
     (tmp_path / "x.bag").touch()
     assert build_maps.main([str(tmp_path / "x.bag"), "-o", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err == (
-        "build_maps: interrupted: run the same again to go on, finished robots are kept\n"
+        "build_maps: interrupted: run the same command again to continue; finished robots are kept\n"
     )
 
 

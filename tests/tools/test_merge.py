@@ -89,7 +89,7 @@ def test_a_foreign_map_is_left_out_and_named(folders, tmp_path, capsys):
     assert merge.main([*names, "-o", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "left out: foreign: no alignment with a merged map was accepted" in said
-    assert "whoever knows where one lies may say so: --pose NAME X Y DEG, in the first map's frame\n" in said
+    assert "if the pose of a map is known, pass --pose NAME X Y DEG, in the first map's frame\n" in said
     assert json.loads((tmp_path / "report.json").read_text())["frame"] == "here"
 
 
@@ -114,7 +114,7 @@ def test_warnings_name_modules_only_for_those_who_want_to_know(monkeypatch, caps
 
 def test_a_map_that_is_given_twice_is_told(folders, tmp_path, caplog):
     merge.main([str(folders / "empty"), str(folders / "empty" / "map.npz"), "-o", str(tmp_path / "merged")])
-    assert "map.npz: is given twice, and counts as two robots that saw the same" in caplog.text
+    assert "map.npz: is given twice and counts as two robots" in caplog.text
 
 
 def test_a_drive_that_is_given_under_two_paths_is_told(tmp_path, caplog):

@@ -19,7 +19,7 @@ def test_a_map_is_laid_where_it_is_told(folders, tmp_path, capsys):
     assert report["pairs"][0]["method"] == "told"
     assert report["maps"]["there"]["T_merged_map"] == pytest.approx(list(turned), abs=0.01)
     assert report["config"]["known_poses"] == {"there": [*map(float, words[:2]), math.radians(-67.0)]}
-    assert "there in here: accepted: laid where told, but for 0." in capsys.readouterr().out
+    assert "there in here: accepted: placed at the given pose, refined by 0." in capsys.readouterr().out
 
 
 def test_a_pose_of_the_first_map_is_refused(folders, tmp_path, capsys):

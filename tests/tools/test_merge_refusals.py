@@ -14,10 +14,10 @@ from tools import merge
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-o", "out"], "two maps or more are needed, got 0: name their folders, as out/robot_0 out/robot_1"),
+        (["-o", "out"], "two maps or more are needed, got 0: give their folders, such as out/robot_0 out/robot_1"),
         (
             ["none", "-o", "out"],
-            "error: none: does not exist: name their folders, as out/robot_0 out/robot_1, or a folder",
+            "error: none: does not exist: give their folders, such as out/robot_0 out/robot_1, or a folder",
         ),
         (
             ["one", "two", "-o", "out", "--ratio", "7"],
@@ -48,7 +48,7 @@ def test_a_folder_with_one_map_or_none_is_told_apart(tmp_path, capsys):
     for name, message in (
         ("empty", "empty: holds no map: name a folder that build_maps wrote with -o"),
         ("single", "two maps or more are needed, "),
-        ("single", "single is or holds only one: name their folders, as out/robot_0 out/robot_1"),
+        ("single", "single is or holds only one: give their folders, such as out/robot_0 out/robot_1"),
         ("single/robot_0", "single/robot_0 is or holds only one"),
     ):
         with pytest.raises(SystemExit) as stopped:
@@ -85,7 +85,7 @@ def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
         ),
         (
             ("here", "there", "--pose", "nobody", "0", "0", "0"),
-            "merge: --pose: 'nobody' is none of the maps, which are",
+            "merge: --pose: 'nobody' is not one of the maps, which are",
         ),
         (("here", "new\nline/none"), "merge: .*new line/none: does not exist"),
     ],

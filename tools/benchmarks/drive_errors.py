@@ -72,9 +72,7 @@ def truth_beside(recording: Path) -> Path:
     for suffix in (".relations", ".truth.tum"):
         if (path := beside(recording, suffix)) is not None:
             return path
-    raise NoTruthError(
-        f"{recording}: has no .relations and no .truth.tum beside it, so that nothing can be scored: put one there"
-    )
+    raise NoTruthError(f"{recording}: has no .relations and no .truth.tum beside it, so it cannot be scored: add one")
 
 
 def drive_errors(truth: Path, maps: Sequence[Trajectory], scans: FloatArray) -> DriveErrors:

@@ -26,7 +26,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         metavar="[RECORDING=]TOPIC",
         help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log FLASER ..",
     )
-    scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (of that with most usable scans)")
+    scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (the laser with most usable scans)")
     scans.add_argument(
         "--cloud-heights",
         type=float,
@@ -36,19 +36,23 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
     scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
-    scans.add_argument("--range-max", type=float, metavar="M", help="range from which on nothing was hit (as stated)")
-    scans.add_argument("--range-offset", type=float, metavar="M", help="added to every range that was measured (0)")
+    scans.add_argument(
+        "--range-max", type=float, metavar="M", help="range from which on a beam counts as no return (as stated)"
+    )
+    scans.add_argument(
+        "--range-offset", type=float, metavar="M", help="offset that is added to every measured range (0)"
+    )
     scans.add_argument(
         "--no-return",
         choices=("free", "drop"),
-        help="a beam without a return clears its way up to the range limit, or says nothing (as the preset has it)",
+        help="a beam without a return clears its path up to the range limit, or is ignored (as in the preset)",
     )
     scans.add_argument(
         "--no-return-code",
         type=float,
         action="append",
         metavar="M",
-        help="a range by which the laser says that nothing came back; may be repeated",
+        help="a range that means no return; may be repeated",
     )
     scans.add_argument("--gap", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
     _add_odometry_options(parser)
@@ -57,10 +61,13 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
     """Add the options about odometry, frames and clocks."""
     odometry = parser.add_argument_group("odometry and frames")
-    odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="where it is read from (auto)")
+    odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="source of the odometry (auto)")
     odometry.add_argument("--odometry-topic", metavar="TOPIC", help="topic of Odometry messages")
     odometry.add_argument(
-        "--odometry-scale", type=float, metavar="F", help="its lengths are multiplied by this, millimetres by 0.001 (1)"
+        "--odometry-scale",
+        type=float,
+        metavar="F",
+        help="factor for the lengths of the odometry, 0.001 for millimetres (1)",
     )
     odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
     odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
@@ -70,22 +77,22 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=3,
         metavar=("X", "Y", "DEG"),
-        help="place of the laser on the robot [m, m, degrees] instead of the recorded one",
+        help="pose of the laser on the robot [m, m, degrees] instead of the recorded one",
     )
     odometry.add_argument(
         "--upside-down",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="whether the laser hangs upside down, instead of what tf says",
+        help="the laser is mounted upside down, or is not, regardless of tf",
     )
     odometry.add_argument(
         "--clock-offset",
         type=float,
         metavar="S",
-        help="added to a scan's stamp to find its odometry (detected)",
+        help="offset that is added to the stamp of a scan to find its odometry (detected)",
     )
     odometry.add_argument(
-        "--max-odometry-gap", type=float, metavar="S", help="odometry is not interpolated over more (5)"
+        "--max-odometry-gap", type=float, metavar="S", help="longest gap over which odometry is interpolated (5)"
     )
 
 
@@ -164,14 +171,16 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, 
     group = parser.add_argument_group("parameters")
     group.add_argument(
         "--preset",
-        help="of the SLAM, for mapping: default, viny, viny-hc, tiny, credibilist, particles or odometry; or paper: "
-        "viny, and merging exactly as in the paper",
+        help=(
+            "preset of the SLAM: default, viny, viny-hc, tiny, credibilist, particles or odometry; or paper: viny "
+            "for mapping, and merging exactly as in the paper"
+        ),
     )
     group.add_argument(
         "--config",
         type=path_argument,
         metavar="TOML",
-        help="parameters that differ; also a folder with the config.toml of an earlier result",
+        help="parameters to change, as a file or a folder with the config.toml of an earlier result",
     )
     group.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
@@ -195,7 +204,7 @@ def add_viewer_option(grammar: argparse.ArgumentParser) -> None:
         const=LIVE,
         type=_place,
         metavar="FILE.rrd",
-        help="watch scans, map, drive and loops in Rerun, live or into a file to be opened later with `rerun FILE.rrd` "
+        help="show scans, map, drive and loops in Rerun, live or in a file for `rerun FILE.rrd` "
         "(needs the extra tbmslam[viewer]); give it after the recordings",
     )
 

@@ -121,7 +121,7 @@ def path_argument(text: str) -> Path:
         The word is empty, which `Path` takes for the folder that one is in.
     """
     if not text:
-        raise argparse.ArgumentTypeError("an empty text names no file: is a variable of the shell unset?")
+        raise argparse.ArgumentTypeError("the name of a file is empty: is a variable of the shell unset?")
     return Path(text)
 
 

@@ -86,8 +86,8 @@ def one_line(error: Exception) -> str:
     """Return what an error says in one line; the system's errors, such as a name that is too long, with the name."""
     if isinstance(error, OSError):
         what = error.strerror or error
-        named = f"{error.filename}: {what}: check that name, or choose another"
-        said = f"{what}: check what is read and printed" if error.filename is None else named
+        named = f"{error.filename}: {what}: check the name, or choose another"
+        said = f"{what}: check the input and the output" if error.filename is None else named
     else:
         said = str(error)
     return printable(" ".join(said.splitlines()))  # names of files may hold line ends
@@ -104,7 +104,7 @@ def ended(
     *,
     debug: bool = False,
     interrupted: str = "",
-    out_of_memory: str = "do less at once, or use a larger machine",
+    out_of_memory: str = "reduce the work, or use a larger machine",
 ) -> int:
     """Do a program's work and return its exit code: what it returns, 1 for a known error, 130 for Ctrl-C.
 

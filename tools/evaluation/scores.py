@@ -122,7 +122,7 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
     agreement = map_agreement(labels, true_labels)
     if not agreement.known_both:
         raise EvaluationError(
-            f"{args.map} and {args.truth} know no cell in common: say where the map lies with --transform X Y DEG"
+            f"{args.map} and {args.truth} have no common known cell: set the pose of the map with --transform X Y DEG"
         )
     if args.picture:
         write_bytes(args.picture, encode_png(draw_map_errors(labels, true_labels)))
@@ -150,7 +150,9 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
     if found.T_target_source is None:
-        raise EvaluationError(f"{args.map} cannot be laid onto {args.truth}: {found.reason}: pass --transform X Y DEG")
+        raise EvaluationError(
+            f"{args.map} cannot be aligned with {args.truth}: {found.reason}: pass --transform X Y DEG"
+        )
     middle = grid.geometry.centre_of(grid.geometry.rows / 2.0, grid.geometry.cols / 2.0)
     near, far = list[tuple[SE2, float]](), 0.0
     for hypothesis in found.hypotheses():

@@ -71,8 +71,8 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
         kept = ", the others are kept" if len(failures) < len(tasks) else ""
         first = next(iter(failures.values()))
         raise MappingError(
-            f"{len(failures)} of {len(tasks)} robots failed ({names}){kept}; mend or leave out "
-            f"their recordings and run again; the first: {first}"
+            f"{len(failures)} of {len(tasks)} robots failed ({names}){kept}; correct or omit their recordings and "
+            f"run again; the first: {first}"
         )
 
 
@@ -155,7 +155,7 @@ def _tell_changed(tasks: Sequence[MappingTask]) -> None:
     """Warn of files that somebody or something changed, since they are written again."""
     for task in tasks:
         if names := changed_files(task.folder):
-            logger.warning("%s: not as an earlier run wrote it, made again: %s", task.folder, ", ".join(names))
+            logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
 
 
 def _tell(task: MappingTask, made: Mapped, told: set[tuple[tuple[Path, ...], str]]) -> None:

@@ -187,7 +187,8 @@ def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
     total = sum(beams.values())
     fates = ", ".join(f"{number / total:.0%} {fate}" for fate, number in sorted(beams.items()))
     raise EmptyMapError(
-        f"{recording.name}: nothing is seen in {scans} scans (beams: {fates}): check --range-max and --range-min, or "
+        f"{recording.name}: nothing was measured in {scans} scans (beams: {fates}): check --range-max and "
+        f"--range-min, or "
         "choose another --scan-topic"
     )
 

@@ -75,7 +75,7 @@ def write_truth(
         except TrajectoryAlignmentError as error:
             if task.paths in references:
                 raise
-            logger.warning("%s: it is not known where its map lies: %s", task.name, error)
+            logger.warning("%s: the pose of its map is unknown: %s", task.name, error)
             continue
         robots[task.name] = {
             "recording": task.files[0]["name"],

@@ -93,8 +93,8 @@ class World:
         whole = _covering((float(min_x), float(min_y), float(max_x), float(max_y)), geometry, geometry.resolution)
         if whole.rows * whole.cols > MAX_CELLS:
             raise WorldError(
-                f"the world {self.name} and the map reach together over {whole.rows} x {whole.cols} cells: say where "
-                "the map lies in it, or use coarser cells"
+                f"the world {self.name} and the map reach together over {whole.rows} x {whole.cols} cells: give the "
+                f"pose of the map in it, or use coarser cells"
             )
         labels = np.full((whole.rows, whole.cols), UNKNOWN, dtype=np.uint8)
         occupied = _cells_with_walls(walls, whole)

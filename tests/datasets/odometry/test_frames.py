@@ -113,7 +113,10 @@ def test_what_tf_says_twice_is_said():
     assert fixed.doubts(steps) == []
     fixed.add("base", "laser", SE3.from_planar(SE2(2.0, 0.0, 1.0)), True, 0.0)
     (doubt,) = fixed.doubts(steps)
-    assert doubt == "tf_static states several places of laser in base; taken the first: pass --sensor-pose"
+    assert (
+        doubt
+        == "tf_static states several places of laser in base; the first is used: pass --sensor-pose if it is wrong"
+    )
 
 
 @pytest.mark.parametrize(

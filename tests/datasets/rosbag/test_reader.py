@@ -142,7 +142,7 @@ def test_an_unknown_place_of_the_laser_is_said(script, tmp_path, caplog):
     bag = script.drive(100.0, 103.0).scan(101.0).in_time_order().write(tmp_path / "run.bag")
     readings, _ = read(bag)
     assert readings[0].T_robot_sensor == SE2.identity()
-    assert "taken at the robot's centre: pass --sensor-pose" in caplog.text
+    assert "taken the robot's centre: pass --sensor-pose" in caplog.text
 
 
 def test_no_odometry_is_said_or_refused(script, tmp_path, caplog):

@@ -211,7 +211,7 @@ def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_p
     readings = list(choose(bag))
     assert len(readings) == 60
     assert {reading.T_odom_robot for reading in readings} == {None}
-    assert "poses of /odom are no motions (quaternions of zeros, or no numbers); going on without" in caplog.text
+    assert "poses of /odom are no poses (quaternions of zeros, or not a number); going on without" in caplog.text
     with pytest.raises(
         DatasetError, match=r"/odom are no motions .*: choose another with --odometry-topic, or pass --od"
     ):
@@ -222,7 +222,7 @@ def test_ranges_in_millimetres_are_refused(script, tmp_path):
     random = np.random.default_rng(0)
     for k in range(60):
         script.scan(100.0 + 0.1 * k, 1000.0 * random.uniform(0.4, 8.0, 40), limits=(20.0, 30000.0))
-    message = r"nine of ten ranges of /scan are beyond \d{3,4} m, as if in millimetres: record them in metres, or"
+    message = r"nine of ten ranges of /scan are beyond \d{3,4} m, perhaps in millimetres: record them in metres, or"
     with pytest.raises(DatasetError, match=message):
         choose(script.write(tmp_path / "run.bag"))
 

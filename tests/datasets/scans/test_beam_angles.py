@@ -28,7 +28,7 @@ def test_degrees_are_told_from_radians(beams, step):
 
 
 def test_degrees_are_said():
-    assert angle_warning(361, 0.5) == "361 beams 0.5 rad apart are stated, 29 turns: taken for degrees"
+    assert angle_warning(361, 0.5) == "361 beams 0.5 rad apart are stated, 29 turns: they are read as degrees"
 
 
 def test_more_than_a_turn_is_said():

@@ -86,7 +86,7 @@ def test_a_clock_that_is_set_wrong_for_a_while_is_set_right(step):
     assert counts.clock_disagreements == 10
     (incident,) = counts.incidents
     assert incident.text(100.0) == (
-        "at 1.0 s: the clock of the scans is set wrong, corrected by the recorder's, for 0.9 s"
+        "at 1.0 s: the clock of the scans is wrong; the recorder's clock is used, for 0.9 s"
     )
 
 

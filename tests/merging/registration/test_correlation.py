@@ -71,7 +71,7 @@ def test_a_map_without_walls_proposes_nothing(rooms):
     assert propose(structure(rooms(1)), blank, CONFIG).motions == []
     alignment = align(TbmMap(rooms(1)), TbmMap(grid_with_one_free_cell()), MergeConfig(method="correlation"))
     assert not alignment.accepted
-    assert alignment.reason == "the source map holds no wall: nothing tells how they lie"
+    assert alignment.reason == "the source map holds no wall: their relative pose is unknown"
 
 
 def grid_with_one_free_cell():

@@ -32,7 +32,7 @@ def test_a_part_of_a_preset_keeps_the_rest_of_it():
 
 
 def test_once_per_scan_excludes_blur_and_means():
-    with pytest.raises(ConfigError, match=r"wall_blur must be 0 where insertion.once_per_scan is on"):
+    with pytest.raises(ConfigError, match=r"wall_blur must be 0 with insertion.once_per_scan"):
         config_from_dict({"map": {"sensor_model": {"wall_blur": 0.3}}})
-    with pytest.raises(ConfigError, match=r"combination must be 'conjunctive' where insertion.once_per_scan is on"):
+    with pytest.raises(ConfigError, match=r"combination must be 'conjunctive' with insertion.once_per_scan"):
         config_from_dict({"map": {"sensor_model": {"combination": "mean"}}})

@@ -74,7 +74,7 @@ def test_names_that_are_no_text_are_written_out(tmp_path):
 
 @pytest.mark.parametrize("name", ["", ".", "/"])
 def test_a_name_that_is_none_is_refused(name):
-    with pytest.raises(FileNotWrittenError, match="names no file: name one"):
+    with pytest.raises(FileNotWrittenError, match="is no file name: give a file name"):
         write_text(name, "new")
 
 
@@ -82,7 +82,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
     for place in (tmp_path / "pipe", tmp_path / "link", "/dev/null", "/dev/stdout"):
-        with pytest.raises(FileNotWrittenError, match="is a device or a pipe and stays as it is: name a file"):
+        with pytest.raises(FileNotWrittenError, match="is a device or a pipe: give the name of a file"):
             write_text(place, "new")
     assert (tmp_path / "pipe").is_fifo()
     assert (tmp_path / "link").is_symlink()

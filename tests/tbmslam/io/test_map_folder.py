@@ -183,7 +183,7 @@ def test_provenance_that_json_cannot_hold_is_a_wrong_argument(tmp_path):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "map.npz")
-    with pytest.raises(MapFileError, match="is no file but a device or a pipe"):
+    with pytest.raises(MapFileError, match="is a device or a pipe"):
         load_map(tmp_path / "map.npz")
 
 

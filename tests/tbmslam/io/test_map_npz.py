@@ -217,7 +217,7 @@ def test_a_size_beyond_belief_is_refused_before_memory_is_taken(tbm_map, tmp_pat
 
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "map.npz").write_bytes(b"nothing of the kind")
-    with pytest.raises(MapFileError, match=r"map\.npz: is no map of this program or is damaged: it is no zip file"):
+    with pytest.raises(MapFileError, match=r"map\.npz: is not a map of tbmslam, or is damaged: it is no zip file"):
         read_map_file(tmp_path / "map.npz")
     with pytest.raises(MapFileError, match=r"none\.npz: .*cannot be read \(No such file"):
         read_map_file(tmp_path / "none.npz")

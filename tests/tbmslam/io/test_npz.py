@@ -101,9 +101,9 @@ def header(shape, dtype="<f8"):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (header((10**12,)) + bytes(96), "states 8000000000[0-9]+ bytes and does not hold them"),
-        (header((12,)) + bytes(95), "states .* bytes and does not hold them"),
-        (header((12,)) + bytes(97), "states .* bytes and does not hold them"),
+        (header((10**12,)) + bytes(96), "states 8000000000[0-9]+ bytes but does not hold them"),
+        (header((12,)) + bytes(95), "states .* bytes but does not hold them"),
+        (header((12,)) + bytes(97), "states .* bytes but does not hold them"),
         (b"\x93NUMPY\x02\x00", r"has a header of version \(2, 0\)"),
         (b"no array", "numbers cannot be read"),
         (b"", "numbers cannot be read"),

@@ -220,7 +220,9 @@ def laser_view_drive(turning, until=40, config=None):
 
 def test_it_is_told_once_with_the_time():
     view, told, cleaned = laser_view_drive(1.0)
-    assert told == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+    assert told == [
+        "at 0.0 s: a part of the robot, or something that moves with it, blocks 20% of the beams, -57 to -36°"
+    ]
     assert view.were_any_blocked()
     assert np.isfinite(cleaned.ranges).all()
     early = view.cleared(LaserScan(3.0, -1.0, 0.02, 0.02, 30.0, np.full(100, 0.6)))
@@ -272,7 +274,9 @@ def told_by(blocked_at, stamps):
 
 def test_a_post_that_shakes_now_and_then_is_told_once():
     shaking = told_by(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
-    assert shaking == ["at 0.0 s: something on the robot, or along with it, blocks 20% of the beams, -57 to -36°"]
+    assert shaking == [
+        "at 0.0 s: a part of the robot, or something that moves with it, blocks 20% of the beams, -57 to -36°"
+    ]
 
 
 def test_what_comes_back_after_a_while_is_told_again():

@@ -68,7 +68,7 @@ def test_everything_that_can_go_wrong_is_explained():
     text = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
     named = [
         LOST.partition(": ")[0],
-        "something on the robot",
+        "a part of the robot",
         "the scans go",
     ]
     written = [

@@ -95,9 +95,7 @@ def test_negative_ranges_are_refused(wrong):
 def test_beams_that_all_point_one_way_are_refused_but_for_a_single_one():
     for step in (0.0, -0.0):
         bad = LaserScan(0.0, 0.0, step, 0.1, 30.0, np.ones(7))
-        with pytest.raises(
-            ValueError, match="angle_increment must not be 0 where there is more than one beam, got 0 and 7"
-        ):
+        with pytest.raises(ValueError, match="angle_increment must not be 0 with more than one beam, got 0 and 7"):
             Slam().process(Reading(bad, None))
     for ranges in (np.ones(1), np.ones(0)):
         Reading(LaserScan(0.0, 0.0, 0.0, 0.1, 30.0, ranges), None).check()

@@ -112,7 +112,7 @@ def test_a_pair_that_cannot_be_is_refused(folder, tmp_path, changes, said):
 
 def test_a_pipe_is_no_pair(tmp_path):
     os.mkfifo(tmp_path / "pair.npz")
-    with pytest.raises(PairFileError, match="is no file but a device or a pipe: give a folder of pairs"):
+    with pytest.raises(PairFileError, match="is a device or a pipe: give a folder of pairs"):
         load_pair(tmp_path / "pair.npz")
 
 

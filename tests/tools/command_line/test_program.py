@@ -88,7 +88,7 @@ def test_what_a_program_returns_is_its_exit_code(capsys):
     ("error", "line"),
     [
         (TbmSlamError("x.bag: is empty"), "merge: x.bag: is empty"),
-        (OSError(36, "File name too long", "x"), "merge: x: File name too long: check that name, or choose another"),
+        (OSError(36, "File name too long", "x"), "merge: x: File name too long: check the name, or choose another"),
         (MemoryError(), "merge: memory has run out: merge fewer maps"),
     ],
 )
@@ -123,7 +123,7 @@ def printed_into(place, *words):
 def test_a_full_disk_for_what_is_printed_is_one_line(words):
     with Path("/dev/full").open("w") as full:
         done = printed_into(full, *words)
-    said = "merge: No space left on device: check what is read and printed\n"
+    said = "merge: No space left on device: check the input and the output\n"
     assert (done.returncode, done.stderr) == (1, said)
 
 
@@ -132,7 +132,7 @@ def test_a_reader_that_has_gone_is_one_line():
     os.close(reader)
     done = printed_into(writer, "--print-config")
     os.close(writer)
-    assert (done.returncode, done.stderr) == (1, "merge: Broken pipe: check what is read and printed\n")
+    assert (done.returncode, done.stderr) == (1, "merge: Broken pipe: check the input and the output\n")
 
 
 def test_who_has_neither_output_nor_errors_gets_the_exit_code():
@@ -180,8 +180,8 @@ def test_maps_whose_names_are_no_text_are_merged_and_saved(tmp_path):
     [
         (ValueError("a\nb"), "a b"),
         (ValueError("\x1b[2Ja"), "\\x1b[2Ja"),
-        (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check that name, or choose another"),
-        (OSError("odd"), "odd: check what is read and printed"),
+        (OSError(36, "File name too long", "x\ny"), "x y: File name too long: check the name, or choose another"),
+        (OSError("odd"), "odd: check the input and the output"),
     ],
 )
 def test_an_error_is_one_line(error, said):
@@ -197,7 +197,7 @@ def test_a_name_too_long_is_one_line(tmp_path, capsys):
     said = capsys.readouterr().err.splitlines()
     assert [line.partition(":")[0] for line in said] == ["merge", "evaluate"]
     assert "cannot be written into (File name too long): choose another folder with -o" in said[0]
-    assert "File name too long: check that name, or choose another" in said[1]
+    assert "File name too long: check the name, or choose another" in said[1]
 
 
 def test_what_was_typed_in_a_shell_is_told_as_it_was(monkeypatch):
@@ -225,7 +225,7 @@ def test_help_that_cannot_be_printed_is_one_line(monkeypatch, capsys):
         with pytest.raises(SystemExit) as ended:
             one.parse_args(["--help"])
         assert ended.value.code == 1
-        assert capsys.readouterr().err == "merge: No space left on device: check what is read and printed\n"
+        assert capsys.readouterr().err == "merge: No space left on device: check the input and the output\n"
 
 
 def test_help_is_printed_where_it_can(monkeypatch, capsys):

@@ -143,7 +143,7 @@ def test_changed_files_are_named_before_they_are_written_again(bags, tmp_path, c
     (tmp_path / "robot_0" / "map.pgm").write_bytes(b"painted over")
     (tmp_path / "robot_0" / "free.png").unlink()
     assert run(bags / "robot_0.bag", "-o", tmp_path) == 0
-    assert "robot_0: not as an earlier run wrote it, made again: free.png, map.pgm" in caplog.text
+    assert "robot_0: changed since an earlier run, written again: free.png, map.pgm" in caplog.text
 
 
 def test_an_older_truth_does_not_stay(bags, tmp_path):
