@@ -36,7 +36,7 @@ class Span(NamedTuple):
     """Stamp [s]."""
 
     def meets(self, stamp: float, seconds: float) -> bool:
-        """Tell whether what began at a stamp and lasted so long, 0 for a moment, was in it at all."""
+        """Return whether what began at a stamp and lasted so long, 0 for a moment, was in it at all."""
         if seconds == 0.0:
             return self.first <= stamp <= self.last
         return stamp < self.last and stamp + seconds > self.first
@@ -120,12 +120,12 @@ class ReadingCounts:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
     def add_farthest(self, top: float, ranges: npt.NDArray[np.floating]) -> None:
-        """Take in where the beams of a scan ended.
+        """Add where the beams of a scan ended.
 
         Parameters
         ----------
         top
-            Longest range that counts as a hit [m]; 0 where none does.
+            Longest range that counts as a hit [m]; 0 if none does.
         ranges
             All ranges (N,) [m].
         """
@@ -167,7 +167,7 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts, ready for JSON, in a fixed order; not what has times."""
+        """Return all counts, as JSON can hold it, in a fixed order; not what has times."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()

@@ -16,7 +16,7 @@ from datasets.errors import DatasetError
 from tbmslam.io.atomic_file import replacing, write_text
 
 Progress = Callable[[int, int | None], None]
-"""Is told how many bytes are there, and of how many where that is known."""
+"""Called with the number of bytes so far, and in all if known."""
 
 _CHUNK = 1 << 16  # at the most this is lost when a connection breaks
 _TIMEOUT_S = (20.0, 60.0)  # to connect, and between two bytes
@@ -39,9 +39,9 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
     target
         Where it goes; until it is whole and right, what has arrived is in TARGET.part.
     sha256
-        What it must be; None where nobody knows, then what arrives first is believed.
+        What it must be; None if unknown, then what arrives first is believed.
     progress
-        Is told how far it is.
+        Receives the progress.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
 
 
 def _length(address: str, answer: requests.Response) -> int | None:
-    """Return how many bytes are to come; None where the server does not say."""
+    """Return how many bytes are to come; None if the server does not say."""
     if encoding := answer.headers.get("Content-Encoding", "").replace("identity", ""):
         raise DownloadError(f"{address}: comes packed as {encoding}, which was not requested: try another address")
     lengths = {part.strip() for part in answer.headers.get("Content-Length", "").split(",")} - {""}
@@ -160,7 +160,7 @@ _PAGES = (b"<!doctype", b"<html", b"<?xml", b"<head")
 
 
 def _doubt(part: Path, name: str) -> str | None:
-    """Return why what has arrived cannot be the file of that name; None where it may be."""
+    """Return why what has arrived cannot be the file of that name; None if it may be."""
     with part.open("rb") as stream:
         head = stream.read(512)
     if not head:

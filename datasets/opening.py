@@ -26,9 +26,9 @@ def open_recording(paths: Sequence[Path], options: RecordingOptions | None = Non
     ----------
     paths
         ROS 1 bags, ROS 2 bags (directory or storage file) or CARMEN logs, all of one family; several are one
-        recording: bags are merged by time, logs are read one after the other.
+        recording: bags are merged by time, logs are read one after another.
     options
-        Choices that are not to be made automatically.
+        Choices that replace automatic ones.
 
     Raises
     ------

@@ -48,9 +48,9 @@ class Recording:
     stream
         Starts a pass: yields the readings and fills the counts it is given.
     description
-        Everything that was chosen or found out, ready for JSON.
+        Everything that was chosen or found out, as JSON can hold it.
     expected_scans
-        Upper bound of the number of readings, for progress bars; None where unknown.
+        Upper bound of the number of readings, for progress bars; None if unknown.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ def _recordings_at(path: Path) -> list[Path]:
 
 
 def _is_ros2_bag(directory: Path) -> bool:
-    """Tell whether a directory is a ROS 2 bag: it has its description, or only storage files."""
+    """Return whether a directory is a ROS 2 bag: it has its description, or only storage files."""
     names = [entry.name for entry in _entries(directory)]
     return "metadata.yaml" in names or (bool(names) and all(name.endswith(_ROS_2) for name in names))
 

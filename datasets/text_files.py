@@ -45,7 +45,7 @@ def lines_of(path: Path) -> Iterator[str]:
 
 
 def is_packed(path: Path) -> bool:
-    """Tell by its first bytes whether a file is compressed by gzip, bzip2 or xz."""
+    """Return by its first bytes whether a file is compressed by gzip, bzip2 or xz."""
     return _opener(path) is not open
 
 

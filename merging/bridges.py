@@ -160,7 +160,7 @@ def _parted_without(
     unfounded = {
         one
         for one in others
-        if alignments[one].method == "told" and alignments[one].confidence < config.verification.min_confidence
+        if alignments[one].method == "prior" and alignments[one].confidence < config.verification.min_confidence
     }
     if unfounded and _sides(pair, group, alignments, surest_first) is None:
         return None
@@ -183,7 +183,7 @@ def _sides(
 
 
 def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> float:
-    """Return the confidence that two groups, each as one map, give a join's place; 0 where they do not offer it.
+    """Return the confidence that two groups, each as one map, give a join's place; 0 if they do not offer it.
 
     Groups too large to be one map cannot speak against it: then it is 1.
     """

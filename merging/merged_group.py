@@ -35,7 +35,7 @@ class MergedGroup:
     fusion
         The merged cells; and their conflict and how many saw them, which the maps' own cells say.
     joint
-        What straightening the drives together did; None where the maps stayed as they were.
+        What straightening the drives together did; None if the maps stayed as they were.
     """
 
     merged: TbmMap
@@ -69,7 +69,7 @@ def _fused(
 
 
 def _may_be_drawn(joint: JointRefinement, config: MergeConfig) -> bool:
-    """Tell whether all scans may go into one grid: nothing else is asked for, and the maps were rendered alike."""
+    """Return whether all scans may go into one grid: nothing else is asked for, and the maps were rendered alike."""
     asked = config.rule is not None or config.coverage != "union" or any(t < 1.0 for t in config.reliability.values())
     return not asked and drawn_alike(list(joint.maps.values()))
 

@@ -34,7 +34,7 @@ class Merge:
     Parameters
     ----------
     merged
-        The merged map, in the frame of the first map that went into it; None where no two maps could be aligned.
+        The merged map, in the frame of the first map that went into it; None if no two maps could be aligned.
     poses
         T_merged_map of every map that went into it.
     alignments
@@ -42,9 +42,9 @@ class Merge:
     left_out
         The maps that did not go into it, and why.
     fusion
-        The merged cells with their conflict; None where there is no merged map.
+        The merged cells with their conflict; None if there is no merged map.
     joint
-        What straightening the drives together did; None where the alignment stayed rigid.
+        What straightening the drives together did; None if the alignment stayed rigid.
     used, outvoted
         The pairs whose alignments agree with the poses, and those that were accepted and do not.
     judged_by
@@ -106,7 +106,7 @@ def merge(
     workers
         Processes that align pairs; the result does not depend on it.
     progress
-        Who is told how long the steps take and how far they are.
+        Receives the duration of each step and its progress.
     scheduler
         Address of a Dask scheduler whose workers align the pairs; the result does not depend on it either.
 
@@ -178,7 +178,7 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
 
 
 def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
-    """Tell why a map was joined with no other, where no two were."""
+    """Return why a map was joined with no other, where no two were."""
     accepted = {
         target if source == name else source: found
         for (target, source), found in alignments.items()
@@ -192,7 +192,7 @@ def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
-    """Tell what spoke against a map's best alignment with the maps that were merged."""
+    """Return what spoke against a map's best alignment with the maps that were merged."""
     tried = {
         target if source == name else source: found
         for (target, source), found in alignments.items()

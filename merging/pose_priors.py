@@ -1,7 +1,7 @@
-"""Maps whose poses somebody knows: laid there, and made exact where walls agree.
+"""Maps with known poses: placed there, and refined by their walls.
 
-Who knows roughly where a robot started needs no search, and may know better than the maps can tell: a corridor alike
-everywhere, a plan drawn otherwise than a laser sees. What the maps say for and against the place is told all the same.
+A rough pose of a robot's start needs no search. It may also be better than any alignment: in a corridor without
+features, or on a plan that differs from what a laser sees. The evidence of the maps is reported all the same.
 """
 
 import itertools
@@ -32,25 +32,25 @@ from tbmslam.map.tbm_map import TbmMap
 logger = logging.getLogger(__name__)
 
 _SHIFTS, _TURNS = 5, 9
-"""So many starts along each axis and of the rotation, up to as far as the pose may be wrong."""
+"""Starts along each axis and of the rotation, up to the largest error of the pose."""
 _NEVER = 1e-300
-"""No place is less likely than this."""
+"""Least probability of a pose."""
 
 
 class KnownPoseError(TbmSlamError):
-    """A told pose that no merged map can have: one line with the map, the fact and the remedy."""
+    """A known pose is impossible: one line with the map, the fact and the remedy."""
 
 
 @dataclass(frozen=True)
 class PriorPoses:
-    """Where maps lie that somebody knows the poses of.
+    """The maps with known poses.
 
     Parameters
     ----------
     poses
-        T_first_map of the first map and of those told, made exact; empty where nothing was told.
+        T_first_map of the first map and of the maps with known poses, refined; empty without known poses.
     alignments
-        Each told map in that one of the maps before it which it shares most walls with; all are accepted.
+        Each of these maps in the earlier map with which it shares most walls; all are accepted.
     """
 
     poses: Mapping[str, SE2]
@@ -58,14 +58,14 @@ class PriorPoses:
 
 
 def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPoses:
-    """Lay maps where `MergeConfig.known_poses` says, each onto one of those before it.
+    """Place the maps of `MergeConfig.known_poses`, each on one of the maps before it.
 
     Raises
     ------
     ValueError
-        If a pose is told of a map that is none of these, or of the first.
+        If a pose is given for an unknown map, or for the first one.
     KnownPoseError
-        If a map would lie so far from the others that the merged map had too many cells.
+        If a map is so far from the others that the merged map would have too many cells.
     """
     first = next(iter(maps))
     for name in config.known_poses:
@@ -74,25 +74,29 @@ def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPos
     if not config.known_poses:
         return PriorPoses({}, {})
     views = PreparedMaps(
-        {name: one.grid for name, one in maps.items()}, config.model_copy(update={"method": "correlation"})
+        {name: tbm_map.grid for name, tbm_map in maps.items()}, config.model_copy(update={"method": "correlation"})
     )
     resolution = config.merged_resolution or maps[first].grid.geometry.resolution
     poses, alignments = {first: SE2.identity()}, dict[Pair, Alignment]()
     for name in (name for name in maps if name in config.known_poses):
         guess = SE2(*config.known_poses[name])
-        target = max(poses, key=lambda one: _shared_wall_m(one, name, poses[one].inverse() @ guess, views, config))
+        target = max(
+            poses, key=lambda other: _shared_wall_m(other, name, poses[other].inverse() @ guess, views, config)
+        )
         found = align_near(*views.of_pair((target, name)), poses[target].inverse() @ guess, config)
         logger.info("%s in %s: %s", name, target, found.reason)
         if found.evidence is not None and found.evidence.conflicting_wall_m > found.evidence.agreed_wall_m:
             logger.warning("%s: more of its walls contradict the given pose than confirm it: is it right?", name)
         alignments[target, name] = found
         poses[name] = poses[target] @ (found.T_target_source or SE2.identity())
-        _check_extent(name, [corners_of(maps[one].grid.geometry, pose) for one, pose in poses.items()], resolution)
+        _check_extent(
+            name, [corners_of(maps[placed].grid.geometry, pose) for placed, pose in poses.items()], resolution
+        )
     return PriorPoses(poses, alignments)
 
 
 def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -> None:
-    """Refuse a map with which the merged one would be too large."""
+    """Refuse a map if the merged map would be too large."""
     width, height = np.ptp(np.concatenate(corners), axis=0)
     cols, rows = math.ceil(width / resolution), math.ceil(height / resolution)
     if rows * cols > MAX_CELLS:
@@ -105,92 +109,96 @@ def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -
 def align_near(
     target: PreparedMap | None, source: PreparedMap | None, T_target_source: SE2, config: MergeConfig
 ) -> Alignment:
-    """Return where a map lies near a told pose; the confidence is what the maps alone would give that place.
+    """Align two maps near a known pose; the confidence is that of the maps alone.
 
     Parameters
     ----------
     target, source
-        The maps; None for one of which nothing is known.
+        The maps; None for an empty one.
     T_target_source
-        The told pose of the source in the target's frame.
+        The known pose of the source in the target's frame.
     config
-        How far off it may be.
+        Its largest error.
     """
     if target is None or source is None:
         empty = "target" if target is None else "source"
-        return Alignment("told", True, f"placed at the given pose: the {empty} map is empty", T_target_source)
-    place, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
+        return Alignment("prior", True, f"placed at the given pose: the {empty} map is empty", T_target_source)
+    pose, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
     enough = evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     bare = without_walls(target.structure, source.structure)
-    how = f"laid as told: {bare}" if bare else _how_laid(place, T_target_source, source.structure, enough)
-    answer = Alignment("told", accepted=True, reason=f"{how}; {format_evidence(evidence)}")
+    how = (
+        f"placed at the given pose: {bare}"
+        if bare
+        else _refinement_text(pose, T_target_source, source.structure, enough)
+    )
+    answer = Alignment("prior", accepted=True, reason=f"{how}; {format_evidence(evidence)}")
     limits = config.verification.limits()
-    told = {"place_m": 0.5 * config.pose_priors.reach_m, "turn_rad": 0.5 * config.pose_priors.reach_rad}
-    exactness = config.covariance.model_copy(update=told)  # where no wall says more, as whoever told
-    covariance = covariance_of(target.structure, source.structure, place, limits, exactness)
+    prior = {"place_m": 0.5 * config.pose_priors.reach_m, "turn_rad": 0.5 * config.pose_priors.reach_rad}
+    exactness = config.covariance.model_copy(update=prior)  # without walls the error of the known pose remains
+    covariance = covariance_of(target.structure, source.structure, pose, limits, exactness)
     answer = answer.matched_by_walls(evidence, target.structure.geometry.resolution)
-    return answer.at(place, evidence, confidence, covariance)
+    return answer.at(pose, evidence, confidence, covariance)
 
 
-def _likeliest(target: WallMap, source: WallMap, told: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
-    """Return the place near the told one that walls and the one who told speak for, and its share of all places."""
-    near, elsewhere = _places_near(target, source, told, config), find_candidates(target, source, config)
-    elsewhere = [one for one in elsewhere if not _is_near(one[0], told, source, config.pose_priors)]
+def _likeliest(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig) -> tuple[SE2, Evidence, float]:
+    """Return the most likely pose near the known one, by walls and prior, its evidence and its probability."""
+    near, elsewhere = _poses_near(target, source, prior, config), find_candidates(target, source, config)
+    elsewhere = [candidate for candidate in elsewhere if not _is_near(candidate[0], prior, source, config.pose_priors)]
     decoys = find_decoys(target, source, config)
     likely = confidences([evidence for _, evidence in near], decoys)
-    # Walls along a corridor say nothing of where along it: there whoever told does.
-    surprise = [0.5 * (2.0 * _apart(motion, told, source)[0] / config.pose_priors.reach_m) ** 2 for motion, _ in near]
+    # The walls of a corridor do not determine the position along it: the prior does.
+    surprise = [0.5 * (2.0 * _apart(motion, prior, source)[0] / config.pose_priors.reach_m) ** 2 for motion, _ in near]
     best = max(range(len(near)), key=lambda index: math.log(max(likely[index], _NEVER)) - surprise[index])
-    place, evidence = near[best]
-    return place, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
+    pose, evidence = near[best]
+    return pose, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
 
 
-def _places_near(target: WallMap, source: WallMap, told: SE2, config: MergeConfig) -> list[Candidate]:
-    """Return places near the told one that enough walls speak for; the told one itself where there is none.
+def _poses_near(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig) -> list[Candidate]:
+    """Return poses near the known one with enough agreeing walls; the known one if there is none.
 
-    Walls draw the told pose across their ways only, so that the place this leads to is one, whichever has more to say.
+    Walls move the known pose only across themselves, so the refined pose is a candidate besides those of the search.
     """
     found = [
         (motion, evidence)
-        for starts in ([told], _starts(told, source, config.pose_priors))
+        for starts in ([prior], _starts(prior, source, config.pose_priors))
         for motion, evidence in best_of(starts, target, source, config)
-        if _is_near(motion, told, source, config.pose_priors)
+        if _is_near(motion, prior, source, config.pose_priors)
         and evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     ]
-    return found or [(told, examine(target, source, told, config.verification))]
+    return found or [(prior, examine(target, source, prior, config.verification))]
 
 
-def _starts(told: SE2, source: WallMap, reach: KnownPoseConfig) -> list[SE2]:
-    """Return the told pose, turned about the centroid of the source's walls and moved, as far as it may be wrong."""
+def _starts(prior: SE2, source: WallMap, reach: KnownPoseConfig) -> list[SE2]:
+    """Return poses around the known one, rotated about the centroid of the source's walls, up to its largest error."""
     shifts = np.linspace(-reach.reach_m, reach.reach_m, _SHIFTS)
     turns = np.linspace(-reach.reach_rad, reach.reach_rad, _TURNS)
     T_map_centroid = SE2.from_array(np.append(source.centroid, 0.0))
     offsets = (SE2(x, y, turn) for x, y, turn in itertools.product(shifts, shifts, turns))
-    return [told @ T_map_centroid @ offset @ T_map_centroid.inverse() for offset in offsets]
+    return [prior @ T_map_centroid @ offset @ T_map_centroid.inverse() for offset in offsets]
 
 
-def _is_near(motion: SE2, told: SE2, source: WallMap, reach: KnownPoseConfig) -> bool:
-    moved_m, turned = _apart(motion, told, source)
+def _is_near(motion: SE2, prior: SE2, source: WallMap, reach: KnownPoseConfig) -> bool:
+    moved_m, turned = _apart(motion, prior, source)
     return moved_m <= math.sqrt(2.0) * reach.reach_m and turned <= reach.reach_rad
 
 
-def _apart(motion: SE2, told: SE2, source: WallMap) -> tuple[float, float]:
-    """Return how far two motions put the centroid of the source's walls apart [m], and by which angle they differ."""
-    return math.dist(motion.apply(source.centroid), told.apply(source.centroid)), abs(
-        wrap_angle(motion.theta - told.theta)
+def _apart(motion: SE2, prior: SE2, source: WallMap) -> tuple[float, float]:
+    """Return the distance of the source's centroid under two motions [m], and the angle between them [rad]."""
+    return math.dist(motion.apply(source.centroid), prior.apply(source.centroid)), abs(
+        wrap_angle(motion.theta - prior.theta)
     )
 
 
-def _how_laid(place: SE2, told: SE2, source: WallMap, enough: bool) -> str:
+def _refinement_text(pose: SE2, prior: SE2, source: WallMap, enough: bool) -> str:
     if not enough:
         return "placed exactly at the given pose, as hardly any wall can refine it"
-    moved_m, turned = _apart(place, told, source)
+    moved_m, turned = _apart(pose, prior, source)
     return f"placed at the given pose, refined by {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
 
 
 def _shared_wall_m(target: str, source: str, motion: SE2, views: PreparedMaps, config: MergeConfig) -> float:
-    """Return how much wall of two maps lies where the other knows something [m]."""
-    one, other = views.of_pair((target, source))
-    if one is None or other is None:
+    """Return the length of wall in the overlap of two maps [m]."""
+    here, there = views.of_pair((target, source))
+    if here is None or there is None:
         return 0.0
-    return examine(one.structure, other.structure, motion, config.verification).compared_wall_m
+    return examine(here.structure, there.structure, motion, config.verification).compared_wall_m

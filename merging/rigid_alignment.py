@@ -45,7 +45,7 @@ class PreparedMap:
 
 
 def prepared(grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
-    """Look at a grid in cells of the given size [m]; None where nothing in it is known."""
+    """Look at a grid in cells of the given size [m]; None if nothing in it is known."""
     if not grid.is_known().any():
         return None
     seen = at_resolution(grid, resolution)
@@ -184,7 +184,7 @@ def _mirrored(confidence: float) -> str:
 def _is_ambiguous(
     confidence: float, evidence: Evidence, others: list[PoseHypothesis], config: VerificationConfig
 ) -> bool:
-    """Tell whether the maps fit well, and elsewhere nearly as well."""
+    """Return whether the maps fit well, and elsewhere nearly as well."""
     fits = (
         evidence.agreed_wall_m >= config.min_ambiguous_wall_m and evidence.agreement >= config.min_ambiguous_agreement
     )

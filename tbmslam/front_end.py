@@ -89,7 +89,7 @@ class FrontEnd:
         return Placement(reading, scan, prior, match, T_map_robot)
 
     def is_keyframe(self, placement: Placement) -> bool:
-        """Tell whether a scan shows something new, or the robot is far enough from its last keyframe."""
+        """Return whether a scan shows something new, or the robot is far enough from its last keyframe."""
         return self._tracker.is_novel(placement.match) or self._has_moved_to(placement.T_map_robot)
 
     def learn(self, placement: Placement, index: int) -> TrackedKeyframe:

@@ -38,6 +38,6 @@ class FrozenConfig(BaseModel):
 
 
 def _refers_to_public(schema: JsonSchemaValue, handler: GetJsonSchemaHandler) -> bool:
-    """Tell whether a property is a table, of one kind or of several, that holds any public parameter."""
+    """Return whether a property is a table, of one kind or of several, that holds any public parameter."""
     kinds = schema.get("oneOf", [schema])
     return any("$ref" in kind and handler.resolve_ref_schema(kind).get("properties") for kind in kinds)

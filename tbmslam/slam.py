@@ -41,7 +41,7 @@ class Slam:
     name
         The robot's name in the map.
     progress
-        Sees how long finishing takes and how far it is.
+        Receives the duration of finishing and its progress.
     start_stamp
         Time zero of all messages, such as the start of the whole recording; None for the first reading's stamp [s].
     corrections
@@ -52,7 +52,7 @@ class Slam:
     incidents
         What went wrong, and when.
     correction_m
-        How far loop closures and adjustment moved the robot at the most; 0 where no loop was closed. Known when the map
+        How far loop closures and adjustment moved the robot at the most; 0 if no loop was closed. Known when the map
         is finished [m].
     """
 
@@ -135,7 +135,7 @@ class Slam:
         return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
-        """Return the drive after loop closures and adjustment; None where neither is wanted."""
+        """Return the drive after loop closures and adjustment; None if neither is wanted."""
         drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._progress)
         return None if drive is None else self._back_end.adjusted(drive, keyframes, self._progress)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 
 def is_device_or_pipe(path: Path) -> bool:
-    """Tell whether something stands there that is neither a file nor a folder: reading it might never end.
+    """Return whether something stands there that is neither a file nor a folder: reading it might never end.
 
     Of a link, what it leads to counts; where nothing stands there is no device either.
 
@@ -17,7 +17,7 @@ def is_device_or_pipe(path: Path) -> bool:
 
 
 def why_unreadable(path: Path) -> str | None:
-    """Return what is wrong with a file that is to be read, as the rest of a sentence; None where nothing shows.
+    """Return what is wrong with a file that is to be read, as the rest of a sentence; None if nothing shows.
 
     Some of the system's files, /proc/kmsg for one, pass for empty files, and reading them might never end either.
 

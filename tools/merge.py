@@ -135,7 +135,7 @@ def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Tell whether a map would be overwritten by one saved into a folder."""
+    """Return whether a map would be overwritten by one saved into a folder."""
     if path.is_dir():
         return path.resolve() == folder.resolve()
     file = Path(os.path.realpath(path))  # a link in a circle is no error here
@@ -269,7 +269,7 @@ def _known_poses(parser: argparse.ArgumentParser, poses: Sequence[Sequence[str]]
         if not (max(abs(x), abs(y)) <= FARTHEST_POSE and math.isfinite(degrees)):
             parser.error(f"--pose must be within {FARTHEST_POSE:.0f} m of the first map, at any angle, {told}")
         if name in known:
-            parser.error(f"--pose tells two poses of {name}, {told}: tell one")
+            parser.error(f"--pose gives two poses of {name}, {told}: give one")
         known[name] = [x, y, math.radians(math.remainder(degrees, 360.0))]
     return known
 
@@ -312,7 +312,7 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
     for name in config.known_poses:
         if name == names[0]:
             others = ", ".join(names[1:])
-            raise ConfigError(f"--pose: poses are told in the frame of {name}, the first map: tell those of {others}")
+            raise ConfigError(f"--pose: poses are in the frame of {name}, the first map: give those of {others}")
         if name not in names:
             raise ConfigError(f"--pose: {name!r} is not one of the maps, which are {', '.join(names)}")
 

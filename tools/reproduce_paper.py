@@ -225,7 +225,7 @@ def _report(
 
 
 def _say(text: str) -> None:
-    """Tell who waits what is going on."""
+    """Return who waits what is going on."""
     sys.stderr.write(f"reproduce_paper: {text}\n")
 
 

@@ -41,14 +41,14 @@ class _LogSurvey:
 
 
 def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
-    """Open logs as one recording, one after the other.
+    """Open logs as one recording, one after another.
 
     Parameters
     ----------
     paths
         Logs, plain or compressed by gzip, bzip2 or xz.
     options
-        Choices that are not to be made automatically; `scan_topic` names the kind of line. Frames, tf and clocks do not
+        Choices that replace automatic ones; `scan_topic` names the kind of line. Frames, tf and clocks do not
         apply.
 
     Raises
@@ -131,7 +131,7 @@ def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
 
 
 def _read(line: str, settings: LogSettings) -> LoggedScan | None:
-    """Read a scan; None where its line is damaged."""
+    """Read a scan; None if its line is damaged."""
     try:
         return scan_from(_with_points(line), settings)
     except (ValueError, IndexError, OverflowError):
@@ -201,7 +201,7 @@ def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> 
 
 
 def _add_pose(motion: TopicMotion, line: str, settings: LogSettings) -> None:
-    """Take in a line of odometry, unless it is damaged."""
+    """Add a line of odometry, unless it is damaged."""
     try:
         pose = pose_from(_with_points(line), settings)
     except (ValueError, IndexError):
@@ -217,7 +217,7 @@ def _description(
     options: RecordingOptions,
     samples: list[LoggedScan],
 ) -> dict[str, object]:
-    """Return what was chosen and found, ready for JSON."""
+    """Return what was chosen and found, as JSON can hold it."""
     first = samples[0] if samples else None
     step = options.angle_step_deg
     if step is None and first is not None:

@@ -35,7 +35,7 @@ class CloudSlice:
     beams
         Their number.
     time_step
-        Time from a beam to the next [s]; 0 where all are measured at once, as far as is known.
+        Time between two beams [s]; 0 if unknown or if all are measured at once.
     """
 
     T_robot_sensor: SE3
@@ -52,7 +52,7 @@ class CloudSlice:
         return SE2(self.T_robot_sensor.x, self.T_robot_sensor.y, 0.0)
 
     def scan(self, cloud: PointCloud) -> RawScan:
-        """Return what a cloud says in the slice: of each direction the range of the nearest wall, nan where none is."""
+        """Return what a cloud says in the slice: of each direction the range of the nearest wall, nan if none is."""
         points, times = self.points(cloud)
         angles = np.arctan2(points[:, 1], points[:, 0])
         ranges = np.hypot(points[:, 0], points[:, 1])
@@ -87,7 +87,7 @@ def rotation_of(pose: SE3) -> FloatArray:
 
 
 def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatArray:
-    """Return the range (beams,) of the nearest wall at the middle of each beam; nan where there is none.
+    """Return the range (beams,) of the nearest wall at the middle of each beam; nan if there is none.
 
     Within a beam's width the points of the nearest wall are averaged, direction and range. Between two such averages of
     one wall the wall is straight: the inverse of its range is linear in the direction over so small an angle.

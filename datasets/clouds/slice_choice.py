@@ -36,7 +36,7 @@ def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: b
     Parameters
     ----------
     T_robot_sensor
-        What tf says; None where it does not know.
+        What tf says; None if it does not know.
     sensor_pose
         Its place in the plane, to be used instead; height and tilt stay those of tf.
     upside_down
@@ -123,7 +123,7 @@ def _finest_step(cut: CloudSlice, clouds: Sequence[PointCloud]) -> float:
 
 
 def _turn(cut: CloudSlice, cloud: PointCloud) -> tuple[float, float] | None:
-    """Return how fast a sensor turns [rad/s] and in which direction it begins [rad]; None where it does not turn."""
+    """Return how fast a sensor turns [rad/s] and in which direction it begins [rad]; None if it does not turn."""
     points, times = cut.points(cloud)
     if times is None or len(times) < cut.beams // 4:
         return None

@@ -78,7 +78,7 @@ class FrameGraph:
         self.edges: dict[tuple[str, str], Edge] = {}
 
     def add(self, parent: str, child: str, pose: SE3, static: bool, lag: float) -> None:
-        """Take in one transform; its lag is nan where its stamp is unset."""
+        """Add one transform; its lag is nan if its stamp is unset."""
         key = (plain(parent), plain(child))
         edge = self.edges.setdefault(key, Edge(*key, static, pose))
         edge.count += 1
@@ -144,7 +144,7 @@ class FrameGraph:
 
 @dataclass(frozen=True)
 class Frames:
-    """The chosen frames and the ways between them; `to_sensor` is None where tf does not know the laser."""
+    """The chosen frames and the ways between them; `to_sensor` is None if tf does not know the laser."""
 
     odom: str
     robot: str
@@ -153,7 +153,7 @@ class Frames:
 
 
 def choose_frames(graph: FrameGraph, sensor: str, options: RecordingOptions) -> Frames | None:
-    """Find the odometry frame and the robot's frame in tf; None where tf holds no odometry.
+    """Find the odometry frame and the robot's frame in tf; None if tf holds no odometry.
 
     The odometry frame is the one asked for, one of the usual name that moves against the laser (or, where the laser is
     not in tf, against a robot frame), or else the topmost frame above the laser that is not a localiser's. The robot's

@@ -102,7 +102,7 @@ class PoseHistory:
         return self._poses[before].interpolate(self._poses[after], fraction)
 
     def _extrapolate(self, stamp: float, limit_s: float) -> SE3 | None:
-        """Carry the newest motion on to a stamp; None where that is too far ahead or nothing is known."""
+        """Carry the newest motion on to a stamp; None if that is too far ahead or nothing is known."""
         if not self._stamps or not 0.0 <= stamp - self._stamps[-1] <= limit_s:
             return None
         last = len(self._stamps) - 1

@@ -28,7 +28,7 @@ class SE3(NamedTuple):
 
     @classmethod
     def from_values(cls, x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> "SE3 | None":
-        """Read recorded numbers, normalising the quaternion; None where they are no motion (not finite, or all 0)."""
+        """Read recorded numbers, normalising the quaternion; None if they are no motion (not finite, or all 0)."""
         norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
         if not 1e-6 < norm < math.inf or not abs(x) + abs(y) + abs(z) <= FARTHEST_PLACE:
             return None

@@ -14,14 +14,14 @@ _STEEPEST = math.cos(math.radians(60.0))
 
 
 class Mounting:
-    """Where the laser sits on the robot.
+    """The mount of the laser on the robot.
 
     Parameters
     ----------
     steps
-        Way from the robot's frame to the laser's; None where it is not recorded: then the laser sits at the centre.
+        Way from the robot's frame to the laser's; None if it is not recorded: then the laser sits at the centre.
     sensor_pose, upside_down
-        What is to be used instead.
+        Replaces the recorded one.
     """
 
     def __init__(self, steps: list[Step] | None, sensor_pose: SE2 | None, upside_down: bool | None) -> None:
@@ -32,13 +32,13 @@ class Mounting:
         self._constant = None if self._histories and sensor_pose is None else self._at(0.0)
 
     def add(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Take in a transform, if it belongs to the way to the laser."""
+        """Add a transform, if it belongs to the way to the laser."""
         history = self._histories.get((plain(parent), plain(child)))
         if history is not None:
             history.add(stamp, pose)
 
     def at(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor in the plane, and whether the laser hangs upside down."""
+        """Return T_robot_sensor in the plane, and whether the laser is mounted upside down."""
         return self._constant if self._constant is not None else self._at(stamp)
 
     def _at(self, stamp: float) -> tuple[SE2, bool]:
@@ -67,7 +67,7 @@ class TfMotion:
     frames
         The chosen frames.
     mounting
-        Where the laser sits.
+        The mount of the laser.
     """
 
     def __init__(self, frames: Frames, mounting: Mounting) -> None:
@@ -77,7 +77,7 @@ class TfMotion:
         self._is_one_step = len(self._steps) == 1 and self._steps[0].down
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Take in a transform."""
+        """Add a transform."""
         history = self._histories.get((plain(parent), plain(child)))
         if history is not None:
             history.add(stamp, pose)
@@ -97,7 +97,7 @@ class TfMotion:
         return reduce(matmul, steps).planar()
 
     def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser hangs upside down."""
+        """Return T_robot_sensor and whether the laser is mounted upside down."""
         return self._mounting.at(stamp)
 
 
@@ -107,7 +107,7 @@ class TopicMotion:
     Parameters
     ----------
     mounting
-        Where the laser sits.
+        The mount of the laser.
     """
 
     def __init__(self, mounting: Mounting) -> None:
@@ -115,11 +115,11 @@ class TopicMotion:
         self._history = PoseHistory()
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Take in a transform: the laser may be mounted on something that moves."""
+        """Add a transform: the laser may be mounted on something that moves."""
         self._mounting.add(parent, child, stamp, pose)
 
     def add(self, stamp: float, pose: SE3) -> None:
-        """Take in a pose."""
+        """Add a pose."""
         self._history.add(stamp, pose)
 
     def histories(self) -> list[PoseHistory]:
@@ -131,7 +131,7 @@ class TopicMotion:
         return poses[0].planar()
 
     def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser hangs upside down."""
+        """Return T_robot_sensor and whether the laser is mounted upside down."""
         return self._mounting.at(stamp)
 
 
@@ -141,14 +141,14 @@ class NoMotion:
     Parameters
     ----------
     mounting
-        Where the laser sits.
+        The mount of the laser.
     """
 
     def __init__(self, mounting: Mounting) -> None:
         self._mounting = mounting
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Take in a transform: the laser may be mounted on something that moves."""
+        """Add a transform: the laser may be mounted on something that moves."""
         self._mounting.add(parent, child, stamp, pose)
 
     def histories(self) -> list[PoseHistory]:
@@ -159,7 +159,7 @@ class NoMotion:
         """Return that there is none."""
 
     def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser hangs upside down."""
+        """Return T_robot_sensor and whether the laser is mounted upside down."""
         return self._mounting.at(stamp)
 
 

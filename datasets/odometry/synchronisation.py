@@ -21,10 +21,10 @@ class Motion(Protocol):
         """Return the recorded poses that must reach a stamp before it can be answered."""
 
     def odometry(self, poses: list[SE3]) -> SE2 | None:
-        """Return T_odom_robot from one pose of each history; None where the recording has no odometry."""
+        """Return T_odom_robot from one pose of each history; None if the recording has no odometry."""
 
     def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser hangs upside down."""
+        """Return T_robot_sensor and whether the laser is mounted upside down."""
 
 
 class _Waiting(NamedTuple):

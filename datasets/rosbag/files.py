@@ -71,7 +71,7 @@ class Topic(NamedTuple):
 
 
 class Message(NamedTuple):
-    """One decoded message; None where its bytes cannot be decoded."""
+    """One decoded message; None if its bytes cannot be decoded."""
 
     topic: str
     msgtype: str
@@ -165,7 +165,7 @@ class BagFiles:
         return [line for source in self._sources for line in source.damages()]
 
     def losses(self, topic: str) -> list[Loss]:
-        """Return what damage has cost of a topic, as far as is known so far."""
+        """Return what damage has cost of a topic, if known so far."""
         return [loss for source in self._sources for loss in source.losses(topic)]
 
     def _add(self, connection: BagConnection) -> None:

@@ -168,7 +168,7 @@ class MessageDecoder:
         self._readers = {name: reader_of(name, is_cdr=not is_ros1) for name in (SCAN_TYPE, *TF_TYPES)}
 
     def decoded(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
-        """Return what a message says; None where its bytes cannot be decoded."""
+        """Return what a message says; None if its bytes cannot be decoded."""
         if msgtype not in self._readers:
             self._readers[msgtype] = reader_of(msgtype, is_cdr=not self._is_ros1)
         read = self._readers[msgtype]
@@ -195,7 +195,7 @@ class MessageDecoder:
 
 
 def _cloud(message: Any) -> PointCloud | None:
-    """Return the points of a message; None where it holds none in space."""
+    """Return the points of a message; None if it holds none in space."""
     try:
         return cloud_of(message)
     except PointCloudError as error:

@@ -47,7 +47,7 @@ def standard_types(is_ros1: bool) -> "Typestore":
 
 
 def standard_md5_sum(msgtype: str) -> str | None:
-    """Return the checksum of a type's standard definition in ROS 1; None where there is none."""
+    """Return the checksum of a type's standard definition in ROS 1; None if there is none."""
     if msgtype in _MD5_SUMS:
         return _MD5_SUMS[msgtype]
     store = standard_types(is_ros1=True)
@@ -79,7 +79,7 @@ class FramedScan(NamedTuple):
 
 
 def scan_of(message: Any) -> FramedScan:
-    """Read a LaserScan, or of a MultiEchoLaserScan the first echoes, nan where a beam has none."""
+    """Read a LaserScan, or of a MultiEchoLaserScan the first echoes, nan if a beam has none."""
     ranges = message.ranges
     if not isinstance(ranges, np.ndarray):
         first = [beam.echoes[0] if len(beam.echoes) else np.nan for beam in ranges]

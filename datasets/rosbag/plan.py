@@ -46,7 +46,7 @@ class Plan:
     robot_frame
         The robot's frame, where known.
     to_sensor
-        Way from the robot's frame to the laser; None where tf does not know it.
+        Way from the robot's frame to the laser; None if tf does not know it.
     sensor_pose
         T_robot_sensor to be used instead of it.
     clock

@@ -31,7 +31,7 @@ def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
     paths
         ROS 1 bag files; ROS 2 bag directories or storage files.
     options
-        Choices that are not to be made automatically.
+        Choices that replace automatic ones.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion
 
 
 def _description(plan: Plan) -> dict[str, object]:
-    """Return what was chosen and found, ready for JSON."""
+    """Return what was chosen and found, as JSON can hold it."""
     mounting, upside_down = Mounting(plan.to_sensor, plan.sensor_pose, plan.options.upside_down).at(0.0)
     rules = plan.laser.range_rules()
     first = plan.laser.first_scan

@@ -55,7 +55,7 @@ class SurveyedLaser:
     lags: list[float] = field(default_factory=list)
 
     def add(self, scan: RawScan, bag_time: float) -> None:
-        """Take in a scan; its stamp is nan where it is unset."""
+        """Add a scan; its stamp is nan if it is unset."""
         rules = _stated_rules(self.options)
         clean = clean_ranges(scan.ranges[None], *rules.limits(scan.range_min, scan.range_max), rules)
         self.scans += 1
@@ -67,7 +67,7 @@ class SurveyedLaser:
             self.stamps.append(scan.stamp if is_set else bag_time)
 
     def sweep(self) -> float:
-        """Return how long a scan takes from its first beam to its last [s], 0 where it does not say."""
+        """Return how long a scan takes from its first beam to its last [s], 0 if it does not say."""
         stated = self.first_scan.time_increment * (len(self.first_scan.ranges) - 1)
         return stated if 0.0 < stated <= self.longest_sweep() else 0.0
 
@@ -111,7 +111,7 @@ class SurveyedLaser:
 
 
 def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating]) -> float:
-    """Return by what share most ranges (S, D) of most scans differ from others', nan where nothing was hit; or 0."""
+    """Return by what share most ranges (S, D) of most scans differ from others', nan if nothing was hit; or 0."""
     both = np.isfinite(scans) & np.isfinite(others)
     shares = np.where(both, np.abs(scans - others) / np.where(both, np.maximum(scans, others), 1.0), np.nan)
     shares = shares[both.sum(axis=1) >= _DIRECTIONS // 4]
@@ -119,7 +119,7 @@ def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating
 
 
 def _stated_rules(options: RecordingOptions) -> RangeRules:
-    """Return how ranges are to be read as far as is known beforehand."""
+    """Return the range rules that the options state."""
     codes = (*KNOWN_CODES, *options.no_return_codes)
     return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
 
@@ -166,14 +166,14 @@ class Survey:
         return max(self.lasers.values(), key=lambda laser: laser.usable, default=None)
 
     def add_scan(self, frame: str, scan: RawScan, bag_time: float) -> None:
-        """Take in a scan; its stamp is nan where it is unset."""
+        """Add a scan; its stamp is nan if it is unset."""
         name = plain(frame)
         if name not in self.lasers:
             self.lasers[name] = SurveyedLaser(name, scan, self.options)
         self.lasers[name].add(scan, bag_time)
 
     def add_pose(self, topic: str, frame: str, robot: str, lag: float) -> None:
-        """Take in a message of an odometry topic; its lag is nan where its stamp is unset."""
+        """Add a message of an odometry topic; its lag is nan if its stamp is unset."""
         self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.extend([lag] * math.isfinite(lag))
 
     def frames(self) -> Frames | None:

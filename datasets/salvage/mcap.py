@@ -52,7 +52,7 @@ def _names_all(statistics: Statistics, summary: Summary) -> bool:
 
 
 def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
-    """Read the records of an MCAP file one after the other, whatever its index says; of damaged chunks what can be."""
+    """Read the records of an MCAP file one after another, whatever its index says; of damaged chunks what can be."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         scan = _Scan(buffer)
         scan.read()
@@ -131,7 +131,7 @@ class _Scan:
 
 
 class _Blocks:
-    """Blocks of an MCAP file: the messages of the chunk at a place, one after the other."""
+    """Blocks of an MCAP file: the messages of the chunk at a place, one after another."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -144,7 +144,7 @@ class _Blocks:
 
 
 def _records_at(buffer: mmap.mmap, position: int) -> list[McapRecord] | None:
-    """Return the record at a place, or those in the chunk there; None where it is damaged."""
+    """Return the record at a place, or those in the chunk there; None if it is damaged."""
     _, length = _HEAD.unpack_from(buffer, position)
     stream = BytesIO(buffer[position : min(position + _HEAD.size + length, len(buffer))])
     try:

@@ -58,7 +58,7 @@ class Record(NamedTuple):
 
 
 def record_at(buffer: Buffer, position: int) -> Record | None:
-    """Return the record that begins at a position; None where none does."""
+    """Return the record that begins at a position; None if none does."""
     length = _uint32(buffer, position)
     if length is None or not len(_MARK) < length <= _LONGEST_HEADER:
         return None
@@ -103,7 +103,7 @@ def _short_lengths(buffer: Buffer, first: int, last: int) -> Iterator[int]:
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes] | None:
-    """Return the fields of a header; None where it is not made of fields."""
+    """Return the fields of a header; None if it is not made of fields."""
     fields: dict[bytes, bytes] = {}
     position = 0
     while position < len(header):
@@ -254,7 +254,7 @@ class _Scan:
         return chunk.end if _fits(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
     def _connect(self, record: Record, data: bytes) -> None:
-        """Take in what a connection's messages are."""
+        """Add what a connection's messages are."""
         fields = fields_of(data)
         if fields is None or b"type" not in fields:
             return

@@ -96,7 +96,7 @@ class _Pages:
                     yield row[0], place, row[1]
 
     def row_at(self, place: int) -> tuple[int, list[object]] | None:
-        """Return number and values of the row at a place; None where it is damaged."""
+        """Return number and values of the row at a place; None if it is damaged."""
         try:
             length, start = _varint(self._buffer, place)
             number, start = _varint(self._buffer, start)

@@ -21,7 +21,7 @@ class ClockFinding(NamedTuple):
     offset
         To be added to a scan's stamp to get the time of the odometry [s].
     steady_lag
-        Usual bag time minus stamp of the scans [s]; None where it varies too much to tell.
+        Usual bag time minus stamp of the scans [s]; None if it varies too much to tell.
     warning
         One line where something is wrong or was corrected.
     """
@@ -55,8 +55,7 @@ def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], d
     scan_lags, odometry_lags
         Bag time minus stamp of the first messages [s].
     delay
-        How long after its first beam, which its stamp tells, a scan is recorded [s], as far as is known: no clock is to
-        blame for it.
+        Known delay from the first beam of a scan to its recording [s], which is no fault of a clock.
     """
     if len(scan_lags) < _FEWEST:
         return ClockFinding(0.0, None, None)
@@ -90,7 +89,7 @@ class ClockSteps:
     Parameters
     ----------
     steady_lag
-        Usual bag time minus stamp [s]; None where it varies too much to tell a step.
+        Usual bag time minus stamp [s]; None if it varies too much to tell a step.
     counts
         Gets the steps.
     """

@@ -49,7 +49,7 @@ class CleanScan(NamedTuple):
     range_min, range_max
         Limits in force [m].
     farthest_m
-        Longest range that counts as a hit, 0 where none does [m]; as it was recorded, without an offset.
+        Longest range that counts as a hit, 0 if none does [m]; as it was recorded, without an offset.
     says_nothing
         Whether all ranges are nan.
     beams
@@ -167,7 +167,7 @@ class ScanIntake:
         return [CleanScan(row.copy(), low, high, top, empty, beams) for row, top, empty, beams in rows]
 
     def _time_increment(self, raw: RawScan) -> float:
-        """Return the time between beams [s], 0 where it is not stated or cannot be."""
+        """Return the time between beams [s], 0 if it is not stated or cannot be."""
         if not 0.0 < raw.time_increment < math.inf:
             return 0.0
         if raw.time_increment * (len(raw.ranges) - 1) <= self._longest_sweep:

@@ -103,7 +103,7 @@ class Messages:
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **sequence)
 
     def _quaternion(self, yaw: float, *, upside_down: bool = False) -> object:
-        """Return a turn about z, after half a turn about x for what hangs upside down."""
+        """Return a turn about z, after half a turn about x for what is mounted upside down."""
         cosine, sine = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
         x, y, z, w = (cosine, sine, 0.0, 0.0) if upside_down else (0.0, 0.0, sine, cosine)
         return self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

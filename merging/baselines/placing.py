@@ -98,7 +98,7 @@ class Agreement:
         return cls(agreeing, np.mean(there != IS_UNKNOWN, axis=1) - agreeing)
 
     def index(self) -> FloatArray:
-        """Return the acceptance index (K,), ai = 1 - agr / (agr + dis): 0 where all agree, 1 where nothing meets."""
+        """Return the acceptance index (K,), ai = 1 - agr / (agr + dis): 0 if all agree, 1 if nothing meets."""
         met = self.agreeing + self.disagreeing
         return 1.0 - np.divide(self.agreeing, met, out=np.zeros_like(met), where=met > 0.0)
 

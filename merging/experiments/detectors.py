@@ -44,7 +44,7 @@ class DescriptorMatches:
         return DescriptorMatches(self.target_points[kept], self.source_points[kept], self.ratios[kept])
 
     def share_right(self, pair: MapPair, tolerance_m: float) -> float:
-        """Return the share of the matches that are right, the paper's xi; nan where there is none."""
+        """Return the share of the matches that are right, the paper's xi; nan if there is none."""
         if len(self.ratios) == 0:
             return float("nan")
         return float(pair.is_right(self.target_points, self.source_points, tolerance_m).mean())
@@ -143,7 +143,7 @@ class DetectorResult:
     share_right
         The share of them that is right by the true pose; nan without matches.
     share_inliers
-        The share that an affine transform fitted by RANSAC calls inliers, which needs no truth; nan where none fits.
+        The share that an affine transform fitted by RANSAC calls inliers, which needs no truth; nan if none fits.
     """
 
     matches: int

@@ -40,7 +40,7 @@ class MapPair:
     def is_right(
         self, target_points: FloatArray, source_points: FloatArray, tolerance_m: float
     ) -> npt.NDArray[np.bool_]:
-        """Tell which matches (M,) of points (M, 2) [m] truly belong together, to a tolerance [m]."""
+        """Return which matches (M,) of points (M, 2) [m] truly belong together, to a tolerance [m]."""
         apart = self.T_target_source.apply(source_points.reshape(-1, 2)) - target_points.reshape(-1, 2)
         return np.asarray(np.hypot(*apart.T) <= tolerance_m)
 

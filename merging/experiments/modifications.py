@@ -58,7 +58,7 @@ class Study:
     Parameters
     ----------
     shares
-        For every setting the share of right matches in each pair (P,); nan where nothing matched.
+        For every setting the share of right matches in each pair (P,); nan if nothing matched.
     matches
         For every setting the number of matches in each pair (P,).
     found

@@ -28,13 +28,13 @@ class TransformResult:
     matches, right
         Matches that passed Lowe's test, and how many of them are right.
     least_m, most_m, geometric_mean_m
-        Distances of all matches after the affine transform, which the paper reports [m]; None where none was found.
+        Distances of all matches after the affine transform, which the paper reports [m]; None if none was found.
     affine_error_m
         How far that transform truly puts the source's cells from their places, on average [m].
     rigid_error_m
         The same of the rigid motion that most matches agree on.
     default_error_m
-        The same of the default method, which needs no keypoints; None where it refuses.
+        The same of the default method, which needs no keypoints; None if it refuses.
     """
 
     matches: int

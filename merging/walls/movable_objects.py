@@ -19,7 +19,7 @@ class Components(NamedTuple):
     Parameters
     ----------
     labels
-        The number of each cell's piece (rows, cols); 0 where there is none.
+        The number of each cell's piece (rows, cols); 0 if there is none.
     stats
         Left, top, width, height and cells (K + 1, 5) of each piece, and of what is none.
     """

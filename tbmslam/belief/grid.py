@@ -67,7 +67,7 @@ class GridGeometry(NamedTuple):
         return np.column_stack((x, y))
 
     def contains(self, row: int, col: int) -> bool:
-        """Tell whether a cell lies inside."""
+        """Return whether a cell lies inside."""
         return 0 <= row < self.rows and 0 <= col < self.cols
 
     def bounds(self) -> tuple[float, float, float, float]:
@@ -128,7 +128,7 @@ class TbmGrid:
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
 
     def fault(self) -> str | None:
-        """Return what keeps the masses from being beliefs, such as one below zero; None where nothing does."""
+        """Return what keeps the masses from being beliefs, such as one below zero; None if nothing does."""
         cells = self.masses.reshape(-1, 4)
         for start in range(0, len(cells), _CELLS_AT_ONCE):
             block = cells[start : start + _CELLS_AT_ONCE]

@@ -80,7 +80,7 @@ def parameter_names(config: object, above: str = "") -> Iterator[str]:
 
 
 def is_table(value: object) -> bool:
-    """Tell whether a value is a table of parameters rather than one parameter."""
+    """Return whether a value is a table of parameters rather than one parameter."""
     return isinstance(value, BaseModel) or (dataclasses.is_dataclass(value) and not isinstance(value, type))
 
 

@@ -29,13 +29,13 @@ class MapAgreement:
         The same, a cell beside it counting too: what the map says is true of a cell no farther than a neighbour, and
         the other way round. Maps whose cells lie across one another put the same thin wall into other cells.
     agree_occupied, agree_free
-        Share of the map's occupied (free) cells, of those known to both, that truly are; NaN where there are none.
+        Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none.
     found_occupied, found_free
-        Share of the truly occupied (free) cells, of those known to both, that the map calls so; NaN where there are
+        Share of the truly occupied (free) cells, of those known to both, that the map calls so; NaN if there are
         none.
     wall_distance
         Mean distance from the map's occupied cells, of those known to both, to the nearest true one [cells]: walls are
-        thin, so half a cell of error moves many of them to the neighbour's cell. NaN where there are none.
+        thin, so half a cell of error moves many of them to the neighbour's cell. NaN if there are none.
     """
 
     known_both: int
@@ -100,7 +100,7 @@ def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
 
 
 def _is_near(labels: Labels, others: Labels) -> npt.NDArray[np.bool_]:
-    """Tell of each cell (rows, cols) whether the others have its label there or in one of the eight cells around."""
+    """Return of each cell (rows, cols) whether the others have its label there or in one of the eight cells around."""
     near = np.zeros(labels.shape, dtype=np.bool_)
     for label in (FREE, OCCUPIED):
         near |= (labels == label) & ndimage.binary_dilation(others == label, np.ones((3, 3), dtype=np.bool_))

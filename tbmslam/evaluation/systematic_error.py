@@ -19,7 +19,7 @@ _LEAST_S = 0.02
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
-    """Return in one line which constant explains most of the error; None where none does.
+    """Return in one line which constant explains most of the error; None if none does.
 
     Parameters
     ----------

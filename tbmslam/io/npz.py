@@ -82,7 +82,7 @@ class ArrayZip:
         self._archive.close()
 
     def __contains__(self, name: str) -> bool:
-        """Tell whether there is an array of this name."""
+        """Return whether there is an array of this name."""
         return f"{name}.npy" in self._archive.namelist()
 
     def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:

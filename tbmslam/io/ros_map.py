@@ -251,7 +251,7 @@ def _tell_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
 
 
 def _frees_the_unknown(image: MapImage, rule: PixelRule) -> bool:
-    """Tell whether a picture has the values of map savers, and the thresholds take the unknown for free.
+    """Return whether a picture has the values of map savers, and the thresholds take the unknown for free.
 
     See slam_toolbox issue 587 and nav2 issue 5138. Who mends a picture by hand paints white, and leaves a few greys.
     """

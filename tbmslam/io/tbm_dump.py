@@ -8,7 +8,7 @@ lower left corner is (0, 0).
 ======= ====================== ============================================================
 layout  cells                  probability and quality that stand before the masses
 ======= ====================== ============================================================
-slam    49 bytes each, plain   o / (o + e) and o + e; 0.5 and 1 where nothing is known
+slam    49 bytes each, plain   o / (o + e) and o + e; 0.5 and 1 if nothing is known
 merging 48 bytes, an LZ4 frame o + u / 2 and 1
 ======= ====================== ============================================================
 """

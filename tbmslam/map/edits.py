@@ -80,7 +80,7 @@ def without_scans(tbm_map: TbmMap) -> TbmMap:
 
 
 def angle_to_axes(grid: TbmGrid) -> float:
-    """Return the smallest turn [degrees] that lays the walls of a map along the axes; 0 where it has none.
+    """Return the smallest turn [degrees] that lays the walls of a map along the axes; 0 if it has none.
 
     Seen along its walls a building is a few sharp peaks: of all turns the one is taken whose histograms of the occupied
     cells over x and over y have the largest sum of squares.

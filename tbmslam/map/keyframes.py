@@ -27,7 +27,7 @@ class Keyframes:
     offsets
         Where each scan begins in `ranges`, and where the last one ends (K + 1,).
     ranges
-        All scans' ranges one after the other, float32 [m], coded as in `LaserScan`.
+        All scans' ranges one after another, float32 [m], coded as in `LaserScan`.
     beam_steps
         Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad].
     indices
@@ -69,7 +69,7 @@ class Keyframes:
     ) -> "Keyframes":
         """Pack scans taken at robot poses in the map by lasers mounted at sensor poses.
 
-        `indices` say which poses of the trajectory these are; None: the first ones, one after the other.
+        `indices` say which poses of the trajectory these are; None: the first ones, one after another.
         """
         return cls(
             stamps=np.array([scan.stamp for scan in scans], dtype=np.float64),

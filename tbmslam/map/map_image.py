@@ -37,7 +37,7 @@ class MapImage:
 
     @property
     def alpha(self) -> npt.NDArray[Any] | None:
-        """The alpha channel (rows, cols); None where the picture has none."""
+        """The alpha channel (rows, cols); None if the picture has none."""
         return self.pixels[..., -1] if self.pixels.shape[-1] in {2, 4} else None
 
     def channel_sum(self, with_alpha: bool) -> tuple[npt.NDArray[np.uint32], int]:

@@ -61,7 +61,7 @@ class BlockedSpans:
                 self._ended.append(span)
 
     def were_any(self) -> bool:
-        """Tell whether beams were blocked that no longer are."""
+        """Return whether beams were blocked that no longer are."""
         return bool(self._ended)
 
     def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray, farthest: FloatArray) -> LaserScan:
@@ -201,7 +201,7 @@ class BlockedBeams:
         return scan.with_ranges(np.where(self._hidden & same, np.nan, scan.ranges))
 
     def were_any(self) -> bool:
-        """Tell whether any beam was blocked at any time."""
+        """Return whether any beam was blocked at any time."""
         return self._spans.were_any() or bool(self.blocked.any())
 
     def cleared(self, scan: LaserScan) -> LaserScan:
@@ -272,7 +272,7 @@ class LaserView:
             self._note(scan, self._beams.blocked)
 
     def were_any_blocked(self) -> bool:
-        """Tell whether any beam was blocked at any time."""
+        """Return whether any beam was blocked at any time."""
         return self._beams.were_any()
 
     def cleared(self, scan: LaserScan) -> LaserScan:
@@ -280,7 +280,7 @@ class LaserView:
         return self._beams.cleared(scan)
 
     def _tell(self, scan: LaserScan, found: BlockedBeams) -> None:
-        """Tell which beams are blocked that were not lately, with the time since when they are."""
+        """Return which beams are blocked that were not lately, with the time since when they are."""
         blocked = found.blocked
         if len(self._known) != len(blocked):
             self._told = None

@@ -115,7 +115,7 @@ class DriveMonitor:
             logger.warning("%s: %s", name, incident.text(start))
 
     def _shows_another_place(self, scan: LaserScan, T_map_sensor: SE2) -> bool:
-        """Tell whether a scan contradicts the one before, or else it shows what nobody has seen yet."""
+        """Return whether a scan contradicts the one before, or else it shows what nobody has seen yet."""
         if self._before is None:
             return False
         before, T_map_before = self._before

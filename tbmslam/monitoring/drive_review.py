@@ -41,14 +41,14 @@ class ImpossibleSpeed(NamedTuple):
 def impossible_speed(
     stamps: FloatArray, poses: FloatArray, keyframe_stamps: FloatArray, odometry: FloatArray
 ) -> ImpossibleSpeed | None:
-    """Return where a drive is faster than any robot; None where it is nowhere, or where odometry tells so as well.
+    """Return where a drive is faster than any robot; None if it is nowhere, or where odometry tells so as well.
 
     Parameters
     ----------
     stamps, poses
         Times (N,) [s], which may step back, and poses (N, 3) of the robot in the map.
     keyframe_stamps, odometry
-        Times (K,) [s] and poses (K, 3) of the robot by odometry at keyframes; nan where there was none.
+        Times (K,) [s] and poses (K, 3) of the robot by odometry at keyframes; nan if there was none.
     """
     times = _running(stamps)
     # A pose a second, wherever there is one: a clock may have stepped over years.

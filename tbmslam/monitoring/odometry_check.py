@@ -42,7 +42,7 @@ class OdometryCheck:
         self._top_speed = 0.0
 
     def jumps(self, stamp: float, T_odom_robot: SE2 | None) -> bool:
-        """Tell whether the last step of the odometry was much faster than usual."""
+        """Return whether the last step of the odometry was much faster than usual."""
         last, self._last = self._last, None if T_odom_robot is None else (stamp, T_odom_robot)
         if last is None or T_odom_robot is None:
             return False
@@ -58,7 +58,7 @@ class OdometryCheck:
         return False
 
     def disagrees(self, T_odom_robot: SE2 | None, T_map_robot: SE2) -> bool:
-        """Tell whether the motions since the first keyframe that is remembered differ by too much."""
+        """Return whether the motions since the first keyframe that is remembered differ by too much."""
         if T_odom_robot is None:
             self._known.clear()
             return False
@@ -83,7 +83,7 @@ _DETERMINED = 0.5
 
 
 def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, scale: float, lengths: int) -> float:
-    """Return how many times as far as the odometry the scans went, mostly; 1 where that is worth no warning.
+    """Return how many times as far as the odometry the scans went, mostly; 1 if that is worth no warning.
 
     The median of many short ways: wheels that slip now and then do not change it. Only ways count whose lengths the
     scans determine. In a corridor alike everywhere, or where the laser sees hardly anything, they follow the odometry.
@@ -93,7 +93,7 @@ def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, sca
     keyframes
         Keyframes as the tracker left them.
     wheels
-        Poses (K, 3) of the robot at them by odometry; nan where there was none.
+        Poses (K, 3) of the robot at them by odometry; nan if there was none.
     scale
         Share by which lengths must differ for a warning.
     lengths

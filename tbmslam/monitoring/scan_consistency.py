@@ -15,7 +15,7 @@ _PAUSE_S = 1.5
 _STOOD_M = 0.3
 """Wheels that moved the robot by less in a pause may have slipped as it was lifted [m]."""
 _WHILE_S = 2.0
-"""Time [s] for which scans contradict odometry one after the other until it is told."""
+"""Time [s] for which scans contradict odometry one after another until it is told."""
 
 DISAGREE = "odometry and scans disagree about the motion"
 ELSEWHERE = (

@@ -45,7 +45,7 @@ class Executor:
     scheduler
         Address of a Dask scheduler whose workers share it instead; None for this machine.
     progress
-        Who is told how long steps take and how far they are.
+        Receives the duration of each step and its progress.
 
     Raises
     ------

@@ -69,7 +69,7 @@ class LaserScan:
     ranges
         Distances (N,) [m], float64.
     time_increment
-        Time between two beams [s]; 0 where it is not known.
+        Time between two beams [s]; 0 if unknown.
     beam_step
         Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
         was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment.
@@ -103,7 +103,7 @@ class LaserScan:
         return beam_starts(len(self.ranges), self.beam_step)
 
     def sweep(self) -> float:
-        """Return the time from the first beam to the last [s]; 0 where it is not known."""
+        """Return the time from the first beam to the last [s]; 0 if unknown."""
         return self.time_increment * max(len(self.ranges) - 1, 0)
 
     def is_hit(self) -> npt.NDArray[np.bool_]:
@@ -137,11 +137,11 @@ class Reading:
     scan
         The scan.
     T_odom_robot
-        Pose of the robot in its odometry frame at the scan's stamp; None where there is no odometry.
+        Pose of the robot in its odometry frame at the scan's stamp; None if there is no odometry.
     T_robot_sensor
         Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment).
     T_odom_swept
-        Pose of the robot in its odometry frame at the scan's last beam; None where that is not known.
+        Pose of the robot in its odometry frame at the scan's last beam; None if unknown.
     """
 
     scan: LaserScan

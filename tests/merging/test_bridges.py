@@ -187,7 +187,7 @@ def test_refused_alignments_put_maps_on_sides():
 
 @pytest.mark.parametrize(("confidence", "side"), [(0.001, "b"), (0.9, "ab")])
 def test_a_map_with_a_known_pose_is_on_a_side_only_if_walls_agree_there(confidence, side):
-    alignments = stated("ab", confidence, method="told") | stated("bc", 0.95) | stated("cd", 0.999)
+    alignments = stated("ab", confidence, method="prior") | stated("bc", 0.95) | stated("cd", 0.999)
     assert sides_of(alignments) == {"bc": (side, "cd")}
 
 
@@ -197,8 +197,8 @@ def test_a_map_with_a_known_pose_is_on_a_side_only_if_walls_agree_there(confiden
         SURE | stated("bc", 0.995),
         SURE | stated("bc", 0.95) | stated("ad", 0.95),
         stated("ab", 0.9),
-        SURE | stated("bc", 0.9, method="told"),
-        stated("ab", 0.001, method="told") | stated("bc", 0.95) | stated("ac", 0.001, method="told"),
+        SURE | stated("bc", 0.9, method="prior"),
+        stated("ab", 0.001, method="prior") | stated("bc", 0.95) | stated("ac", 0.001, method="prior"),
     ],
     ids=["confident", "a second alignment", "two maps only", "known pose", "two known poses"],
 )

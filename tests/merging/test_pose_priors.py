@@ -37,12 +37,12 @@ def corridor(cols):
     return TbmMap(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 60, cols), masses))
 
 
-def told(**poses):
+def known(**poses):
     return MergeConfig(known_poses={name: tuple(pose) for name, pose in poses.items()})
 
 
 def about(pose, middle=(4.0, 6.0)):
-    """A pose told half a metre and five degrees wrong, about the middle of what was seen."""
+    """A pose given half a metre and five degrees wrong, about the middle of what was seen."""
     there = SE2(*pose.inverse().apply(np.array(middle)), 0.0)
     return pose @ there @ ROUGH @ there.inverse()
 
@@ -54,12 +54,12 @@ def assert_near(found, true, metres=0.05, degrees=0.3):
 
 
 def test_a_rough_pose_is_made_exact_and_says_so(maps):
-    config = told(half=about(TRUTH))
+    config = known(half=about(TRUTH))
     found = place_by_priors(maps, config)
     assert list(found.poses) == ["floor", "half"]
     assert_near(found.poses["half"], TRUTH)
     one = found.alignments["floor", "half"]
-    assert one.method == "told"
+    assert one.method == "prior"
     assert one.accepted
     assert one.confidence > 0.9
     assert "placed at the given pose, refined by 0.6" in one.reason
@@ -67,61 +67,61 @@ def test_a_rough_pose_is_made_exact_and_says_so(maps):
 
 
 def test_a_pose_that_is_exact_is_said_to_be_borne_out(maps):
-    exact = place_by_priors(maps, told(half=TRUTH)).alignments["floor", "half"].T_target_source
-    reason = place_by_priors(maps, told(half=exact)).alignments["floor", "half"].reason
+    exact = place_by_priors(maps, known(half=TRUTH)).alignments["floor", "half"].T_target_source
+    reason = place_by_priors(maps, known(half=exact)).alignments["floor", "half"].reason
     assert reason.startswith("placed at the given pose, refined by 0.00 m and 0.0 degrees; ")
 
 
-def test_what_is_told_is_not_searched_and_the_rest_is(maps):
-    done = merge(maps, told(half=about(TRUTH)))
+def test_what_is_known_is_not_searched_and_the_rest_is(maps):
+    done = merge(maps, known(half=about(TRUTH)))
     assert list(done.poses) == ["floor", "half"]
     assert_near(done.poses["half"], TRUTH)
-    assert done.alignments["floor", "half"].method == "told"
+    assert done.alignments["floor", "half"].method == "prior"
     assert {done.alignments[pair].method for pair in (("floor", "foreign"), ("half", "foreign"))} == {"correlation"}
     assert list(done.left_out) == ["foreign"]
 
 
-def test_a_corridor_alike_everywhere_is_laid_where_told():
+def test_a_corridor_alike_everywhere_is_laid_where_its_pose_says():
     maps = {"long": corridor(600), "short": corridor(200)}
     assert merge(maps).merged is None
-    done = merge(maps, told(short=(12.0, 0.3, 0.02)))
+    done = merge(maps, known(short=(12.0, 0.3, 0.02)))
     assert list(done.poses) == ["long", "short"]
     assert_near(done.poses["short"], SE2(12.0, 0.0, 0.0), metres=0.3)
     assert done.alignments["long", "short"].confidence < 0.5
 
 
-def test_where_maps_share_nothing_the_pose_stays_as_told(maps):
+def test_where_maps_share_nothing_the_pose_stays_as_given(maps):
     apart = SE2(200.0, 0.0, 1.0)
-    done = merge({name: maps[name] for name in ("floor", "half")}, told(half=apart))
+    done = merge({name: maps[name] for name in ("floor", "half")}, known(half=apart))
     assert done.poses["half"] == pytest.approx(apart)
-    assert "laid exactly as told" in done.alignments["floor", "half"].reason
+    assert "placed exactly at the given pose" in done.alignments["floor", "half"].reason
 
 
 def test_a_map_is_laid_onto_the_one_it_shares_most_with(maps):
     apart = SE2(200.0, 0.0, 1.0)
     shifted = TbmMap(maps["floor"].grid)
     three = {"half": maps["half"], "away": shifted, "near": maps["half"]}
-    found = place_by_priors(three, told(away=apart, near=apart @ TRUTH))
+    found = place_by_priors(three, known(away=apart, near=apart @ TRUTH))
     assert list(found.alignments) == [("half", "away"), ("away", "near")]
     assert_near(found.poses["near"], apart @ TRUTH)
 
 
 def test_a_pose_that_walls_contradict_is_warned_of(maps, caplog):
     with caplog.at_level(logging.WARNING):
-        done = merge({name: maps[name] for name in ("floor", "foreign")}, told(foreign=(2.0, 1.0, 0.3)))
+        done = merge({name: maps[name] for name in ("floor", "foreign")}, known(foreign=(2.0, 1.0, 0.3)))
     assert list(done.poses) == ["floor", "foreign"]
     assert "foreign: more of its walls contradict the given pose than confirm it: is it right?" in caplog.text
 
 
 @pytest.mark.parametrize(("empty", "which"), [(0, "target"), (1, "source")])
-def test_an_empty_map_lies_where_told(maps, empty, which):
+def test_an_empty_map_lies_where_its_pose_says(maps, empty, which):
     config = MergeConfig()
     views = [prepared(maps["floor"].grid, 0.05, config)] * 2
     views[empty] = None
     found = align_near(*views, TRUTH, config)
     assert found.accepted
     assert found.T_target_source == TRUTH
-    assert found.reason == f"laid as told: the {which} map is empty"
+    assert found.reason == f"placed at the given pose: the {which} map is empty"
 
 
 @pytest.mark.parametrize(
@@ -132,28 +132,28 @@ def test_an_empty_map_lies_where_told(maps, empty, which):
         (("floor", "half"), "neither map holds a wall"),
     ],
 )
-def test_maps_without_a_wall_lie_where_told(maps, bare, fact):
+def test_maps_without_a_wall_lie_where_its_pose_says(maps, bare, fact):
     lawn = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 240, 320))
     lawn.masses[..., FREE], lawn.masses[..., UNKNOWN] = 1.0, 0.0
     two = {name: TbmMap(lawn) if name in bare else maps[name] for name in ("floor", "half")}
-    done = merge(two, told(half=SE2(1.0, 2.0, 0.3)))
+    done = merge(two, known(half=SE2(1.0, 2.0, 0.3)))
     assert done.poses["half"] == pytest.approx((1.0, 2.0, 0.3))
-    assert done.alignments["floor", "half"].reason.startswith(f"laid as told: {fact}; 0.0 m of wall agree")
+    assert done.alignments["floor", "half"].reason.startswith(f"placed at the given pose: {fact}; 0.0 m of wall agree")
 
 
 @pytest.mark.parametrize("name", ["floor", "nobody"])
 def test_a_pose_of_no_other_map_is_refused(maps, name):
     with pytest.raises(ValueError, match=f"known_poses must be of maps after the first, 'floor', got '{name}'"):
-        merge(maps, told(**{name: (0.0, 0.0, 0.0)}))
+        merge(maps, known(**{name: (0.0, 0.0, 0.0)}))
 
 
 def test_a_pose_so_far_off_that_the_merged_map_were_too_large_is_refused(maps):
     where = "half: at the given pose the merged map would be [0-9]+ x [0-9]+ m, .* cells, more than the 4e[+]08"
     with pytest.raises(KnownPoseError, match=where):
-        merge(maps, told(half=(5000.0, -5000.0, 0.0)))
+        merge(maps, known(half=(5000.0, -5000.0, 0.0)))
 
 
 @pytest.mark.parametrize("pose", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (1e5, 0.0, 0.0), (0.0, 0.0, 1e4)])
 def test_a_pose_that_nothing_has_is_no_parameter(pose):
     with pytest.raises(ValueError, match=r"known_poses\.half"):
-        told(half=pose)
+        known(half=pose)

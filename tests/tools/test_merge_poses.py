@@ -10,13 +10,13 @@ from tbmslam.geometry.se2 import SE2
 from tools import merge
 
 
-def test_a_map_is_laid_where_it_is_told(folders, tmp_path, capsys):
+def test_a_map_is_placed_at_its_known_pose(folders, tmp_path, capsys):
     turned = SE2(2.0, 3.0, math.radians(70.0)).inverse()
     words = [str(turned.x + 0.1), str(turned.y), "-67"]
     given = [str(folders / name) for name in ("here", "there", "foreign")]
     assert merge.main([*given, "-o", str(tmp_path), "--pose", "there", *words]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["pairs"][0]["method"] == "told"
+    assert report["pairs"][0]["method"] == "prior"
     assert report["maps"]["there"]["T_merged_map"] == pytest.approx(list(turned), abs=0.01)
     assert report["config"]["known_poses"] == {"there": [*map(float, words[:2]), math.radians(-67.0)]}
     assert "there in here: accepted: placed at the given pose, refined by 0." in capsys.readouterr().out
@@ -25,7 +25,7 @@ def test_a_map_is_laid_where_it_is_told(folders, tmp_path, capsys):
 def test_a_pose_of_the_first_map_is_refused(folders, tmp_path, capsys):
     given = [str(folders / name) for name in ("here", "there")]
     assert merge.main([*given, "-o", str(tmp_path), "--set", "merging.known_poses.here=[0.0, 0.0, 0.0]"]) == 1
-    told = "merge: --pose: poses are told in the frame of here, the first map: tell those of there"
+    told = "merge: --pose: poses are in the frame of here, the first map: give those of there"
     assert capsys.readouterr().err.strip() == told
 
 
@@ -47,7 +47,7 @@ def test_a_pose_that_is_no_number_is_wrong_usage(folders, tmp_path, capsys):
         (["there", "0", "0", "inf"], "--pose must be within 10000 m of the first map, at any angle, got there 0 0 inf"),
         (
             ["there", "0", "0", "0", "--pose", "there", "9", "0", "0"],
-            "--pose tells two poses of there, got there 9 0 0",
+            "--pose gives two poses of there, got there 9 0 0",
         ),
     ],
 )

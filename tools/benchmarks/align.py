@@ -52,7 +52,7 @@ class PairResult:
     name
         The pair.
     overlap
-        In percent; None where the maps show different places.
+        In percent; None if the maps show different places.
     accepted, right, ambiguous
         What the aligner said, and whether its best place is the true one, accepted or not.
     confidence
@@ -60,7 +60,7 @@ class PairResult:
     translation_error_m, rotation_error_deg
         Of its best place, where there is a truth.
     surprise
-        Mean square of these errors in the standard deviations that the aligner states, 1 where it states them rightly.
+        Mean square of these errors in the standard deviations that the aligner states, 1 if it states them rightly.
     bent_m
         How far one of the maps was bent to fit [m].
     cpu_s

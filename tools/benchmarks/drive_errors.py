@@ -34,7 +34,7 @@ class DriveErrors:
     kind
         What the N errors are of.
     metres, degrees
-        Errors (N,), nan where one cannot be scored; degrees are nan for poses.
+        Errors (N,), nan if one cannot be scored; degrees are nan for poses.
     has_scans
         Which of them (N,) have scans at their stamps, so that they could be scored.
     """

@@ -100,13 +100,13 @@ class Score:
     perturbation
         Its name.
     error_m, error_deg
-        Of all that the run scores; None where that is nothing.
+        Of all that the run scores; None if that is nothing.
     unscored
         Relations or poses that cannot be scored though their scans were given.
     left_out
         Those whose scans the perturbation took away.
     ratio
-        Of the error to that of the unperturbed run where both score; None where that is nowhere.
+        Of the error to that of the unperturbed run where both score; None if that is nowhere.
     verdict
         ok, MISS, LOST or FAILED; a dash for the recording as it is.
     """

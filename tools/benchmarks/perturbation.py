@@ -40,7 +40,7 @@ class Perturbation:
     change
         Turns the recording's readings into the perturbed ones; may be pickled.
     setting
-        A parameter of the SLAM that has another value, as ``map.resolution=0.1``; None where all are as they are.
+        A parameter of the SLAM that has another value, as ``map.resolution=0.1``; None if all are as they are.
     ratio
         How many times the unperturbed error is allowed.
     T_stated_true

@@ -40,5 +40,5 @@ def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
 
 
 def is_right(known: KnownPair, where: SE2 | None) -> bool:
-    """Tell whether a pair shows one place, and a motion T_target_source puts the source there."""
+    """Return whether a pair shows one place, and a motion T_target_source puts the source there."""
     return known.T_target_source is not None and where is not None and known.is_near(where)

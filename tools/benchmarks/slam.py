@@ -186,5 +186,5 @@ def _short_name(path: Path) -> str:
 
 
 def _say(text: str) -> None:
-    """Tell who waits what is going on."""
+    """Return who waits what is going on."""
     sys.stderr.write(f"benchmark: {text}\n")

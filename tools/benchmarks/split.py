@@ -68,9 +68,9 @@ class SplitRun:
         The others, and why.
     pairs
         For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
-        error of its relative pose [m], [deg]; None where one was left out.
+        error of its relative pose [m], [deg]; None if one was left out.
     agree, agree_nearby
-        Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None where nothing was
+        Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None if nothing was
         merged.
     turned
         The share for the undivided map itself, drawn again on the merged map's cells.
@@ -79,7 +79,7 @@ class SplitRun:
     merge_cpu_s
         CPU time of the merge [s].
     truth_doubt
-        Why truth.json may be wrong itself; None where nothing is known against it.
+        Why truth.json may be wrong itself; None if nothing is known against it.
     """
 
     recording: str

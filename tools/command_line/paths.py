@@ -143,7 +143,7 @@ def map_folders(path: Path) -> list[Path]:
 
 
 def holds_map(folder: Path) -> bool:
-    """Tell whether a folder is a map's."""
+    """Return whether a folder is a map's."""
     return any((folder / name).is_file() for name in _MAPS)
 
 

@@ -47,7 +47,7 @@ def check_environment() -> None:
 
 
 def _memory_limit() -> int | None:
-    """Return how much address space the program may take [bytes]; None where there is no limit, or none known."""
+    """Return how much address space the program may take [bytes]; None if there is no limit, or none known."""
     try:
         import resource
     except ImportError:
@@ -161,7 +161,7 @@ def forget_unprinted() -> None:
 
 
 def _prints_nothing() -> bool:
-    """Tell whether stdout takes nothing more, as only trying tells."""
+    """Return whether stdout takes nothing more, as only trying tells."""
     try:
         print(flush=True)
     except OSError:
@@ -183,7 +183,7 @@ def typed_command(program: str, arguments: Sequence[str] | None) -> str:
     program
         Name of the program, where it was called from Python with its arguments.
     arguments
-        These; None where it was started from a shell.
+        These; None if it was started from a shell.
     """
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 

@@ -37,7 +37,7 @@ class TruthFile:
     warnings: tuple[Mapping[str, object], ...] = ()
 
     def doubt(self) -> str | None:
-        """Return in one line why the reference itself may be wrong; None where nothing is known against it."""
+        """Return in one line why the reference itself may be wrong; None if nothing is known against it."""
         if not self.warnings:
             return None
         first, number = self.warnings[0], len(self.warnings)

@@ -55,13 +55,13 @@ class MappingTask:
     config
         Every parameter.
     share
-        How its part of the recording is chosen, ready for JSON; None: all of it.
+        How its part of the recording is chosen, as JSON can hold it; None: all of it.
     T_own_start
         Where it starts in its own frame; None keeps the odometry's frame.
     folder
         Where its map goes.
     segment, counts
-        That part, and what was counted in a pass over the whole recording; None where all of it is the robot's.
+        That part, and what was counted in a pass over the whole recording; None if all of it is the robot's.
     began
         Stamp of the recording's first reading, from which times are told as `--interval` counts them [s]; None as well.
     """
@@ -107,9 +107,9 @@ class Mapped:
     summary
         What was read, for people.
     seconds
-        How long it took; None where it was finished before.
+        How long it took; None if it was finished before.
     tbm_map
-        The map; None where it is only in its folder.
+        The map; None if it is only in its folder.
     """
 
     run: Mapping[str, object]
@@ -196,7 +196,7 @@ def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
 def finished(task: MappingTask) -> Mapped | None:
     """Return what an earlier run made of a task.
 
-    None where it did not finish it, made it of something else, or its files are no longer as it wrote them.
+    None if it did not finish it, made it of something else, or its files are no longer as it wrote them.
     """
     try:
         if why_unreadable(task.folder / "run.json"):

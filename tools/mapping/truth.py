@@ -28,7 +28,7 @@ _WHOLE = "whole recording, for truth.json"
 
 
 class _Reference(NamedTuple):
-    """Where the robot of a recording truly was, as far as anybody knows."""
+    """Where the robot of a recording truly was, as far as known."""
 
     name: str
     trajectory: Trajectory
@@ -58,7 +58,7 @@ def write_truth(
     shelf
         Recordings at hand.
     progress
-        Who is told how far it is.
+        Receives the progress.
     """
     fingerprint = _fingerprint([task for task, _ in made], references)
     if _written(path) == fingerprint:

@@ -68,7 +68,7 @@ class PaperResults:
     halves
         Figure 2.
     merged
-        Figure 4: the first pair merged by the paper's algorithm 1; None where that found no transform.
+        Figure 4: the first pair merged by the paper's algorithm 1; None if that found no transform.
     """
 
     detectors: Mapping[str, Mapping[str, DetectorResult]]

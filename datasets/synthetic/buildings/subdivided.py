@@ -49,7 +49,7 @@ def join(
 def _opening(
     first: Rectangle, second: Rectangle, wall: float, width: float, rng: np.random.Generator
 ) -> Rectangle | None:
-    """Return a way through the wall between two rooms, or None where they share too little of one."""
+    """Return a way through the wall between two rooms, or None if they share too little of one."""
     x0, x1 = max(first.x0, second.x0), min(first.x1, second.x1)
     y0, y1 = max(first.y0, second.y0), min(first.y1, second.y1)
     if abs(x0 - x1 - wall) < 1e-6 and y1 - y0 > width + 0.2:

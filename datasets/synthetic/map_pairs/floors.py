@@ -69,6 +69,6 @@ def pairs_of(
 
 
 def _same_place(first: str, second: str) -> bool:
-    """Tell whether two variants, by their names, show the same building and neither it in a mirror."""
+    """Return whether two variants, by their names, show the same building and neither it in a mirror."""
     same = _VARIANT.sub("", first) == _VARIANT.sub("", second)
     return same and first.count("mir") % 2 == second.count("mir") % 2

@@ -61,7 +61,7 @@ class MapPair:
     resolution
         Side of a cell [m].
     T_a_b
-        Pose of b's frame in a's; None where the maps show different places.
+        Pose of b's frame in a's; None if the maps show different places.
     overlap
         Share of the smaller map's free cells that both know.
     """

@@ -66,7 +66,7 @@ def simulate(
     seed
         Draws every error of lasers and wheels.
     progress
-        Who is told how far it is.
+        Receives the progress.
     """
     progress = progress or Progress()
     rngs = np.random.default_rng([seed, 23]).spawn(len(drives))

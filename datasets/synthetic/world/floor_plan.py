@@ -36,7 +36,7 @@ class Rectangle(NamedTuple):
         return Rectangle(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
 
     def overlaps(self, other: "Rectangle") -> bool:
-        """Tell whether the two share area."""
+        """Return whether the two share area."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
 
@@ -72,7 +72,7 @@ class FloorPlan:
         self._places.append((x, y))
 
     def has_room_for(self, thing: Rectangle, margin: float = 0.0) -> bool:
-        """Tell whether a thing would stand in nobody's way, `margin` metres off other things."""
+        """Return whether a thing would stand in nobody's way, `margin` metres off other things."""
         grown = thing.grown(margin)
         return not any(grown.overlaps(other) for other in self._things) and not any(
             thing.overlaps(way) for way in self._kept_clear

@@ -81,7 +81,7 @@ def _stand_legs(plan: FloorPlan, table: Rectangle, radius: float, turn: float) -
 
 
 def _along_wall(room: Rectangle, rng: np.random.Generator, width: float, depth: float, gap: float) -> Rectangle | None:
-    """Return a rectangle with its back to one of the room's walls, or None where the wall is too short."""
+    """Return a rectangle with its back to one of the room's walls, or None if the wall is too short."""
     side = int(rng.integers(4))
     low, high = (room.x0, room.x1) if side < 2 else (room.y0, room.y1)
     if high - low < width + 2.0 * gap:
