@@ -31,23 +31,23 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     if span is not None:
         counted = [f"in the whole recording, {what}" for what in counted]
     pauses = counts.pauses_in(span)
-    said = counted + ([f"{gaps_in_words(pauses)}: motion during a gap is unknown"] if pauses else [])
+    warnings = counted + ([f"{gaps_in_words(pauses)}: motion during a gap is unknown"] if pauses else [])
     if recording.description.get("sensor_pose_known") is False:
-        said.append("the mount of the laser on the robot is not recorded: a default was used")
+        warnings.append("the mount of the laser on the robot is not recorded: a default was used")
     frames = recording.description.get("frame_warnings")
-    said += [str(one) for one in frames] if isinstance(frames, list) else []
+    warnings += [str(one) for one in frames] if isinstance(frames, list) else []
     first_scan = recording.description.get("first_scan")
-    is_told = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
-    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_told else None
-    return said + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
+    is_given = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
+    angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_given else None
+    return warnings + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
 
 
 def _counted(counts: ReadingCounts) -> list[str]:
-    said = [
+    warnings = [
         f"{number} of {counts.scans_read} scans were dropped: {_DROPPED.get(reason, reason)}"
         for reason, number in sorted(counts.dropped.items())
     ]
-    said += [
+    warnings += [
         f"{number} scans {what}"
         for number, what in (
             (counts.backward_stamps, "are stamped earlier than the scan before: the clock stepped back"),
@@ -60,15 +60,15 @@ def _counted(counts: ReadingCounts) -> list[str]:
         if number
     ]
     if (code := counts.likely_code()) is not None:
-        said.append(
+        warnings.append(
             f"{counts.farthest_beams} beams end at exactly {code:.6g} m, the longest range of all, which may be a "
             f"code for no return: try --no-return-code {code:.6g}"
         )
     if counts.beam_count_changes:
-        said.append(f"the number of beams changed {counts.beam_count_changes} times")
+        warnings.append(f"the number of beams changed {counts.beam_count_changes} times")
     if counts.lost_scans:
-        said.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
-    return said
+        warnings.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
+    return warnings
 
 
 def _beam_warnings(counts: ReadingCounts) -> list[str]:

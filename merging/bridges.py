@@ -1,8 +1,7 @@
-"""Bridges of the map graph: joins of groups that hang on doubtful alignments. Both groups as wholes must bear them out.
+"""Bridges of the map graph: doubtful alignments that alone join two groups. Both groups as wholes must confirm them.
 
-Of two maps few walls may agree by chance, and where two buildings have a room alike, several refused alignments agree
-on it. Where other maps know the same two places, all of their walls must agree there as well; so what joins two groups
-is looked at once more with everything that they know.
+Few walls of two maps may agree by chance, and if two buildings have similar rooms, several refused alignments agree
+on them. All walls of both groups must then agree at the same pose, so each bridge is verified with all of their maps.
 
 Without the check of refused alignments that agree, 12 of 120 simulated maps of 20 buildings become one group of two
 buildings, whose wholes give their place a confidence of 0.
@@ -26,17 +25,17 @@ from tbmslam.parallel.executor import Executor
 logger = logging.getLogger(__name__)
 
 Sides = tuple[Pair, frozenset[str], frozenset[str]]
-"""An alignment, and the maps on either side of it."""
+"""A pair, and the maps on either side of it."""
 
 
 @dataclass(frozen=True)
 class Bridge:
-    """A doubtful alignment that joins two sides of a group which no accepted one joins besides.
+    """A doubtful alignment that joins two sides of a group, which no other accepted alignment joins.
 
     Parameters
     ----------
     pair
-        Whose it is.
+        The target and the source.
     sides
         The poses of the maps on the target's side and on the source's, in the group's frame.
     """
@@ -46,7 +45,7 @@ class Bridge:
 
     @property
     def T_target_source(self) -> SE2:
-        """The place that it names."""
+        """Pose of the source in the target's frame."""
         target, source = self.pair
         return self.sides[0][target].inverse() @ self.sides[1][source]
 
@@ -57,7 +56,7 @@ class Bridge:
 
 
 def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Part groups that one doubtful alignment joined, which all their maps together do not bear out."""
+    """Split groups at bridges that both sides as wholes do not confirm."""
     stood = set[Sides]()
     while True:
         refuted, fitting = refute_bridge(found, config, executor, stood)
@@ -73,23 +72,23 @@ def refute_bridge(
     executor: Executor,
     stood: Collection[Sides] = (),
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
-    """Look for a bridge between groups which as wholes do not fit so, the most doubtful first.
+    """Find a bridge that both sides as wholes do not confirm, the most doubtful first.
 
     Parameters
     ----------
     found
-        The maps, and what is known of them so far.
+        The state of the merge.
     config
-        Below which confidence a lone alignment is doubted, and how little the wholes may give its place.
+        Confidence below which an alignment is a bridge, and least confidence of the wholes at its pose.
     executor
-        Who aligns them.
+        Aligns the wholes.
     stood
-        The groups that fitted before; they are not aligned again.
+        Bridges that were confirmed before; they are not verified again.
 
     Returns
     -------
-    Its alignment, refused now, and all others that name the same place; none where all bridges stand; and the groups
-    that fit.
+    The alignments to change: that of the bridge, now refused, and others at the same pose; none if all bridges are
+    confirmed. And the bridges that were confirmed.
     """
     fitting, alignments = set[Sides](), found.alignments
     joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]
@@ -101,20 +100,20 @@ def refute_bridge(
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
             reason = f"groups of {numbers} maps, which it joins, do not match as wholes ({likely:.2f}): {before.reason}"
             logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
-            refuted = {pair: _refuted(one, pair, join, likely, config) for pair, one in alignments.items()}
+            refuted = {pair: _refuted(found, pair, join, likely, config) for pair, found in alignments.items()}
             refuted[join.pair] = replace(refuted[join.pair], accepted=False, reason=reason, confidence=likely)
-            return {pair: one for pair, one in refuted.items() if one is not alignments[pair]}, fitting
+            return {pair: changed for pair, changed in refuted.items() if changed is not alignments[pair]}, fitting
         fitting.add(join.names)
     return {}, fitting
 
 
 def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[Bridge]:
-    """Return the bridges of a group of more than two maps: of any two sides the surest alignment."""
+    """Return the bridges of a group of more than two maps: the most certain alignment of each two sides."""
     bridges = dict[frozenset[frozenset[str]], Bridge]()
-    for pair in sorted(group.used, key=lambda one: _sureness(alignments[one]), reverse=True):
+    for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
         sure = found.accepted and found.confidence >= config.graph.sure_alone
-        idle = not found.accepted and found.confidence < config.graph.min_whole  # as what was refuted: it joins nothing
+        idle = not found.accepted and found.confidence < config.graph.min_whole  # like a refuted one, it joins nothing
         if found.method != "correlation" or sure or idle or len(group) <= 2:
             continue
         sides = _parted_without(pair, group, alignments, config)
@@ -124,68 +123,68 @@ def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
     return list(bridges.values())
 
 
-def _sureness(found: Alignment) -> tuple[bool, float]:
+def _certainty(found: Alignment) -> tuple[bool, float]:
     return found.accepted, found.confidence
 
 
 def _refuted(found: Alignment, pair: Pair, bridge: Bridge, likely: float, config: MergeConfig) -> Alignment:
-    """Return an alignment in which the place that a bridge names is no likelier than a probability."""
+    """Return an alignment whose confidence at the pose of a bridge is limited to a probability."""
     poses = {**bridge.sides[0], **bridge.sides[1]}
     if any(len(poses.keys() & side.keys() & set(pair)) != 1 for side in bridge.sides):
         return found
     motion = poses[pair[0]].inverse() @ poses[pair[1]]
-    others = tuple(
-        replace(one, confidence=min(one.confidence, likely))
-        if is_same_pose(motion, one.T_target_source, config.graph, one.covariance)
-        else one
-        for one in found.alternatives
+    alternatives = tuple(
+        replace(other, confidence=min(other.confidence, likely))
+        if is_same_pose(motion, other.T_target_source, config.graph, other.covariance)
+        else other
+        for other in found.alternatives
     )
     where = found.T_target_source
     if where is not None and is_same_pose(motion, where, config.graph, found.covariance):
         found = replace(found, accepted=False, confidence=min(found.confidence, likely))
-    return found if others == found.alternatives else replace(found, alternatives=others)
+    return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 
 def _parted_without(
     pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
 ) -> tuple[frozenset[str], frozenset[str]] | None:
-    """Return the maps on the target's side and on the source's; None where other accepted alignments join these.
+    """Return the maps on the target's side and on the source's; None if other accepted alignments join the sides.
 
-    Refused ones that agree with the group's poses put maps on the side which they say more surely, but join no sides;
-    what nothing puts on either is on none.
+    Refused alignments that agree with the group's poses put a map on one side, the more certain ones first, but join no
+    sides. A map without such an alignment is on no side.
     """
-    others = [one for one in group.used if one != pair]
-    surest_first = sorted(others, key=lambda one: _sureness(alignments[one]), reverse=True)
-    # A map that lies where its user put it, whatever the walls say, knows nothing of what lies there.
-    unfounded = {
-        one
-        for one in others
-        if alignments[one].method == "prior" and alignments[one].confidence < config.verification.min_confidence
+    others = [other for other in group.used if other != pair]
+    surest_first = sorted(others, key=lambda other: _certainty(alignments[other]), reverse=True)
+    # A map with a known pose that its walls do not confirm is no evidence for other maps at its place.
+    unconfirmed = {
+        other
+        for other in others
+        if alignments[other].method == "prior" and alignments[other].confidence < config.verification.min_confidence
     }
-    if unfounded and _sides(pair, group, alignments, surest_first) is None:
+    if unconfirmed and _sides(pair, group, alignments, surest_first) is None:
         return None
-    return _sides(pair, group, alignments, [one for one in surest_first if one not in unfounded])
+    return _sides(pair, group, alignments, [other for other in surest_first if other not in unconfirmed])
 
 
 def _sides(
     pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], surest_first: Sequence[Pair]
 ) -> tuple[frozenset[str], frozenset[str]] | None:
-    """Return the maps on either side of a pair that these alignments put there; None where accepted ones join both."""
+    """Return the maps that alignments put on either side of a pair; None if accepted ones join the sides."""
     sides = {name: frozenset({name}) for name in group.poses}
-    for one in surest_first:
-        both = sides[one[0]] | sides[one[1]]
-        if both.issuperset(pair):
-            if alignments[one].accepted:
+    for target, source in surest_first:
+        joined = sides[target] | sides[source]
+        if joined.issuperset(pair):
+            if alignments[target, source].accepted:
                 return None
             continue
-        sides |= dict.fromkeys(both, both)
+        sides |= dict.fromkeys(joined, joined)
     return sides[pair[0]], sides[pair[1]]
 
 
 def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> float:
-    """Return the confidence that two groups, each as one map, give a join's place; 0 if they do not offer it.
+    """Return the confidence that two groups, each as one map, give the pose of a bridge; 0 if it is no hypothesis.
 
-    Groups too large to be one map cannot speak against it: then it is 1.
+    It is 1 for groups that are too large for one map: they cannot be verified.
     """
     target, source = join.pair
     wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.progress)
@@ -193,10 +192,10 @@ def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeCon
         return 1.0
     grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}
     found = align_all(grids, config, executor, [join.pair])[join.pair]
-    told = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
+    expected = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
     likely = (
         hypothesis.confidence
         for hypothesis in found.hypotheses()
-        if is_same_pose(told, hypothesis.T_target_source, config.graph, hypothesis.covariance)
+        if is_same_pose(expected, hypothesis.T_target_source, config.graph, hypothesis.covariance)
     )
     return max(likely, default=0.0)

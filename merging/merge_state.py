@@ -1,4 +1,4 @@
-"""What one look after the other finds of maps that are to be merged."""
+"""The state of a merge: maps, alignments and groups, as one stage after another leaves them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,23 +14,22 @@ Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
 
 @dataclass(frozen=True)
 class MergeState:
-    """What is known so far.
+    """The state of a merge.
 
     Parameters
     ----------
     grouping
-        How alignments join maps.
+        Joins maps to groups by alignments.
     maps
-        The maps by name, those that were straightened as they are now.
+        The maps by name, deformed ones as they are now.
     alignments
-        The surest answer for every pair.
+        The latest alignment of every pair.
     groups
-        What these join, the largest first.
-    judged_by
-        The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
-        maps' own.
+        The groups of maps, the largest first.
+    evidence_grids
+        The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own.
     straightened
-        The maps that were straightened.
+        The deformed maps.
     """
 
     grouping: Grouping
@@ -42,7 +41,7 @@ class MergeState:
 
     @classmethod
     def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":
-        """Return what a first look found."""
+        """Return the state after the given alignments."""
         return cls(grouping, maps, alignments, grouping(alignments))
 
     @cached_property
@@ -65,18 +64,18 @@ class MergeState:
     def with_alignments(
         self, found: Mapping[Pair, Alignment], evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] | None = None
     ) -> "MergeState":
-        """Return the same with better answers for some pairs, and the grids they were judged by."""
+        """Return the state with new alignments of some pairs, and the grids they were computed from."""
         alignments = {**self.alignments, **found}
         evidence_grids = {**self.evidence_grids, **(evidence_grids or {})}
         return replace(self, alignments=alignments, groups=self.grouping(alignments), evidence_grids=evidence_grids)
 
     def with_straightened(self, name: str, straightened: TbmMap) -> "MergeState":
-        """Return the same with one of the maps straightened."""
+        """Return the state with one of the maps deformed."""
         return replace(
             self, maps={**self.maps, name: straightened}, straightened={**self.straightened, name: straightened}
         )
 
     def with_own_grids(self, pair: Pair) -> "MergeState":
-        """Return the same with a pair judged by its grids as they are now."""
+        """Return the state with the present grids as those that a pair was aligned by."""
         grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
         return replace(self, evidence_grids={**self.evidence_grids, pair: grids})

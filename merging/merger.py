@@ -1,4 +1,4 @@
-"""Many maps whose relative poses nobody knows become one."""
+"""Merges maps with unknown relative poses."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -29,29 +29,29 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, repr=False)
 class Merge:
-    """What became of some maps.
+    """The result of a merge.
 
     Parameters
     ----------
     merged
         The merged map, in the frame of the first map that went into it; None if no two maps could be aligned.
     poses
-        T_merged_map of every map that went into it.
+        T_merged_map of every merged map.
     alignments
-        What was found for every pair (target, source) that was aligned, refusals with their reasons among them.
+        The alignment of every aligned pair (target, source); refused ones have a reason.
     left_out
-        The maps that did not go into it, and why.
+        The maps that were not merged, with the reasons.
     fusion
         The merged cells with their conflict; None if there is no merged map.
     joint
-        What straightening the drives together did; None if the alignment stayed rigid.
+        The joint optimisation of the drives; None for a rigid merge.
     used, outvoted
-        The pairs whose alignments agree with the poses, and those that were accepted and do not.
-    judged_by
-        The grids (target, source), each in its map's frame, that an alignment was judged by where they are not the
-        maps' own: rendered from short ranges only, or straightened.
+        The pairs whose alignments agree with the poses, and accepted ones that do not.
+    evidence_grids
+        The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own:
+        rendered from short ranges, or deformed.
     straightened
-        The maps that were straightened before they were laid, by name: what went into it in place of those given.
+        The deformed maps by name, which were merged instead of the given ones.
     """
 
     merged: TbmMap | None
@@ -66,17 +66,17 @@ class Merge:
     straightened: Mapping[str, TbmMap] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Return which maps became one, and why the others did not, a line each."""
+        """Return which maps were merged, and why the others were not, one line each."""
         count = len(self.poses) + len(self.left_out)
         merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
         return "\n".join([f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())])
 
     def _repr_png_(self) -> bytes | None:
-        """Return what a notebook shows: the merged map, where there is one."""
+        """Return the picture that a notebook shows: the merged map, if there is one."""
         return None if self.merged is None else self.merged._repr_png_()
 
     def laid(self, name: str, maps: Mapping[str, TbmMap]) -> tuple[TbmGrid, SE2]:
-        """Return the grid of a map that went into it, straightened where it was, and its pose in the merged map."""
+        """Return the grid of a merged map, after joint optimisation, and its pose in the merged map."""
         if self.joint is None:
             return maps[name].grid, self.poses[name]
         return self.joint.maps[name].grid, SE2.identity()
@@ -89,20 +89,20 @@ def merge(
     progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> Merge:
-    """Merge maps whose relative poses nobody knows.
+    """Merge maps with unknown relative poses.
 
-    Every pair of maps is aligned; of many maps only the pairs that look alike (`merging.rounds`). Accepted alignments
-    connect maps to groups, and the largest group is fused in the order of the maps. Maps whose poses somebody knows
-    (`MergeConfig.known_poses`) are a group from the start, which is fused however large others are. Maps that this
-    leaves apart are aligned again by what was seen at short range. Groups that only doubtful alignments join must fit
-    as wholes. Maps that are still apart are bent to fit.
+    Every pair of maps is aligned; of many maps only similar pairs (`merging.rounds`). Accepted alignments connect maps
+    to groups, and the largest group is fused in the order of the maps. Maps with known poses
+    (`MergeConfig.known_poses`) form the group that is fused, whatever the sizes of others. Maps of different groups are
+    aligned again by short ranges only. Groups that only doubtful alignments join must match as wholes. Remaining maps
+    are registered non-rigidly.
 
     Parameters
     ----------
     maps
-        Two maps or more, by name; their order decides whose frame the merged map has.
+        Two maps or more, by name; the merged map has the frame of its first map in this order.
     config
-        How; the defaults where None.
+        The parameters; None for the defaults.
     workers
         Processes that align pairs; the result does not depend on it.
     progress
@@ -113,7 +113,7 @@ def merge(
     Raises
     ------
     ValueError
-        If there are fewer than two maps or no worker, or poses are known of a map that is none of them or the first.
+        If there are fewer than two maps or no worker, or a known pose is of an unknown map or of the first one.
     """
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
     if len(maps) < 2:
@@ -124,7 +124,7 @@ def merge(
     found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
-    found = _with_looks(found, register_refused_pairs(found, config, executor))
+    found = _with_deformed_maps(found, register_refused_pairs(found, config, executor))
     return _merged(found, _joined(found, config, executor.progress))
 
 
@@ -139,15 +139,15 @@ def _grouped(
         return groups_of(names, alignments, config.graph, known)
 
 
-def _with_looks(found: MergeState, looks: Mapping[Pair, NonrigidRegistration]) -> MergeState:
-    """Add what was found of maps that were bent, and keep them so."""
-    if not looks:
+def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, NonrigidRegistration]) -> MergeState:
+    """Add the alignments of deformed maps, and keep these maps deformed."""
+    if not registrations:
         return found
     before = found.groups
-    found = found.with_alignments({pair: look.alignment for pair, look in looks.items()})
-    for name, straightened in deformed_maps(looks, found.maps, found.groups, before).items():
+    found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
+    for name, straightened in deformed_maps(registrations, found.maps, found.groups, before).items():
         found = found.with_straightened(name, straightened)
-    for pair in looks:
+    for pair in registrations:
         if any(pair in group.used for group in found.groups):
             found = found.with_own_grids(pair)
     return found
@@ -173,12 +173,12 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
         group.used,
         group.outvoted,
         found.evidence_grids,
-        {name: one for name, one in found.straightened.items() if name in joined.poses},
+        {name: deformed for name, deformed in found.straightened.items() if name in joined.poses},
     )
 
 
 def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
-    """Return why a map was joined with no other, where no two were."""
+    """Return why a map was not merged, if no maps were."""
     accepted = {
         target if source == name else source: found
         for (target, source), found in alignments.items()
@@ -186,13 +186,13 @@ def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     }
     if not accepted:
         return "no other map could be aligned with it"
-    surest = max(accepted, key=lambda one: accepted[one].confidence)
+    surest = max(accepted, key=lambda other: accepted[other].confidence)
     was = "its accepted alignments contradict each other"
     return f"{was}; the surest, with {surest}: {accepted[surest].reason}"
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
-    """Return what spoke against a map's best alignment with the maps that were merged."""
+    """Return why a map was not merged, by its best alignment with a merged map."""
     tried = {
         target if source == name else source: found
         for (target, source), found in alignments.items()
@@ -200,7 +200,7 @@ def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment])
     }
     if not tried:
         return "no merged map is similar to it, so it was aligned with none"
-    nearest = max(tried, key=lambda one: (tried[one].accepted, tried[one].agreed_wall_m, tried[one].inliers))
+    nearest = max(tried, key=lambda other: (tried[other].accepted, tried[other].agreed_wall_m, tried[other].inliers))
     was = "no alignment with a merged map was accepted"
     if tried[nearest].accepted:
         was = "its accepted alignments with merged maps are outvoted"

@@ -261,15 +261,15 @@ def _known_poses(parser: argparse.ArgumentParser, poses: Sequence[Sequence[str]]
     """Return poses by the names of maps [m, m, rad]."""
     known: dict[str, list[float]] = {}
     for name, *numbers in poses:
-        told = f"got {' '.join((name, *numbers))}"
+        given = f"got {' '.join((name, *numbers))}"
         try:
             x, y, degrees = (float(number) for number in numbers)
         except ValueError:
-            parser.error(f"--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, {told}")
+            parser.error(f"--pose must look like NAME X Y DEG, as robot_1 12.5 -3 90, {given}")
         if not (max(abs(x), abs(y)) <= FARTHEST_POSE and math.isfinite(degrees)):
-            parser.error(f"--pose must be within {FARTHEST_POSE:.0f} m of the first map, at any angle, {told}")
+            parser.error(f"--pose must be within {FARTHEST_POSE:.0f} m of the first map, at any angle, {given}")
         if name in known:
-            parser.error(f"--pose gives two poses of {name}, {told}: give one")
+            parser.error(f"--pose gives two poses of {name}, {given}: give one")
         known[name] = [x, y, math.radians(math.remainder(degrees, 360.0))]
     return known
 

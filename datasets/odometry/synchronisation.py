@@ -146,8 +146,8 @@ class Pairing:
 
     def _odometry(self, poses: list[SE3]) -> SE2 | None:
         """Return T_odom_robot with lengths in metres."""
-        told = self._motion.odometry(poses)
-        return None if told is None else scaled(told, self._odometry_scale)
+        T_odom_robot = self._motion.odometry(poses)
+        return None if T_odom_robot is None else scaled(T_odom_robot, self._odometry_scale)
 
     def _note_missing(self, stamp: float) -> None:
         """Note when odometry ends and how long it is missing."""

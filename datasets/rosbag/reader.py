@@ -14,7 +14,7 @@ from datasets.recording import Recording, in_blocks
 from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.plan import Plan, plan_reading
-from datasets.salvage.salvaged_bag import UNTOLD
+from datasets.salvage.salvaged_bag import UNKNOWN_LOSS
 from datasets.scans.beam_angles import angle_warning
 from datasets.scans.clocks import ClockSteps
 from datasets.scans.intake import CleanScan, ScanIntake
@@ -110,7 +110,7 @@ class _Pass:
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
         said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "no scan seems to be lost"
         for line in files.damages():
-            known = "some are lost" if (vague or UNTOLD in line) and not lost else said
+            known = "some are lost" if (vague or UNKNOWN_LOSS in line) and not lost else said
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
     def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:

@@ -166,8 +166,8 @@ class BagSource:
     def damages(self) -> list[str]:
         """Return one line for each damaged file."""
         of_parts = [line for part in self._parts for line in part.damages()]
-        told = self.damage is None or any(line.endswith(f": {self.damage}") for line in of_parts)
-        return of_parts if told else [f"{self.path}: {self.damage}", *of_parts]
+        is_listed = self.damage is None or any(line.endswith(f": {self.damage}") for line in of_parts)
+        return of_parts if is_listed else [f"{self.path}: {self.damage}", *of_parts]
 
     def close(self) -> None:
         """Close the files; another pass opens them again."""

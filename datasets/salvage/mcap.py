@@ -17,7 +17,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
-from datasets.salvage.salvaged_bag import UNTOLD, BagConnection, Hole, SalvagedBag
+from datasets.salvage.salvaged_bag import UNKNOWN_LOSS, BagConnection, Hole, SalvagedBag
 
 _MAGIC = 8  # bytes
 _HEAD = struct.Struct("<BQ")  # kind and length of a record
@@ -57,7 +57,7 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
         scan = _Scan(buffer)
         scan.read()
     if not scan.is_whole:
-        reason += f", {UNTOLD}"
+        reason += f", {UNKNOWN_LOSS}"
     entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
     known = entries[np.isin(entries[:, 1], list(scan.channels))]
     connections = []

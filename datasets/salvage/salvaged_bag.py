@@ -12,7 +12,7 @@ import yaml
 
 from tbmslam.special_file import why_unreadable
 
-UNTOLD = "it is cut off, and the number of missing messages is unknown"
+UNKNOWN_LOSS = "it is cut off, and the number of missing messages is unknown"
 _KEPT_BLOCKS = 6
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from tbmslam.calibration.cluster_deviation import deviations_of_parts
 from tbmslam.calibration.self_calibration import LaserFitConfig, SelfCalibration
-from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import turn_rates
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.config import AdjustmentConfig
@@ -98,7 +98,7 @@ def _settled(parts: Sequence[SelfCalibration], config: LaserFitConfig) -> FloatA
 
 def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:
     """Return the scans of each part: one for each stretch of it, as scans within a stretch tell the same."""
-    way = way_lengths(poses)
+    way = path_lengths(poses)
     count = min(int(way[-1] / config.shortest), config.most_parts)
     if count < config.least_parts:
         return []

@@ -55,7 +55,7 @@ def matching_poses(
         costs.append([])
         origins.append([])
         for one in like[index].tolist():
-            ways = (
+            paths = (
                 [
                     (cost[0] + abs(runs[one] - runs[other] - passed), cost[1], origin)
                     for origin, (cost, other) in enumerate(zip(costs[-2], like[before].tolist(), strict=True))
@@ -63,7 +63,7 @@ def matching_poses(
                 if number
                 else [(0, 0.0, 0)]
             )
-            breaks, apart, origin = min(ways)
+            breaks, apart, origin = min(paths)
             costs[-1].append((breaks, apart + abs(float(first[one] - second[index]))))
             origins[-1].append(origin)
     return _traced(like, matched, costs, origins), matched

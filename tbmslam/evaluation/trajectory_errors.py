@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.pose_matching import matching_poses
-from tbmslam.geometry.se2 import SE2, FloatArray, way_lengths, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, path_lengths, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 
 
@@ -167,7 +167,7 @@ def relative_errors(
         raise ValueError(f"step must be positive, got {step}")
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     true, estimated = truth.poses[i], estimate.poses[j]
-    progress = way_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
+    progress = path_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
     ends = _step_ends(progress, step)
     if len(ends) < 2:
         raise TrajectoryAlignmentError(

@@ -128,11 +128,11 @@ def inverse(motions: FloatArray) -> FloatArray:
     return np.stack((-cosine * x - sine * y, sine * x - cosine * y, wrap_angles(-motions[..., 2])), axis=-1)
 
 
-def way_lengths(points: FloatArray) -> FloatArray:
+def path_lengths(points: FloatArray) -> FloatArray:
     """Return the length of the way from the first of points or poses (N, >= 2) to each (N,) [m]."""
-    way = np.zeros(len(points))
-    np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T), out=way[1:])
-    return way
+    travelled = np.zeros(len(points))
+    np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T), out=travelled[1:])
+    return travelled
 
 
 def log(motions: FloatArray) -> FloatArray:

@@ -208,7 +208,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     corner = header.T_map_image
     geometry = GridGeometry(header.resolution, corner.x, corner.y, rows, cols)
     check_geometry(path, geometry)
-    _tell_of_transparency(Path(path), image, header.pixels)
+    _warn_of_transparency(Path(path), image, header.pixels)
     rule = header.pixels
     if _frees_the_unknown(image, rule):
         logger.warning(
@@ -240,7 +240,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     return resample(turned, corner, canvas)
 
 
-def _tell_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
+def _warn_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
     """Say how much of a picture is transparent, and what that is taken for."""
     share = 0.0 if image.alpha is None else float((image.alpha < image.maximum).mean())
     if share == 0.0 or rule.mode == "raw":

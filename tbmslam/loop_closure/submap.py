@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths
 from tbmslam.kernels.rays.counting import count_scans
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.search.correlation import (
@@ -201,7 +201,7 @@ def _search_field(
 
 def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
     """Return (first, last) keyframe of stretches of a drive, each `length` metres long and overlapping by half."""
-    way = way_lengths(poses)
+    way = path_lengths(poses)
     count = max(math.ceil(2.0 * way[-1] / length) - 1, 1)
     stretches = []
     for number in range(count):

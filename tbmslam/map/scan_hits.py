@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, way_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, path_lengths
 from tbmslam.kernels.rays.hits import hits_of_scans, place_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import Hits
@@ -62,8 +62,8 @@ class DriveHits:
         if len(scans) != len(poses):
             raise ValueError(f"scans must be as many as poses, got {len(scans)} and {len(poses)}")
         self.scans, self.poses = scans, poses
-        self.travelled = way_lengths(poses)
-        self._way = self.travelled.tolist()
+        self.travelled = path_lengths(poses)
+        self._travelled = self.travelled.tolist()
 
     def count(self, chosen: npt.NDArray[np.int64]) -> int:
         """Return how many hits some keyframes have."""
@@ -100,7 +100,7 @@ class DriveHits:
 
     def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
         """Return hits of a keyframe and some within a travelled length before and after, in its frame."""
-        here = self._way[keyframe]
-        first, stop = bisect_left(self._way, here - reach), bisect_left(self._way, here + reach + 1e-9)
+        here = self._travelled[keyframe]
+        first, stop = bisect_left(self._travelled, here - reach), bisect_left(self._travelled, here + reach + 1e-9)
         chosen = np.array([keyframe, *range(first, stop, max((stop - first) // 8, 1))])
         return self.placed(chosen, keyframe, at_least)

@@ -41,5 +41,5 @@ def with_keyframes_at(drive: Drive, poses: FloatArray) -> Drive:
     moved = replace(drive, keyframes=replace(keyframes, poses=poses))
     if len(trajectory) == 0:
         return moved
-    way = spread_corrections(trajectory.poses, keyframes.indices, poses)
-    return replace(moved, trajectory=Trajectory(trajectory.stamps, way))
+    corrected = spread_corrections(trajectory.poses, keyframes.indices, poses)
+    return replace(moved, trajectory=Trajectory(trajectory.stamps, corrected))

@@ -1,1 +1,1 @@
-"""What watches over a drive: it notices what goes wrong, says when, and keeps the worst out of the map."""
+"""Checks of a drive: incidents with their times, blocked beams, odometry and scans that disagree."""

@@ -27,7 +27,7 @@ class _Span(NamedTuple):
 
 
 class BlockedSpans:
-    """Stretches of time in which beams were blocked."""
+    """The times in which beams were blocked."""
 
     def __init__(self) -> None:
         self._ended: list[_Span] = []
@@ -35,7 +35,7 @@ class BlockedSpans:
         self._timetable: _Timetable | None = None  # of those ended, made when it is asked for
 
     def __len__(self) -> int:
-        """Return the number of spans that ended; those of the same beams that overlap or abut are one."""
+        """Return the number of spans that ended; overlapping spans of the same beams are one."""
         return len(self._ended)
 
     def end(self, beams: _Beams, since: FloatArray, farthest: FloatArray, stamp: float) -> None:
@@ -44,9 +44,9 @@ class BlockedSpans:
         Parameters
         ----------
         since
-            Stamps (B,) since when they were [s].
+            Stamps (B,) since when they were blocked [s].
         farthest
-            How far they ended at the most (B,) [m]: what went farther saw something else.
+            Their largest ranges (B,) while they were blocked [m].
         """
         for span in _spans(beams, since, farthest, stamp):
             self._timetable = None
@@ -61,11 +61,11 @@ class BlockedSpans:
                 self._ended.append(span)
 
     def were_any(self) -> bool:
-        """Return whether beams were blocked that no longer are."""
+        """Return whether any span has ended."""
         return bool(self._ended)
 
     def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray, farthest: FloatArray) -> LaserScan:
-        """Return a scan without the beams that were blocked at its time; those given (B,) still are, as in `end`."""
+        """Return a scan without the beams that were blocked at its time; the given ones (B,) still are, as in `end`."""
         hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
         if self._timetable is None:
             self._timetable = _Timetable(self._ended)
@@ -77,7 +77,7 @@ class BlockedSpans:
 
 
 class _Timetable:
-    """Spans in the order in which they ended, to find those of a moment among a day's.
+    """Spans sorted by their ends, to find the spans at a time quickly.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class _Timetable:
         self._earliest = np.minimum.accumulate(self._begins[::-1])[::-1]
 
     def at(self, stamp: float) -> list[_Span]:
-        """Return those that had begun at a stamp [s], but not ended."""
+        """Return the spans that contain a stamp [s]."""
         first = int(np.searchsorted(self._untils, stamp, side="right"))
         last = int(np.searchsorted(self._earliest, stamp, side="right"))
         begun = np.flatnonzero(self._begins[first:last] <= stamp)
@@ -101,13 +101,13 @@ class _Timetable:
 
 
 def _spans(beams: _Beams, since: FloatArray, farthest: FloatArray, until: float) -> list[_Span]:
-    """Return when beams (B,) began to be blocked, when they ended, and which ones."""
+    """Return the spans of blocked beams (B,), one for each time at which beams became blocked."""
     groups = [(float(stamp), np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
     return [_Span(stamp, until, group, farthest[group]) for stamp, group in groups]
 
 
 def directions(scan: LaserScan, beams: _Beams) -> str:
-    """Return where beams (B,) point to, for people; those a few degrees apart are together."""
+    """Return the directions of beams (B,) as text; beams a few degrees apart are one interval."""
     angles = np.degrees(scan.angle_min + scan.angle_increment * np.flatnonzero(beams))
     parts = np.split(angles, np.flatnonzero(np.abs(np.diff(angles)) > 5.0) + 1)
     said = ", ".join(f"{part[0]:.0f} to {part[-1]:.0f}" for part in parts[:_MOST_TOLD])
@@ -140,7 +140,7 @@ class BlockedBeamsConfig(FrozenConfig):
 
 
 class BlockedBeams:
-    """Follows every beam while the robot moves.
+    """Detects blocked beams while the robot moves.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class BlockedBeams:
     Attributes
     ----------
     blocked
-        Which beams (B,) are blocked now.
+        The beams (B,) that are blocked now, as a mask.
     """
 
     def __init__(self, config: BlockedBeamsConfig) -> None:
@@ -162,38 +162,38 @@ class BlockedBeams:
         self._forget(0)
 
     def _forget(self, beams: int) -> None:
-        """Begin with scans of so many beams."""
+        """Restart with scans of this number of beams."""
         self.blocked: npt.NDArray[np.bool_] = np.zeros(beams, dtype=np.bool_)
         self._hidden = self.blocked  # with those suspected to be blocked
         self._hides = False
         self._state: FloatArray = np.zeros((5, beams))  # see `follow_beams`
         self._state[0] = np.nan
-        self._way = self._turn = 0.0
+        self._distance = self._turn = 0.0
 
     @property
     def since(self) -> FloatArray:
-        """Stamps (B,) since when beams that are blocked are so [s]."""
+        """Stamps (B,) since when the blocked beams are blocked [s]."""
         since: FloatArray = self._state[1]
         return since
 
-    def look(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
-        """Learn from a scan; return whether beams are blocked from now on that were not."""
+    def learn(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
+        """Learn from a scan, and return whether further beams are blocked."""
         if len(scan.ranges) != len(self.blocked):
             self._spans.end(self.blocked, self.since, self._anywhere(), scan.stamp)
             self._forget(len(scan.ranges))
             self._last = None
         last = self._last or T_odom_robot
-        way = math.hypot(T_odom_robot.x - last.x, T_odom_robot.y - last.y)
+        distance = math.hypot(T_odom_robot.x - last.x, T_odom_robot.y - last.y)
         turn = math.remainder(T_odom_robot.theta - last.theta, 2.0 * math.pi)
-        if self._last is not None and way < self._config.step and abs(turn) < self._config.step:
+        if self._last is not None and distance < self._config.step and abs(turn) < self._config.step:
             return False
         self._last = T_odom_robot
-        return self._follow(scan, way, turn)
+        return self._follow(scan, distance, turn)
 
     def without(self, scan: LaserScan) -> LaserScan:
-        """Return the scan without what blocked beams say; a beam that sees far again says what it sees.
+        """Return the scan without the ranges of blocked beams; a beam that sees farther again keeps its range.
 
-        What is very near and did not change since the last look is not believed either, as long as it does not.
+        A very short range that has not changed since the last check is removed too.
         """
         if not self._hides or len(scan.ranges) != len(self._hidden):
             return scan
@@ -201,20 +201,20 @@ class BlockedBeams:
         return scan.with_ranges(np.where(self._hidden & same, np.nan, scan.ranges))
 
     def were_any(self) -> bool:
-        """Return whether any beam was blocked at any time."""
+        """Return whether any beam was ever blocked."""
         return self._spans.were_any() or bool(self.blocked.any())
 
     def cleared(self, scan: LaserScan) -> LaserScan:
-        """Return an earlier scan without the beams that were blocked, as is known afterwards."""
+        """Return an earlier scan without the beams that were blocked at its time."""
         return self._spans.cleared(scan, self.blocked, self.since, self._anywhere())
 
-    def _follow(self, scan: LaserScan, way: float, turn: float) -> bool:
+    def _follow(self, scan: LaserScan, distance: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
-        self._way, self._turn = self._way + way, self._turn + turn
+        self._distance, self._turn = self._distance + distance, self._turn + turn
         if self.blocked.any():
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
             self._spans.end(ends & self.blocked, self.since, self._anywhere(), scan.stamp)
-        here = scan.stamp, self._way, self._turn, way
+        here = scan.stamp, self._distance, self._turn, distance
         blocked, suspected = follow_beams(self._state, ranges, here, self._limits, config.fewest)
         more = bool((blocked & ~self.blocked).any())
         self.blocked, self._hidden = blocked, blocked | suspected
@@ -222,7 +222,7 @@ class BlockedBeams:
         return more
 
     def _anywhere(self) -> FloatArray:
-        """Return how far blocked beams (B,) ended at the most: whatever they said is left out [m]."""
+        """Return the largest range (B,) that is removed from blocked beams [m]: all of them."""
         return np.full(len(self.blocked), np.inf)
 
 
@@ -231,80 +231,80 @@ _TOGETHER_S = 5.0  # what came so soon after other things is told with them
 _BESIDE = 0.07  # [rad]
 
 
-class _Told(NamedTuple):
+class _Reported(NamedTuple):
     since: float
     beams: BoolArray
     number: int
 
 
 class LaserView:
-    """Watches over what one laser sees.
+    """Removes blocked beams from the scans of one laser, and reports them.
 
     Parameters
     ----------
     config
         When a beam counts as blocked.
     incidents
-        Where it is told.
+        Receives the reports.
     """
 
     def __init__(self, config: BlockedBeamsConfig, incidents: Incidents) -> None:
         self._incidents = incidents
         self._beams = BlockedBeams(config)
-        self._told: _Told | None = None
+        self._reported: _Reported | None = None
         # When each beam was last known to be blocked, and when one beside it was [s].
         self._known, self._beside = np.zeros(0), np.zeros(0)
         self._raw: LaserScan | None = None
 
     def cleaned(self, scan: LaserScan) -> LaserScan:
-        """Return a scan without beams that are known to be blocked."""
+        """Return a scan without its blocked beams."""
         self._raw = scan
         return self._beams.without(scan)
 
-    def look(self, T_odom_robot: SE2) -> None:
-        """Learn from the last scan, now that the robot has moved."""
+    def learn(self, T_odom_robot: SE2) -> None:
+        """Learn from the last scan after the robot has moved."""
         scan = self._raw
         if scan is None:
             return
-        if self._beams.look(scan, T_odom_robot):
-            self._tell(scan, self._beams)
+        if self._beams.learn(scan, T_odom_robot):
+            self._report(scan, self._beams)
         else:
             self._note(scan, self._beams.blocked)
 
     def were_any_blocked(self) -> bool:
-        """Return whether any beam was blocked at any time."""
+        """Return whether any beam was ever blocked."""
         return self._beams.were_any()
 
     def cleared(self, scan: LaserScan) -> LaserScan:
-        """Return an earlier scan without the beams that were blocked, as is known afterwards."""
+        """Return an earlier scan without the beams that were blocked at its time."""
         return self._beams.cleared(scan)
 
-    def _tell(self, scan: LaserScan, found: BlockedBeams) -> None:
-        """Return which beams are blocked that were not lately, with the time since when they are."""
+    def _report(self, scan: LaserScan, found: BlockedBeams) -> None:
+        """Report beams that were not blocked lately, with the time since when they are blocked."""
         blocked = found.blocked
         if len(self._known) != len(blocked):
-            self._told = None
+            self._reported = None
             self._known, self._beside = (np.full(len(blocked), -np.inf) for _ in range(2))
         # What has been there since before it was last known is no news, even after a gap in the recording.
         new = blocked & (scan.stamp - self._known > _LATELY_S) & (found.since > self._known)
         if new.any():
-            since, told = float(found.since[new].min()), self._told
-            if told is not None and abs(since - told.since) <= _TOGETHER_S:
-                told.beams[new] = True
-                self._incidents.reword(told.number, _blocks(scan, told.beams))
+            since, reported = float(found.since[new].min()), self._reported
+            if reported is not None and abs(since - reported.since) <= _TOGETHER_S:
+                reported.beams[new] = True
+                self._incidents.reword(reported.number, _blocks(scan, reported.beams))
             elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # at the edges others come and go
-                self._told = _Told(since, new, self._incidents.add(since, _blocks(scan, new)))
+                self._reported = _Reported(since, new, self._incidents.add(since, _blocks(scan, new)))
         self._note(scan, blocked)
 
     def _note(self, scan: LaserScan, blocked: BoolArray) -> None:
-        """Note that beams (B,) are known to be blocked."""
+        """Note that beams (B,) are blocked."""
         if blocked.any():
             self._known[blocked] = scan.stamp
             self._beside[_widened(blocked, scan.angle_increment)] = scan.stamp
 
 
 def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:
-    """Return beams (B,) and those beside them."""
+    """Return beams (B,) and their neighbours."""
     beams = len(blocked)
     # No more than there are, however narrow the fan; a single beam has no step.
     beside = math.ceil(_BESIDE / max(abs(angle_increment), _BESIDE / beams))

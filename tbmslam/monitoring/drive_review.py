@@ -1,4 +1,4 @@
-"""Looks back at a whole drive: its speed, what determined its motion, the odometry's scale and the laser's mounting."""
+"""Checks of a whole drive: its speed, undetermined motion, the scale of the odometry and the mount of the laser."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from tbmslam.calibration.mount_change import MountChange, mount_changes
 from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
-from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
@@ -17,21 +17,21 @@ from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scal
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
 
 _SPAN_S, _STEP_S = 10.0, 1.0
-"""Time over which a speed is taken, and time between the poses that tell it: noise of single poses is no speed."""
+"""Time over which a speed is measured, and between its poses: noise of single poses is no speed."""
 _FASTEST = 4.0
 """Robots that map buildings drive up to 2 m/s, and platforms for them 3 m/s at the most [m/s]."""
 _CONFIRMED = 0.5
-"""Share of the speed that odometry must tell for it to be true."""
+"""Share of the speed that odometry must confirm."""
 
 
 class ImpossibleSpeed(NamedTuple):
-    """The fastest part of a drive that no robot drives: when it begins [s], and how fast it is [m/s]."""
+    """The fastest part of a drive that is faster than any robot: its begin [s] and its speed [m/s]."""
 
     stamp: float
     speed: float
 
     def warning(self) -> str:
-        """Return what is said of it."""
+        """Return the warning."""
         return (
             f"the robot would drive at {self.speed:.1f} m/s for {_SPAN_S:.0f} s, faster than any mapping robot: "
             f"the map is wrong there, or ranges or stamps have another unit"
@@ -41,7 +41,7 @@ class ImpossibleSpeed(NamedTuple):
 def impossible_speed(
     stamps: FloatArray, poses: FloatArray, keyframe_stamps: FloatArray, odometry: FloatArray
 ) -> ImpossibleSpeed | None:
-    """Return where a drive is faster than any robot; None if it is nowhere, or where odometry tells so as well.
+    """Return the fastest part of a drive if it is faster than any robot; None otherwise, or if odometry confirms it.
 
     Parameters
     ----------
@@ -60,52 +60,52 @@ def impossible_speed(
     speed, stamp = float(speeds[fastest]), float(stamps[chosen[begins[fastest]]])
     if speed <= _FASTEST:
         return None
-    told = np.flatnonzero((keyframe_stamps >= stamp) & (keyframe_stamps <= stamp + _SPAN_S))
-    steps = np.hypot(*np.diff(odometry[told, :2], axis=0).T)
-    if len(told) > 1 and np.nansum(steps) >= _CONFIRMED * speed * _SPAN_S:
+    inside = np.flatnonzero((keyframe_stamps >= stamp) & (keyframe_stamps <= stamp + _SPAN_S))
+    steps = np.hypot(*np.diff(odometry[inside, :2], axis=0).T)
+    if len(inside) > 1 and np.nansum(steps) >= _CONFIRMED * speed * _SPAN_S:
         return None
     return ImpossibleSpeed(stamp, speed)
 
 
 def _running(stamps: FloatArray) -> FloatArray:
-    """Return times since the begin (N,) that never step back [s]."""
+    """Return the times since the begin (N,), without steps back [s]."""
     steps = np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0)
     times: FloatArray = np.cumsum(steps)
     return times
 
 
 def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the poses (S,) from which a whole span is left, and the mean speeds (S,) over it [m/s]."""
-    ways = way_lengths(poses)
+    """Return the poses (S,) at which a whole span begins, and the mean speeds (S,) over it [m/s]."""
+    travelled = path_lengths(poses)
     ends = np.searchsorted(times, times + _SPAN_S)
     begins = np.flatnonzero(ends < len(times))
     ends = ends[begins]
-    speeds: FloatArray = (ways[ends] - ways[begins]) / (times[ends] - times[begins])
+    speeds: FloatArray = (travelled[ends] - travelled[begins]) / (times[ends] - times[begins])
     return begins, speeds
 
 
 _LEAST_S = 2.0
-"""A robot that goes on as before for less than this errs by centimetres."""
+"""A constant velocity for less than this errs by centimetres [s]."""
 _LEAST_SHARE = 0.1
-"""Of a drive, above which all of it is told at once instead of each moment."""
+"""Share of a drive above which there is one warning instead of one for each time."""
 
 
 class UndeterminedMotion(NamedTuple):
-    """What of a drive is a guess.
+    """The parts of a drive whose motion is undetermined.
 
     Parameters
     ----------
     share
         Share of the drive's time, in [0, 1].
     spells
-        Begin and end (S, 2) of each time that is long enough to be told [s].
+        Begin and end (S, 2) of each time that is long enough for a warning [s].
     """
 
     share: float
     spells: FloatArray
 
     def warnings(self) -> list[EndWarning]:
-        """Return what is said of it: each moment, or once of the whole drive where it is much of it."""
+        """Return a warning for each time, or one for the whole drive if the share is large."""
         if self.share > _LEAST_SHARE:
             return [EndWarning("motion", f"for {self.share:.0%} of the drive {_UNDETERMINED}")]
         return [
@@ -121,7 +121,7 @@ _UNDETERMINED = (
 
 
 def undetermined_motion(keyframes: Sequence[TrackedKeyframe]) -> UndeterminedMotion:
-    """Return where the motion of a drive is not determined, by its keyframes as the surfel tracker left them."""
+    """Return where the motion of a drive is undetermined, by its keyframes from the surfel tracker."""
     stamps = np.array([keyframe.outline.stamp for keyframe in keyframes])
     guessed = _guessed(keyframes)
     lasted = np.maximum(np.diff(stamps), 0.0)  # a clock may step back
@@ -152,20 +152,20 @@ def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
 
 
 _BEYOND_S = 0.1
-"""Intervals are told in steps of it and exclude their end."""
+"""Step of the times in warnings [s]; the end of `--interval` is excluded."""
 
 
 class DriveReview:
-    """Tells what is wrong with a drive as a whole.
+    """Checks a whole drive.
 
     Parameters
     ----------
     mount, lengths
-        When the laser's place and the odometry's lengths are worth a warning.
+        Thresholds for the mount of the laser and the lengths of the odometry.
     started
-        Stamp from which times are told [s].
+        Time zero of the warnings [s].
     scale
-        What the odometry's lengths were multiplied by.
+        Factor by which the lengths of the odometry were multiplied.
     """
 
     def __init__(self, mount: MountCheckConfig, lengths: OdometryCheckConfig, started: float, scale: float) -> None:
@@ -175,7 +175,7 @@ class DriveReview:
     def warnings(
         self, trajectory: Trajectory, keyframes: Keyframes, tracked: Sequence[TrackedKeyframe]
     ) -> list[EndWarning]:
-        """Return what is wrong with a drive, by its keyframes at their final poses and as they were tracked."""
+        """Return the warnings for a drive, by its keyframes at their final poses and as tracked."""
         wheels = odometry(tracked)
         found = undetermined_motion(tracked).warnings()
         fast = impossible_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, wheels)
@@ -187,7 +187,7 @@ class DriveReview:
         return found + self._of_mount(trajectory, keyframes, wheels)
 
     def _of_mount(self, trajectory: Trajectory, keyframes: Keyframes, wheels: FloatArray) -> list[EndWarning]:
-        """Return what is wrong with the laser's place on the robot; where it changed, its mean says nothing."""
+        """Return the warnings for the mount of the laser; its mean is checked only if it never changed."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
         changes = mount_changes(keyframes.stamps, wheels, keyframes.all_sensor_poses(), self._mount.angle)
@@ -201,7 +201,7 @@ class DriveReview:
         return [EndWarning("mount", what)] if what else []
 
     def _knocked(self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes) -> EndWarning:
-        """Return the warning of the last of some changes, with the stamps [s] at which the parts of the drive end."""
+        """Return the warning for the last of some changes; `ends` are the stamps at the ends of the parts [s]."""
         number, turn = len(changes), math.degrees(changes[-1].turn)
         x, y, stated = keyframes.sensor_poses[0].tolist()
         yaw = math.remainder(stated + sum(change.turn for change in changes), math.tau)
@@ -216,11 +216,11 @@ class DriveReview:
 
 
 def _scaled(ratio: float, scale: float) -> str:
-    """Return what is said where scans go so many times as far as an odometry that was scaled before."""
-    told = f"the scans go {_digits(ratio)} times as far as the odometry: one of them has a wrong scale"
-    return f"{told}; if it is the odometry, pass --odometry-scale {_digits(ratio * scale)}"
+    """Return the warning for a ratio of the lengths by scans and by odometry, which was scaled before."""
+    fact = f"the scans go {_digits(ratio)} times as far as the odometry: one of them has a wrong scale"
+    return f"{fact}; if it is the odometry, pass --odometry-scale {_digits(ratio * scale)}"
 
 
 def _digits(scale: float) -> str:
-    """Return a scale in words, to a hundredth or two digits."""
+    """Return a scale as text, to a hundredth or two digits."""
     return f"{scale:.2f}" if scale >= 0.1 else f"{scale:.2g}"

@@ -1,4 +1,4 @@
-"""Whether the odometry goes where the scans say: wheels slip, counters jump, drivers freeze."""
+"""Whether odometry and scans agree: wheels slip, counters jump, drivers freeze."""
 
 import math
 from collections import deque
@@ -32,7 +32,7 @@ class OdometryCheckConfig(FrozenConfig):
 
 
 class OdometryCheck:
-    """Compares the odometry's motion with the scans', from keyframe to keyframe, and with what is usual."""
+    """Compares the motions by odometry and by scans, and the speed of the odometry with the usual one."""
 
     def __init__(self, config: OdometryCheckConfig) -> None:
         self._config = config
@@ -58,7 +58,7 @@ class OdometryCheck:
         return False
 
     def disagrees(self, T_odom_robot: SE2 | None, T_map_robot: SE2) -> bool:
-        """Return whether the motions since the first keyframe that is remembered differ by too much."""
+        """Return whether the motions since the oldest kept keyframe differ by too much."""
         if T_odom_robot is None:
             self._known.clear()
             return False
@@ -77,51 +77,51 @@ class OdometryCheck:
 
 
 _LENGTH, _LEAST = 1.0, 0.1
-"""Length from which on a way is compared, and below which one of both stood still [m]."""
+"""Least length of a compared section, and the length below which one of both stood still [m]."""
 _DETERMINED = 0.5
 """Share of each step's length that scans must determine; below, odometry is compared with itself."""
 
 
 def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, scale: float, lengths: int) -> float:
-    """Return how many times as far as the odometry the scans went, mostly; 1 if that is worth no warning.
+    """Return the median ratio of the lengths by scans and by odometry; 1 if it gives no warning.
 
-    The median of many short ways: wheels that slip now and then do not change it. Only ways count whose lengths the
-    scans determine. In a corridor alike everywhere, or where the laser sees hardly anything, they follow the odometry.
+    The median is over many short sections, so occasional slip does not change it. Only sections count whose lengths the
+    scans determine: in a featureless corridor, or where the laser sees hardly anything, scans follow the odometry.
 
     Parameters
     ----------
     keyframes
-        Keyframes as the tracker left them.
+        Keyframes as tracked.
     wheels
         Poses (K, 3) of the robot at them by odometry; nan if there was none.
     scale
         Share by which lengths must differ for a warning.
     lengths
-        Ways that must be compared at least.
+        Least number of compared sections.
     """
     if len(keyframes) < 2:
         return 1.0
     ends = np.array([keyframe.match.T_map_sensor for keyframe in keyframes])
     scans = compose(ends, inverse(np.array([keyframe.T_robot_sensor for keyframe in keyframes])))
     determined = _shares(keyframes, scans) >= _DETERMINED
-    told = np.concatenate(([True], determined & ~np.isnan(wheels[1:, 0]) & ~np.isnan(wheels[:-1, 0]))).tolist()
+    known = np.concatenate(([True], determined & ~np.isnan(wheels[1:, 0]) & ~np.isnan(wheels[:-1, 0]))).tolist()
     ratios, begin = [], (*wheels[0, :2].tolist(), *scans[0, :2].tolist())
-    for is_told, here in zip(told, np.hstack((wheels[:, :2], scans[:, :2])).tolist(), strict=True):
+    for is_known, here in zip(known, np.hstack((wheels[:, :2], scans[:, :2])).tolist(), strict=True):
         by_wheels = math.hypot(here[0] - begin[0], here[1] - begin[1])
         by_scans = math.hypot(here[2] - begin[2], here[3] - begin[3])
-        if is_told and max(by_wheels, by_scans) < _LENGTH:
+        if is_known and max(by_wheels, by_scans) < _LENGTH:
             continue
         begin = here
-        if is_told and min(by_wheels, by_scans) >= _LEAST:  # else one of them stood still
+        if is_known and min(by_wheels, by_scans) >= _LEAST:  # else one of them stood still
             ratios.append(by_scans / by_wheels)
     ratio = float(np.median(ratios)) if len(ratios) >= lengths else 1.0
     return ratio if abs(math.log(ratio)) > math.log1p(scale) else 1.0
 
 
 def _shares(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> FloatArray:
-    """Return which share of each step's length (K - 1,) scans determine, against what was known before.
+    """Return the share of each step's length (K - 1,) that scans determine, beyond the prior.
 
-    Poses (K, 3) are those of the robot. Trackers that do not say are believed.
+    Poses (K, 3) are those of the robot. Without information from the tracker the share is 1.
     """
     if all(keyframe.match.information is None for keyframe in keyframes):
         return np.ones(len(keyframes) - 1)

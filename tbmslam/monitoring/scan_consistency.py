@@ -1,4 +1,9 @@
-"""Scans that contradict the odometry or the scan before."""
+"""Scans that contradict the odometry or the previous scan.
+
+A tracker weights the information of the odometry by how well the pose of the scan agrees with it (`ScanMatch.trust`).
+Slipping wheels take that weight from single scans, which is normal. Long contradictions are reported, and those after a
+pause.
+"""
 
 import math
 
@@ -11,11 +16,11 @@ from tbmslam.tracking.tracker import PosePrior, ScanMatch
 _CONTRADICTED = 0.02
 """Trust below which a scan contradicts the odometry: 18 deviations off."""
 _PAUSE_S = 1.5
-"""A pause in which a robot may be carried."""
+"""A pause in which a robot may have been carried [s]."""
 _STOOD_M = 0.3
-"""Wheels that moved the robot by less in a pause may have slipped as it was lifted [m]."""
+"""In a pause the wheels may slip by less while the robot is lifted [m]."""
 _WHILE_S = 2.0
-"""Time [s] for which scans contradict odometry one after another until it is told."""
+"""Time for which scans contradict the odometry before it is reported [s]."""
 
 DISAGREE = "odometry and scans disagree about the motion"
 ELSEWHERE = (
@@ -25,14 +30,14 @@ ELSEWHERE = (
 
 
 class Contradictions:
-    """Watches how far the odometry is trusted beside the scans."""
+    """Follows the trust in the odometry from scan to scan."""
 
     def __init__(self) -> None:
         self._last, self._since = -math.inf, math.inf
         self._from = SE2.identity()
 
-    def told_by(self, stamp: float, match: ScanMatch, prior: PosePrior) -> str:
-        """Return what is to be said of a scan at a stamp [s] and where it was placed; "" where nothing is."""
+    def message_of(self, stamp: float, match: ScanMatch, prior: PosePrior) -> str:
+        """Return the warning for a scan at a stamp [s] and its match; "" if there is none."""
         pause, self._last = stamp - self._last, stamp
         before, self._from = self._from, prior.start
         if match.trust >= _CONTRADICTED or not (prior.by_odometry and match.moved):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import FloatArray, compose, inverse, way_lengths, wrap_angles
+from tbmslam.geometry.se2 import FloatArray, compose, inverse, path_lengths, wrap_angles
 from tbmslam.kernels.adjustment.wall_pieces import StretchHits, gather_hits
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.map.trajectory_correction import spread_corrections
@@ -107,5 +107,5 @@ class RigidStretches:
 def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:
     """Return the keyframes of a drive at which stretches begin."""
     turns = np.cumsum(np.abs(wrap_angles(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
-    marks = np.column_stack((way_lengths(poses) // config.stretch, turns // config.turn))
+    marks = np.column_stack((path_lengths(poses) // config.stretch, turns // config.turn))
     return np.flatnonzero(np.concatenate(([True], (marks[1:] != marks[:-1]).any(axis=1)))).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What makes many calls: this process, several of them, or a Dask cluster. The results are the same."""
+"""Runs many calls: in this process, in several processes, or on a Dask cluster. The results are the same."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
@@ -16,17 +16,17 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Call:
-    """A call to make.
+    """A call to run.
 
     Parameters
     ----------
     name
-        Its own among the calls made together.
+        Unique among the calls that run together.
     function
-        A module's function; another process imports it by its name.
+        A function of a module; another process imports it by its name.
     arguments
-        Plain values, or other calls: inputs, whose results it takes. Calls share an input by its name; it is made once
-        in each process, or once in a cluster, and must not be changed.
+        Plain values, or other calls as inputs: their results are passed. Calls share an input by its name; it runs once
+        in each process, or once on a cluster, and its result must not be changed.
     """
 
     name: str
@@ -36,14 +36,14 @@ class Call:
 
 @dataclass(frozen=True)
 class Executor:
-    """What makes calls, and what shows how far they are.
+    """Runs calls and shows their progress.
 
     Parameters
     ----------
     workers
-        Processes of this machine that share the work.
+        Number of processes on this machine.
     scheduler
-        Address of a Dask scheduler whose workers share it instead; None for this machine.
+        Address of a Dask scheduler whose workers run them instead; None for this machine.
     progress
         Receives the duration of each step and its progress.
 
@@ -58,28 +58,28 @@ class Executor:
     progress: Progress = field(default_factory=Progress)
 
     def __post_init__(self) -> None:
-        """Refuse to have nobody do it."""
+        """Check the number of workers."""
         if self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")
 
     def is_serial(self, count: int) -> bool:
-        """Return whether this process itself makes so many calls."""
+        """Return whether this process itself runs this number of calls."""
         return self.scheduler is None and min(self.workers, count) <= 1
 
     def results(self, calls: Sequence[Call], step: str = "", unit: str = "") -> list[Any]:
-        """Return what calls return, in their order; the first that fails ends all.
+        """Return the results of calls, in their order; the first failure ends all.
 
         Parameters
         ----------
         calls
-            What to call.
+            The calls.
         step, unit
-            The step that progress is shown of, and what it counts; not shown where empty.
+            Names of the step and of its items for the progress; nothing is shown if empty.
 
         Raises
         ------
         TbmSlamError
-            What a call raised.
+            Raised by a call.
         ClusterError
             The cluster cannot be reached or gave up.
         WorkerDiedError
@@ -94,10 +94,10 @@ class Executor:
         return made
 
     def outcomes(self, calls: Sequence[Call], step: str = "", unit: str = "") -> Generator[Any]:
-        """Yield what each call returns, or the `TbmSlamError` that it raises; see `results`."""
+        """Yield the result of each call, or the `TbmSlamError` that it raised; see `results`."""
         if self.scheduler is not None:
             with Cluster(self.scheduler) as cluster:
-                inputs = {name: cluster.submit(name, one.function, *one.arguments) for name, one in _inputs(calls)}
+                inputs = {name: cluster.submit(name, call.function, *call.arguments) for name, call in _inputs(calls)}
                 futures = [cluster.submit(call.name, call.function, *_resolved(call, inputs.get)) for call in calls]
                 for future in self._shown(futures, step, unit):
                     yield _outcome(lambda future=future: next(cluster.results([future])))  # type: ignore[misc]
@@ -116,12 +116,12 @@ class Executor:
 
 
 class _MadeInputs:
-    """Inputs of calls, each made when it is first asked for.
+    """Inputs of calls, each computed at its first use.
 
     Parameters
     ----------
     inputs
-        The calls that make them, by name.
+        The calls that compute them, by name.
     """
 
     def __init__(self, inputs: Mapping[str, Call]) -> None:
@@ -129,18 +129,18 @@ class _MadeInputs:
         self._made: dict[str, object] = {}
 
     def call(self, call: Call) -> Any:
-        """Make a call."""
+        """Run a call."""
         return call.function(*_resolved(call, self._input))
 
     def _input(self, name: str) -> object:
         if name not in self._made:
-            one = self._inputs[name]
-            self._made[name] = one.function(*one.arguments)
+            call = self._inputs[name]
+            self._made[name] = call.function(*call.arguments)
         return self._made[name]
 
 
 _here: list[_MadeInputs] = []
-"""Where this process is a worker: the inputs of its calls."""
+"""The inputs of the calls, if this process is a worker."""
 
 
 def _initialise(inputs: Mapping[str, Call]) -> None:
@@ -153,17 +153,17 @@ def _call_here(call: Call) -> Any:
 
 def _inputs(calls: Iterable[Call]) -> Iterable[tuple[str, Call]]:
     found = (argument for call in calls for argument in call.arguments if isinstance(argument, Call))
-    return {one.name: one for one in found}.items()
+    return {call.name: call for call in found}.items()
 
 
 def _resolved(call: Call, made: Callable[[str], object]) -> list[object]:
-    """Return a call's arguments, inputs replaced by what was made of them."""
-    return [made(one.name) if isinstance(one, Call) else one for one in call.arguments]
+    """Return the arguments of a call, with the results of its inputs."""
+    return [made(value.name) if isinstance(value, Call) else value for value in call.arguments]
 
 
 def _referring(call: Call) -> Call:
-    """Return a call whose inputs are names only: workers have the rest."""
-    arguments = (Call(one.name, _call_here) if isinstance(one, Call) else one for one in call.arguments)
+    """Return a call that holds only the names of its inputs: workers have the inputs."""
+    arguments = (Call(value.name, _call_here) if isinstance(value, Call) else value for value in call.arguments)
     return Call(call.name, call.function, tuple(arguments))
 
 

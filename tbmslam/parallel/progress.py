@@ -1,4 +1,4 @@
-"""Somebody to watch a long computation: how long each step takes, and how far it is."""
+"""The progress of a long computation: the duration of each step and its state."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -13,12 +13,12 @@ T = TypeVar("T")
 
 
 class Progress:
-    """Notes how long steps take, and shows nothing; programs derive from it and show what goes on.
+    """Measures the durations of steps and shows nothing; programs derive from it to show the progress.
 
     Attributes
     ----------
     seconds
-        Time that passed in each step so far [s].
+        Duration of each step so far [s].
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class Progress:
 
     @contextmanager
     def during(self, step: str) -> Iterator[None]:
-        """Add the time of a block to a step."""
+        """Add the duration of a block to a step."""
         began = time.perf_counter()
         try:
             yield
@@ -36,29 +36,29 @@ class Progress:
     def each(
         self, items: Iterable[T], step: str, total: int | None = None, unit: str = "", label: str = ""
     ) -> Iterator[T]:
-        """Yield items, and add the time until they are used up to a step.
+        """Yield items, and add the time until the last one is used to a step.
 
         Parameters
         ----------
         items
-            What is worked through.
+            The items.
         step
-            The step it is.
+            Name of the step.
         total, unit
-            How many there are at the most, where that is known, and what they are.
+            Largest number of items, if known, and their name.
         label
-            What to call them for people; the step's name where empty.
+            Name of the step to show; the step's own if empty.
         """
         with self.during(step):
             yield from self.shown(items, label or step, total, unit)
 
     def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
-        """Take note that a robot was placed at a pose by a reading; here nothing is done with it."""
+        """Receive the pose of a robot at a reading; does nothing here."""
 
     def finished(self, name: str, tbm_map: TbmMap) -> None:
-        """Take note that a robot's map is finished; here nothing is done with it."""
+        """Receive the finished map of a robot; does nothing here."""
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:
-        """Return items that show how far their use is; here they show nothing."""
+        """Return items that show their progress while they are used; here they show nothing."""
         del label, total, unit
         return items

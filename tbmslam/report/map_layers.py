@@ -7,7 +7,7 @@ import numpy as np
 
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
-from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.map.drive import Drive
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Kind, Marks, Raster, Switch
@@ -158,5 +158,5 @@ def _thinned(points: FloatArray, step: float) -> FloatArray:
     """Return points (K, 2) that are at least about a step apart, the first and the last among them."""
     if len(points) < 3:
         return points
-    _, first = np.unique((way_lengths(points) / step).astype(np.int64), return_index=True)
+    _, first = np.unique((path_lengths(points) / step).astype(np.int64), return_index=True)
     return np.asarray(points[np.union1d(first, [len(points) - 1])])

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import FloatArray, way_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.kernels.search.ways import shown_before
 from tbmslam.optimisation.pose_graph import MotionEdge
 
@@ -53,7 +53,7 @@ def may_be_forgotten(
     config
         How many of a place are kept.
     """
-    travelled = way_lengths(poses)
+    travelled = path_lengths(poses)
     shown = shown_before(poses, first, config.reach, config.turn, config.enough)
     _, block = np.unique(np.floor((travelled - travelled[first]) / _BLOCK), return_inverse=True)
     familiar = np.bincount(block, shown) >= _FAMILIAR * np.bincount(block)

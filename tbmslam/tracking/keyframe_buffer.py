@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, way_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths
 from tbmslam.map.trajectory_correction import spread_corrections
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
@@ -73,7 +73,7 @@ class KeyframeBuffer:
         closures
             Between which keyframes.
         """
-        travelled = way_lengths(closed)
+        travelled = path_lengths(closed)
         settled = int(np.searchsorted(travelled, travelled[-1] - _UNSETTLED))
         gone = may_be_forgotten(closed, closures, self._settled, settled, self._config)
         if gone.any():  # what comes after it may be forgotten next time

@@ -11,7 +11,7 @@ import numpy as np
 
 from datasets.rosbag.source import BagSource
 from datasets.salvage.ros1 import INDEX, next_record, record_at
-from datasets.salvage.salvaged_bag import UNTOLD
+from datasets.salvage.salvaged_bag import UNKNOWN_LOSS
 from tests.faults.fault_case import FaultCase, Outcome, mapped, shortened, simulated
 
 
@@ -111,7 +111,7 @@ def _tried(
         return Outcome(f"exit {done.code}: {done.stderr.strip()[-100:]}", "everything", survived=False)
     counts = run["counts"]
     used, lost = counts["scans_used"], counts["lost_scans"]
-    told = UNTOLD if UNTOLD in done.stderr else ""
+    told = UNKNOWN_LOSS if UNKNOWN_LOSS in done.stderr else ""
     said = told or _first(r"(the bag |the index|the database|no metadata)[^;(]*", done.stderr)
     happened = f"{used} of {scans} scans used" + (f"; {said}" if said else "")
     gone = [f"about {lost} scans, {counts['lost_seconds']:.1f} s"] if lost else []

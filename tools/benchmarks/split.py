@@ -225,10 +225,10 @@ def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
     """
     whole = undivided.drives[0].trajectory
     there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for way in (drive.trajectory for drive in merged.drives):
-        i, j = matching_poses(whole.stamps, way.stamps, _SAME_MOMENT_S)
+    for trajectory in (drive.trajectory for drive in merged.drives):
+        i, j = matching_poses(whole.stamps, trajectory.stamps, _SAME_MOMENT_S)
         there.append(whole.poses[i, :2])
-        here.append(way.poses[j, :2])
+        here.append(trajectory.poses[j, :2])
     target, source = np.vstack(there), np.vstack(here)
     if len(target) < 2:
         raise MeasurementError("the merged map and that of the whole recording have no moment in common")

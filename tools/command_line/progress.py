@@ -77,7 +77,7 @@ class CompiledFunctions(Listener):
 _listeners: list[Compiling] = []
 
 
-def tell_of_compiling() -> Compiling:
+def announce_compiling() -> Compiling:
     """Have a line written when this process first compiles, however often this is called; return what writes it."""
     if not _listeners:
         _listeners.append(Compiling())
@@ -99,7 +99,7 @@ class ProgressBars(Progress):
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:
         super().__init__()
-        self._compiling = tell_of_compiling()
+        self._compiling = announce_compiling()
         self._viewer = viewer
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:

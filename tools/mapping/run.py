@@ -132,18 +132,18 @@ def _map(
     args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, progress: Progress
 ) -> tuple[dict[str, Mapped], TbmSlamError | None]:
     """Map what is not finished yet; return all results by robot, and what kept others from having one."""
-    told: set[tuple[tuple[Path, ...], str]] = set()
+    printed: set[tuple[tuple[Path, ...], str]] = set()
     kept = {} if args.redo else {task.name: found for task in tasks if (found := finished(task))}
     for task in tasks:
         if task.name in kept:
-            _tell(task, kept[task.name], told)
+            _print_result(task, kept[task.name], printed)
     missing = [task for task in tasks if task.name not in kept]
-    _tell_changed(missing)
+    _warn_of_changes(missing)
     done = dict(kept)
     try:
         for task, result in map_all(missing, shelf, Executor(args.workers, args.scheduler, progress)):
             done[task.name] = result
-            _tell(task, result, told)
+            _print_result(task, result, printed)
     except TbmSlamError as failure:
         if not done:
             raise
@@ -151,14 +151,14 @@ def _map(
     return done, None
 
 
-def _tell_changed(tasks: Sequence[MappingTask]) -> None:
+def _warn_of_changes(tasks: Sequence[MappingTask]) -> None:
     """Warn of files that somebody or something changed, since they are written again."""
     for task in tasks:
         if names := changed_files(task.folder):
             logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
 
 
-def _tell(task: MappingTask, made: Mapped, told: set[tuple[tuple[Path, ...], str]]) -> None:
+def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
     """Say what became of a robot, and what was read, once of each recording; `told` is what was said of which."""
     result = made.run["result"]
     if not isinstance(result, Mapping):
@@ -168,8 +168,8 @@ def _tell(task: MappingTask, made: Mapped, told: set[tuple[tuple[Path, ...], str
         f"{task.name}: {result['scans']} scans, {result['distance_m']:.1f} m, {result['keyframes']} keyframes, "
         f"{result['known_area_m2']:.0f} m2 known, {how} -> {task.folder}"
     )
-    if (task.paths, made.summary) not in told:
-        told.add((task.paths, made.summary))
+    if (task.paths, made.summary) not in printed:
+        printed.add((task.paths, made.summary))
         for line in made.summary.splitlines():
             print(f"  {line}")
 

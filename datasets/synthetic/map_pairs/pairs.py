@@ -191,9 +191,9 @@ def _spoilt_pair(
 
 def explored_parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
     """Return what each of two robots saw when both drove equally far and share a part of their free cells."""
-    ways_a, ways_b = _ways_from_far_ends(building.occupancy == 0, rng)
-    free = np.isfinite(ways_a)  # where a robot can get to
-    lengths = [ways[free] for ways in (ways_a, ways_b)]
+    distances_a, distances_b = _distances_from_far_ends(building.occupancy == 0, rng)
+    free = np.isfinite(distances_a)  # where a robot can get to
+    lengths = [distances[free] for distances in (distances_a, distances_b)]
     ranked = [np.sort(one) for one in lengths]
     low, high = 0.0, 1.0
     for _ in range(25):
@@ -202,7 +202,10 @@ def explored_parts(building: Building, overlap: float, rng: np.random.Generator)
         common = np.count_nonzero(a & b) / max(min(int(np.count_nonzero(a)), int(np.count_nonzero(b))), 1)
         low, high = (low, share) if common > overlap else (share, high)
     share = low if overlap < 1.0 else 1.0
-    a, b = (ways <= _quantile(order, share) for ways, order in zip((ways_a, ways_b), ranked, strict=True))
+    a, b = (
+        distances <= _quantile(order, share)
+        for distances, order in zip((distances_a, distances_b), ranked, strict=True)
+    )
     return _seen(building.occupancy, a & free), _seen(building.occupancy, b & free)
 
 
@@ -219,7 +222,7 @@ def _seen(occupancy: Occupancy, free: npt.NDArray[np.bool_]) -> Occupancy:
     return np.where(free | (near & (occupancy > 50)), occupancy, np.int8(-1)).astype(np.int8)
 
 
-def _ways_from_far_ends(
+def _distances_from_far_ends(
     free: npt.NDArray[np.bool_], rng: np.random.Generator, *, from_anywhere: bool = False
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return from each of two far ends the length of the way to every cell (rows, cols), in blocks; walls are inf.
@@ -239,13 +242,13 @@ def _ways_from_far_ends(
     first = somewhere if from_anywhere else _farthest(_lengths_from(graph, somewhere))
     from_first = _lengths_from(graph, first)
     from_second = _lengths_from(graph, _farthest(from_first))
-    ways = []
+    distances = []
     for lengths in (from_first, from_second):
         image = np.full(blocks.shape, np.inf)
         image[blocks] = lengths + rng.uniform(0.0, 0.5, len(lengths))
         fine = np.repeat(np.repeat(image, _COARSE, axis=0), _COARSE, axis=1)[: free.shape[0], : free.shape[1]]
-        ways.append(np.where(free, fine, np.inf))
-    return ways[0], ways[1]
+        distances.append(np.where(free, fine, np.inf))
+    return distances[0], distances[1]
 
 
 def _neighbours(index: npt.NDArray[np.int64]) -> sparse.csr_array:
@@ -277,10 +280,10 @@ def _farthest(lengths: npt.NDArray[np.float64]) -> int:
 def room_of(building: Building, area_m2: float, seed: int) -> Building:
     """Return what lies around one place of a building, so many square metres of free space: a small building."""
     rng = np.random.default_rng([seed, 3])
-    ways, _ = _ways_from_far_ends(building.occupancy == 0, rng, from_anywhere=True)
-    cells = np.sort(ways[np.isfinite(ways)])
+    distances, _ = _distances_from_far_ends(building.occupancy == 0, rng, from_anywhere=True)
+    cells = np.sort(distances[np.isfinite(distances)])
     reach = cells[min(int(area_m2 / building.resolution**2), len(cells) - 1)]
-    part = _seen(building.occupancy, ways <= reach)
+    part = _seen(building.occupancy, distances <= reach)
     rows, cols = np.nonzero(part >= 0)
     cut = part[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
     return Building(f"{building.name}part{seed}", cut, building.resolution)

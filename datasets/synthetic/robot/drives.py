@@ -232,8 +232,8 @@ def _stops_between(tour: npt.NDArray[np.int64], around: FloatArray, begin: float
 def _path(roads: RoadMap, stops: npt.NDArray[np.int64], rng: np.random.Generator) -> FloatArray:
     """Return the points (P, 2) of one robot's way from near one stop to near the next."""
     nodes = roads.nearest(roads.points[stops] + rng.uniform(-0.6, 0.6, (len(stops), 2)))
-    ways = [roads.way(int(start), int(end)) for start, end in pairwise(nodes)]
-    return np.vstack([ways[0][:1], *(way[1:] for way in ways)])
+    legs = [roads.path(int(start), int(end)) for start, end in pairwise(nodes)]
+    return np.vstack([legs[0][:1], *(leg[1:] for leg in legs)])
 
 
 def _smoothed(path: FloatArray, clearance_map: ClearanceMap) -> FloatArray:

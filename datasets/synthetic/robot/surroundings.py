@@ -84,11 +84,11 @@ def behind_posts(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
 
 def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator) -> FloatArray:
     """Return the ranges (S, B) of all scans with boxes beside the way that stand elsewhere from a stamp on."""
-    way = robot.truth.poses[::10, :2]
+    path = robot.truth.poses[::10, :2]
     places: list[FloatArray] = []
     while len(places) < 2 * _BOXES:
-        place = way[rng.integers(len(way))] + rng.uniform(-2.0, 2.0, 2)
-        if np.hypot(*(way - place).T).min() > _KEPT_FREE:
+        place = path[rng.integers(len(path))] + rng.uniform(-2.0, 2.0, 2)
+        if np.hypot(*(path - place).T).min() > _KEPT_FREE:
             places.append(place)
     boxes = [_polygon(place, _BOX / np.sqrt(2.0), 4, rng.uniform(0.0, np.pi)) for place in places]
     before, after = np.vstack(boxes[:_BOXES]), np.vstack(boxes[_BOXES:])

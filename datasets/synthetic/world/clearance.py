@@ -82,7 +82,7 @@ class RoadMap:
         """Return the cost (K, K) of the cheapest ways between nodes, about their length [m]."""
         return np.asarray(csgraph.dijkstra(self._graph, directed=False, indices=nodes)[:, nodes])
 
-    def way(self, start: int, end: int) -> FloatArray:
+    def path(self, start: int, end: int) -> FloatArray:
         """Return the points (P, 2) of the cheapest way between two nodes, both included."""
         apart = float(np.hypot(*(self.points[start] - self.points[end])))
         for limit in (3.0 * apart + 10.0, np.inf):  # most ways are short, and then few nodes need a look

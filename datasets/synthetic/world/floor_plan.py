@@ -75,7 +75,7 @@ class FloorPlan:
         """Return whether a thing would stand in nobody's way, `margin` metres off other things."""
         grown = thing.grown(margin)
         return not any(grown.overlaps(other) for other in self._things) and not any(
-            thing.overlaps(way) for way in self._kept_clear
+            thing.overlaps(area) for area in self._kept_clear
         )
 
     def try_box(self, rectangle: Rectangle, turn: float = 0.0, margin: float = 0.0) -> bool:

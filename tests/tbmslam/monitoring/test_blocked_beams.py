@@ -103,7 +103,7 @@ def drive(ranges_of, steps=40, turning=True):
     beams, found = BlockedBeams(BlockedBeamsConfig()), []
     for k in range(steps):
         pose = SE2(0.3 * k, 0.0, 0.8 * np.sin(0.5 * k) if turning else 0.0)
-        if beams.look(blocked_beams_scan(k, ranges_of(k)), pose):
+        if beams.learn(blocked_beams_scan(k, ranges_of(k)), pose):
             found.append(k)
     return beams, found
 
@@ -172,7 +172,7 @@ def test_a_laser_that_sees_near_things_alone_has_nothing_in_view(drive_in, world
     beams = BlockedBeams(BlockedBeamsConfig())
     for reading in drive_in(world, 60.0, "good", seed=2, beams=361).readings:
         ranges = np.where(reading.scan.ranges > reach, np.inf, reading.scan.ranges)
-        assert not beams.look(reading.scan.with_ranges(ranges), reading.T_odom_robot)
+        assert not beams.learn(reading.scan.with_ranges(ranges), reading.T_odom_robot)
     assert not beams.were_any()
 
 
@@ -187,13 +187,13 @@ def test_a_cover_that_seldom_returns_takes_longer_to_be_found(lost):
 
 def test_a_standing_robot_tells_nothing():
     beams = BlockedBeams(BlockedBeamsConfig())
-    assert not any(beams.look(blocked_beams_scan(k, covered(9)), SE2.identity()) for k in range(50))
+    assert not any(beams.learn(blocked_beams_scan(k, covered(9)), SE2.identity()) for k in range(50))
 
 
 def test_another_number_of_beams_begins_anew():
     beams, _ = drive(covered)
     other = blocked_beams_scan(50, np.full(60, 0.25))
-    assert not beams.look(other, SE2(99.0, 0.0, 0.0))
+    assert not beams.learn(other, SE2(99.0, 0.0, 0.0))
     assert beams.without(other) is other
     assert np.isnan(beams.cleared(blocked_beams_scan(20, covered(20))).ranges).sum() == 30
 
@@ -214,7 +214,7 @@ def laser_view_drive(turning, until=40, config=None):
             ranges[COVERED] = 0.6 + rng.normal(0.0, 0.005, 20)
         scan = LaserScan(float(k), -1.0, 0.02, 0.02, 30.0, ranges)
         cleaned = view.cleaned(scan)
-        view.look(pose)
+        view.learn(pose)
     return view, [incident.text(0.0) for incident in incidents], cleaned
 
 
@@ -242,7 +242,7 @@ def test_a_fan_narrower_than_what_counts_as_beside(step):
         ranges[:10] = 0.25
         scan = LaserScan(float(k), 0.0, step, 0.02, 30.0, ranges)
         cleaned = view.cleaned(scan)
-        view.look(SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
+        view.learn(SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k)))
     assert np.flatnonzero(np.isnan(cleaned.ranges)).tolist() == list(range(10))
     assert len(incidents) == 1
 
@@ -253,12 +253,12 @@ def test_a_single_beam_without_a_step():
     for k in range(40):
         pose = SE2(0.3 * k, 0.0, 0.8 * math.sin(0.5 * k))
         cleaned = view.cleaned(LaserScan(float(k), 0.0, 0.0, 0.02, 30.0, np.full(1, 0.25)))
-        view.look(pose)
+        view.learn(pose)
     assert np.isnan(cleaned.ranges).all()
     assert len(incidents) == 1
 
 
-def told_by(blocked_at, stamps):
+def message_of(blocked_at, stamps):
     """Return what is told, where beams are blocked at some times."""
     incidents, rng = Incidents(), np.random.default_rng(2)
     view = LaserView(BlockedBeamsConfig(), incidents)
@@ -268,24 +268,24 @@ def told_by(blocked_at, stamps):
             ranges[beams] = near
         pose = SE2(0.31 * k, 0.0, 0.8 * math.sin(0.5 * k))
         view.cleaned(LaserScan(float(stamp), -1.0, 0.02, 0.02, 30.0, ranges))
-        view.look(pose)
+        view.learn(pose)
     return [incident.text(0.0) for incident in incidents]
 
 
 def test_a_post_that_shakes_now_and_then_is_told_once():
-    shaking = told_by(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
+    shaking = message_of(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
     assert shaking == [
         "at 0.0 s: a part of the robot, or something that moves with it, blocks 20% of the beams, -57 to -36°"
     ]
 
 
 def test_what_comes_back_after_a_while_is_told_again():
-    told = told_by(lambda k: [] if 100 <= k < 300 else [(COVERED, 0.6)], range(400))
+    told = message_of(lambda k: [] if 100 <= k < 300 else [(COVERED, 0.6)], range(400))
     assert [text.split(":")[0] for text in told] == ["at 0.0 s", "at 300.0 s"]
 
 
 def test_what_stays_is_not_told_again_after_a_gap_in_the_recording():
     other = slice(60, 80)
     stamps = [k if k < 100 else k + 500 for k in range(200)]
-    told = told_by(lambda k: [(COVERED, 0.6)] + ([(other, 0.5)] if k >= 100 else []), stamps)
+    told = message_of(lambda k: [(COVERED, 0.6)] + ([(other, 0.5)] if k >= 100 else []), stamps)
     assert [text.rsplit(", ", 1)[1] for text in told] == ["-57 to -36°", "11 to 33°"]

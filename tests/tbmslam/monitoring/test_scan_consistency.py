@@ -14,7 +14,7 @@ DEVIATIONS = (0.01, 0.01, 0.01)
 def told(readings):
     """Return what is said of readings: stamp, way by odometry [m] and trust."""
     progress = Contradictions()
-    return [progress.told_by(stamp, match(trust), prior(way)) for stamp, way, trust in readings]
+    return [progress.message_of(stamp, match(trust), prior(way)) for stamp, way, trust in readings]
 
 
 def match(trust, moved=True):
@@ -44,7 +44,7 @@ def test_scans_that_contradict_for_a_while_are_told_and_single_ones_are_not():
 def test_without_odometry_or_a_place_nothing_contradicts():
     progress = Contradictions()
     for k in range(60):
-        assert progress.told_by(0.1 * k, match(0.01, moved=k % 2 == 0), prior(0.0, by_odometry=k % 2 == 1)) == ""
+        assert progress.message_of(0.1 * k, match(0.01, moved=k % 2 == 0), prior(0.0, by_odometry=k % 2 == 1)) == ""
 
 
 ANGLES = np.linspace(-1.5, 1.5, 151)

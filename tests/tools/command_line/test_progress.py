@@ -6,7 +6,7 @@ import pytest
 from numba.core import event
 
 from tools.command_line import progress
-from tools.command_line.progress import Compiling, ProgressBars, tell_of_compiling
+from tools.command_line.progress import Compiling, ProgressBars, announce_compiling
 
 
 class Terminal(io.StringIO):
@@ -42,7 +42,7 @@ def test_compiling_is_told_once(listener, monkeypatch):
 def test_what_is_compiled_is_counted_on_the_bar_and_its_time_is_no_work(listener, monkeypatch):
     stream = Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr("tools.command_line.progress.tell_of_compiling", lambda: listener)
+    monkeypatch.setattr("tools.command_line.progress.announce_compiling", lambda: listener)
     now = [0.0]
     for index, _ in enumerate(ProgressBars().shown(range(10), "mapping", 10, "scans")):
         (bar,) = listener._bars
@@ -79,8 +79,8 @@ def test_a_process_listens_once(monkeypatch):
     monkeypatch.setattr(
         "tools.command_line.progress.register", lambda kind, listener: registered.append((kind, listener))
     )
-    tell_of_compiling()
-    tell_of_compiling()
+    announce_compiling()
+    announce_compiling()
     assert [kind for kind, _ in registered] == ["numba:compile"]
 
 

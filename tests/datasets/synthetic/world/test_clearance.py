@@ -25,12 +25,12 @@ def test_a_way_leads_through_the_door_and_keeps_off_walls():
     for rng in (None, np.random.default_rng(3)):
         roads = RoadMap(around, 0.4, rng)
         start, end = roads.nearest(world.places[0] + np.array([[0.0, 1.5], [4.2, 1.5]]))
-        way = roads.way(int(start), int(end))
+        way = roads.path(int(start), int(end))
         np.testing.assert_allclose(way[[0, -1]], roads.points[[start, end]])
         assert around.at(way).min() >= 0.4
         assert np.hypot(*np.diff(way, axis=0).T).max() < 0.15
         assert way[:, 1].min() < world.places[0, 1] - 0.5
-        assert len(roads.way(int(start), int(start))) == 1
+        assert len(roads.path(int(start), int(start))) == 1
 
 
 def test_costs_are_symmetric_and_at_least_lengths():
