@@ -1,6 +1,5 @@
 """Merges maps with unknown relative poses."""
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,8 +22,6 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 from tbmslam.parallel.progress import Progress
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,12 +100,10 @@ def merge(
         Two maps or more, by name; the merged map has the frame of its first map in this order.
     config
         The parameters; None for the defaults.
-    workers
-        Processes that align pairs; the result does not depend on it.
+    workers, scheduler
+        Processes that align pairs, or the address of a Dask scheduler whose workers do; the result is the same.
     progress
         Receives the duration of each step and its progress.
-    scheduler
-        Address of a Dask scheduler whose workers align the pairs; the result does not depend on it either.
 
     Raises
     ------
@@ -125,7 +120,8 @@ def merge(
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
     found = _with_deformed_maps(found, register_refused_pairs(found, config, executor))
-    return _merged(found, _joined(found, config, executor.progress))
+    group = found.groups[0]
+    return _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
 
 
 def _grouped(
@@ -153,10 +149,6 @@ def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, Nonrigid
     return found
 
 
-def _joined(found: MergeState, config: MergeConfig, progress: Progress) -> MergedGroup | None:
-    return merge_group(found.maps, found.groups[0], config, progress) if len(found.groups[0]) > 1 else None
-
-
 def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
     if joined is None:
         left_out = {name: _why_alone(name, found.alignments) for name in found.maps}
@@ -179,29 +171,29 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
 
 def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     """Return why a map was not merged, if no maps were."""
-    accepted = {
-        target if source == name else source: found
-        for (target, source), found in alignments.items()
-        if name in (target, source) and found.accepted
-    }
+    accepted = {other: found for other, found in _partners(name, alignments).items() if found.accepted}
     if not accepted:
         return "no other map could be aligned with it"
     surest = max(accepted, key=lambda other: accepted[other].confidence)
-    was = "its accepted alignments contradict each other"
-    return f"{was}; the surest, with {surest}: {accepted[surest].reason}"
+    return f"its accepted alignments contradict each other; the surest, with {surest}: {accepted[surest].reason}"
 
 
 def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
     """Return why a map was not merged, by its best alignment with a merged map."""
-    tried = {
-        target if source == name else source: found
-        for (target, source), found in alignments.items()
-        if (target == name and source in group.poses) or (source == name and target in group.poses)
-    }
+    tried = {other: found for other, found in _partners(name, alignments).items() if other in group.poses}
     if not tried:
         return "no merged map is similar to it, so it was aligned with none"
     nearest = max(tried, key=lambda other: (tried[other].accepted, tried[other].agreed_wall_m, tried[other].inliers))
-    was = "no alignment with a merged map was accepted"
+    fact = "no alignment with a merged map was accepted"
     if tried[nearest].accepted:
-        was = "its accepted alignments with merged maps are outvoted"
-    return f"{was}; with {nearest}: {tried[nearest].reason}"
+        fact = "its accepted alignments with merged maps are outvoted"
+    return f"{fact}; with {nearest}: {tried[nearest].reason}"
+
+
+def _partners(name: str, alignments: Mapping[Pair, Alignment]) -> dict[str, Alignment]:
+    """Return the alignments of a map with others, by the names of these."""
+    return {
+        target if source == name else source: found
+        for (target, source), found in alignments.items()
+        if name in (target, source)
+    }
