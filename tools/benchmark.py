@@ -1,14 +1,11 @@
-"""Measure what the SLAM costs, how good it is, and how its cost grows.
+"""Measure speed, memory and errors of mapping and merging.
 
-`slam` maps recordings and simulated worlds, each with each preset in a process of its own, and prints a table of speed,
-memory and errors. `scaling` drives ever further through a simulated building of any size and prints what a scan costs.
-`align` aligns pairs of maps whose true relative pose is known and prints how often it is right, and what the confidence
-is worth. `merge` prints what a merge costs by area, beside the paper's own program. `fleet` merges many maps of many
-buildings. `split` cuts recordings into robots
-that do not know of each other, maps each, merges the maps and holds the result against the recording mapped uncut.
-`perturb` maps recordings as they are and a little different, and prints by how much the errors grow. `strangers`
-counts how often maps that do not belong together are merged all the same. `limits` maps a recording of 24 hours and a
-building of 1 km2.
+`slam` maps recordings and simulated worlds with each preset, in a process each. `scaling` drives ever farther through a
+simulated building and measures the cost of a scan. `align` aligns pairs of maps with known relative poses, and checks
+the confidence. `merge` measures a merge by area, beside the paper's own program. `fleet` merges many maps of many
+buildings. `split` cuts recordings into robots, maps and merges them, and compares the result with the whole recording.
+`perturb` maps recordings with small changes, and measures how much the errors grow. `strangers` counts how often maps
+of different places are merged. `limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -19,15 +16,16 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 import argparse
 import re
 import sys
-from typing import Any
+from importlib import import_module
 
+from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended, examples
+from tools.command_line.program import ProgramParser, ended, examples
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
-"""Howard's needs to be told of encounters, so that `merge` cannot offer it."""
+"""Howard's method needs encounters of the robots, so `merge` does not offer it."""
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
@@ -37,13 +35,13 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       ten drives through ten buildings each, and a line on the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
-      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each that went wrong
+      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each wrong one
   python tools/%(prog)s.py align map-pairs/ --method all
       one table of our methods and the related work's
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
-      each recording cut into robots that do not know of each other, mapped, merged, and held against itself uncut
+      each recording cut into robots, mapped, merged, and compared with the whole recording
   python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
-      a recording with other angles, odometry, scans and mounts of the laser, and with a parameter tried otherwise
+      a recording with other angles, odometry, scans and mounts of the laser, and with another parameter
 
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
@@ -51,13 +49,8 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 
 def parser(program: str = "benchmark") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    more: dict[str, Any] = {
-        "epilog": examples(EXAMPLES, program),
-        "formatter_class": argparse.RawDescriptionHelpFormatter,
-    }
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
+    epilog = examples(EXAMPLES, program)
     commands = grammar.add_subparsers(
         dest="command", required=True, metavar="slam|scaling|align|merge|fleet|split|perturb|strangers|limits"
     )
@@ -72,7 +65,7 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
         ("strangers", "how often maps that do not belong together are merged", _add_strangers),
         ("limits", "whether a day of recording and 1 km2 of building fit into memory", _add_limits),
     ):
-        command = commands.add_parser(name, help=about, **more)
+        command = commands.add_parser(name, help=about, epilog=epilog)
         add(command)
         more_of_json = "; strangers met there already are not tried again" if name == "strangers" else ""
         command.add_argument(
@@ -121,7 +114,7 @@ def _add_align(align: argparse.ArgumentParser) -> None:
         "--method",
         default="correlation",
         metavar="NAME,...",
-        help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is told of a simulated encounter",
+        help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is given a simulated encounter",
     )
     align.add_argument("--details", action="store_true", help="print a line for every pair that is not right")
     align.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
@@ -312,47 +305,25 @@ def _pair_methods(text: str) -> list[str]:
     return names
 
 
+_FUNCTIONS = {
+    "slam": ("slam", "benchmark_slam"),
+    "scaling": ("scaling", "benchmark_scaling"),
+    "align": ("align", "benchmark_pairs"),
+    "merge": ("merge", "benchmark_merge"),
+    "fleet": ("fleet", "benchmark_fleet"),
+    "split": ("split", "benchmark_split"),
+    "perturb": ("perturb", "benchmark_perturbations"),
+    "strangers": ("strangers", "benchmark_strangers"),
+    "limits": ("limits", "benchmark_limits"),
+}
+"""Module of `tools.benchmarks` and function of each command."""
+
+
 def _run(args: argparse.Namespace) -> None:
-    if args.command == "slam":
-        from tools.benchmarks.slam import benchmark_slam
-
-        benchmark_slam(args)
-    elif args.command == "align":
-        from tools.benchmarks.align import benchmark_pairs
-
-        benchmark_pairs(args)
-    elif args.command == "merge":
-        from tools.benchmarks.merge import benchmark_merge
-
-        benchmark_merge(args)
-    elif args.command == "fleet":
-        from tools.benchmarks.fleet import benchmark_fleet
-
-        benchmark_fleet(args)
-    elif args.command == "split":
-        from tools.benchmarks.split import benchmark_split
-
-        benchmark_split(args)
-    elif args.command == "perturb":
-        from tools.benchmarks.perturb import benchmark_perturbations
-
-        benchmark_perturbations(args)
-    elif args.command == "limits":
-        from tools.benchmarks.limits import benchmark_limits
-
-        benchmark_limits(args)
-    elif args.command == "strangers" and args.sets:
-        from tools.benchmarks.stranger_sets import benchmark_sets
-
-        benchmark_sets(args)
-    elif args.command == "strangers":
-        from tools.benchmarks.strangers import benchmark_strangers
-
-        benchmark_strangers(args)
-    else:
-        from tools.benchmarks.scaling import benchmark_scaling
-
-        benchmark_scaling(args)
+    module, function = _FUNCTIONS[args.command]
+    if args.command == "strangers" and args.sets:
+        module, function = "stranger_sets", "benchmark_sets"
+    getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 
 
 if __name__ == "__main__":

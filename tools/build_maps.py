@@ -22,7 +22,7 @@ from tools.command_line.options import (
     given_options,
 )
 from tools.command_line.paths import add_extra_files, check_exist, path_argument
-from tools.command_line.program import Grammar, ended, loading
+from tools.command_line.program import ProgramParser, ended, loading
 
 if TYPE_CHECKING:
     from tools.command_line.configuration import Configuration
@@ -43,9 +43,7 @@ MOST_ROBOTS = 10_000
 
 def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument(
         "recordings", nargs="*", type=path_argument, metavar="RECORDING", help="bags, logs, or directories of them"
     )

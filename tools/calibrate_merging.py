@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -52,11 +52,8 @@ def main(argv: list[str] | None = None) -> int:
     return ended("calibrate_merging", lambda: _run(args), debug=args.debug)
 
 
-def _parser() -> Grammar:
-    grammar = Grammar(
-        prog="calibrate_merging", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+def _parser() -> ProgramParser:
+    grammar = ProgramParser(prog="calibrate_merging", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("pairs", nargs="+", type=path_argument, metavar="FOLDER", help="pairs to fit on")
     grammar.add_argument(
         "--simulated", nargs="*", type=path_argument, default=[], metavar="FOLDER",

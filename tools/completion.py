@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 SHELLS = ("bash", "zsh", "tcsh")
 EXAMPLES = """examples:
@@ -27,9 +27,7 @@ exit codes: 0 done, 2 wrong usage, 130 interrupted
 
 def parser(program: str = "completion") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("shell", choices=SHELLS, help="the shell")
     return grammar
 
@@ -52,7 +50,7 @@ def _all_commands() -> argparse.ArgumentParser:
 
     from tbmslam.commands import PROGRAMS
 
-    grammar = Grammar(prog="tbmslam")
+    grammar = ProgramParser(prog="tbmslam")
     grammar.add_argument("--version", action="store_true", help="print the version")
     commands = grammar.add_subparsers(metavar="COMMAND")
     for name, (module, about) in PROGRAMS.items():

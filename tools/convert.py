@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.command_line.paths import check_exist, path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
@@ -51,9 +51,7 @@ class ConversionError(TbmSlamError):
 
 def parser(program: str = "convert") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
     grammar.add_argument("out", type=path_argument, metavar="OUT", help="folder or file to write")
     picture = grammar.add_argument_group("size of a pixel of a picture")

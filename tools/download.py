@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 if TYPE_CHECKING:
     from datasets.downloading import KnownRecording
@@ -32,9 +32,7 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 def parser(program: str = "download") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     what = grammar.add_argument_group("what")
     what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
     what.add_argument("--list", action="store_true", help="say which there are")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from tbmslam.errors import TbmSlamError
 from tools.command_line.paths import add_extra_files, check_exist, check_extra_files, path_argument, write_extra_files
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
@@ -52,9 +52,7 @@ class _Append(argparse.Action):
 
 def parser(program: str = "edit") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
     grammar.add_argument("-o", "--out", type=path_argument, required=True, help="folder for the edited map")
     edits = grammar.add_argument_group("edits; each may be repeated")

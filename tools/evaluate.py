@@ -12,10 +12,9 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 import argparse
 import math
 import sys
-from typing import Any
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended, examples, loading
+from tools.command_line.program import ProgramParser, ended, examples, loading
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -39,16 +38,11 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 
 def parser(program: str = "evaluate") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    more: dict[str, Any] = {
-        "epilog": examples(EXAMPLES, program),
-        "formatter_class": argparse.RawDescriptionHelpFormatter,
-    }
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
+    epilog = examples(EXAMPLES, program)
     commands = grammar.add_subparsers(dest="command", required=True, metavar="trajectory|map")
-    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations", **more))
-    _add_map(commands.add_parser("map", help="share of cells that agree with the truth", **more))
+    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations", epilog=epilog))
+    _add_map(commands.add_parser("map", help="share of cells that agree with the truth", epilog=epilog))
     return grammar
 
 

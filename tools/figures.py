@@ -25,7 +25,7 @@ from typing import Any
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -54,8 +54,7 @@ class FigureError(TbmSlamError):
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    about: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
-    grammar = Grammar(prog="figures", description=__doc__, epilog=EXAMPLES, **about)
+    grammar = ProgramParser(prog="figures", description=__doc__, epilog=EXAMPLES)
     commands = grammar.add_subparsers(dest="command", required=True, metavar="fill|measure|list")
     commands.add_parser("fill", help="write the figures into README and docs")
     measure = commands.add_parser("measure", help="run benchmarks, then fill")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 if TYPE_CHECKING:
     from datasets.synthetic.map_pairs.pairs import Building
@@ -56,10 +56,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    grammar = Grammar(
-        prog="make_map_pairs", description=__doc__, epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    grammar = ProgramParser(prog="make_map_pairs", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="FOLDER", help="where the pairs go")
     what = grammar.add_argument_group("buildings")
     what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of made-up buildings (all; with --floor none)")

@@ -25,7 +25,7 @@ from tools.command_line.paths import (
     unique_names,
     write_extra_files,
 )
-from tools.command_line.program import DONE, Grammar, ended, loading, typed_command
+from tools.command_line.program import DONE, ProgramParser, ended, loading, typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -144,9 +144,7 @@ def _lies_in(path: Path, folder: Path) -> bool:
 
 def parser(program: str = "merge") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument(
         "maps",
         nargs="*",

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from tools.command_line.options import add_configuration_options
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py > mine.toml
@@ -24,9 +24,7 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 def parser(program: str = "print_config") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     add_configuration_options(grammar, "map.resolution=0.1", printing=False)
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar

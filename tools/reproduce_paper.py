@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 from tools.make_world import WORLDS
 
 if TYPE_CHECKING:
@@ -41,12 +41,7 @@ _MOST, _FAR = 1000, 1e6
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog="reproduce_paper",
-        description=__doc__,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    grammar = ProgramParser(prog="reproduce_paper", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument(
         "recordings", nargs="*", type=path_argument, help="bags or logs of one drive; none: simulated drives"
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tbmslam.io.atomic_file import write_bytes
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -31,9 +31,7 @@ exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 13
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog="screenshot", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog="screenshot", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("page", type=path_argument, help="a report.html")
     grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="PNG", help="where the picture goes")
     grammar.add_argument(

@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.command_line.program import DONE, Grammar, ended
+from tools.command_line.program import DONE, ProgramParser, ended
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py
@@ -29,9 +29,7 @@ _DRIVE_M = "30"
 
 def parser(program: str = "warm_up") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog=program, description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

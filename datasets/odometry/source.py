@@ -1,4 +1,4 @@
-"""Where odometry comes from within one pass: tf, a topic, or nowhere."""
+"""The source of the odometry in one pass: tf, a topic, or none; and the mount of the laser."""
 
 import math
 from functools import reduce
@@ -19,7 +19,7 @@ class Mounting:
     Parameters
     ----------
     steps
-        Way from the robot's frame to the laser's; None if it is not recorded: then the laser sits at the centre.
+        Path from the robot's frame to the laser's; None if it is not recorded: then the laser is at the centre.
     sensor_pose, upside_down
         Replaces the recorded one.
     """
@@ -32,7 +32,7 @@ class Mounting:
         self._constant = None if self._histories and sensor_pose is None else self._at(0.0)
 
     def add(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Add a transform, if it belongs to the way to the laser."""
+        """Add a transform, if it belongs to the path to the laser."""
         history = self._histories.get((plain(parent), plain(child)))
         if history is not None:
             history.add(stamp, pose)
@@ -42,7 +42,7 @@ class Mounting:
         return self._constant if self._constant is not None else self._at(stamp)
 
     def _at(self, stamp: float) -> tuple[SE2, bool]:
-        """Multiply the steps out at a stamp."""
+        """Compose the steps at a stamp."""
         pose = SE3.identity()
         for step in self._steps:
             history = self._histories.get(step.edge.key)
@@ -59,50 +59,8 @@ class Mounting:
         return pose.planar(), self._upside_down if self._upside_down is not None else up < 0.0
 
 
-class TfMotion:
-    """Odometry as the way from the odometry frame to the robot in tf.
-
-    Parameters
-    ----------
-    frames
-        The chosen frames.
-    mounting
-        The mount of the laser.
-    """
-
-    def __init__(self, frames: Frames, mounting: Mounting) -> None:
-        self._steps = frames.to_robot
-        self._mounting = mounting
-        self._histories = {step.edge.key: PoseHistory() for step in self._steps if not step.edge.is_fixed}
-        self._is_one_step = len(self._steps) == 1 and self._steps[0].down
-
-    def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Add a transform."""
-        history = self._histories.get((plain(parent), plain(child)))
-        if history is not None:
-            history.add(stamp, pose)
-        else:
-            self._mounting.add(parent, child, stamp, pose)
-
-    def histories(self) -> list[PoseHistory]:
-        """Return the poses of the moving edges."""
-        return list(self._histories.values())
-
-    def odometry(self, poses: list[SE3]) -> SE2:
-        """Return T_odom_robot from one pose of each moving edge."""
-        if self._is_one_step:  # as of most robots
-            return poses[0].planar()
-        moving = iter(poses)
-        steps = [_along(step, step.edge.first if step.edge.is_fixed else next(moving)) for step in self._steps]
-        return reduce(matmul, steps).planar()
-
-    def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser is mounted upside down."""
-        return self._mounting.at(stamp)
-
-
-class TopicMotion:
-    """Odometry as the poses of a topic or of a log.
+class NoMotion:
+    """No odometry: only the mount of the laser.
 
     Parameters
     ----------
@@ -112,11 +70,30 @@ class TopicMotion:
 
     def __init__(self, mounting: Mounting) -> None:
         self._mounting = mounting
-        self._history = PoseHistory()
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Add a transform: the laser may be mounted on something that moves."""
+        """Add a transform: the laser may be mounted on a moving part."""
         self._mounting.add(parent, child, stamp, pose)
+
+    def mounting(self, stamp: float) -> tuple[SE2, bool]:
+        """Return T_robot_sensor and whether the laser is mounted upside down."""
+        return self._mounting.at(stamp)
+
+    def histories(self) -> list[PoseHistory]:
+        """Return the recorded poses: none."""
+        return []
+
+    def odometry(self, poses: list[SE3]) -> SE2 | None:  # noqa: ARG002
+        """Return None: there is no odometry."""
+        return None
+
+
+class TopicMotion(NoMotion):
+    """Odometry from the poses of a topic or of a log; parameters as in `NoMotion`."""
+
+    def __init__(self, mounting: Mounting) -> None:
+        super().__init__(mounting)
+        self._history = PoseHistory()
 
     def add(self, stamp: float, pose: SE3) -> None:
         """Add a pose."""
@@ -130,41 +107,47 @@ class TopicMotion:
         """Return T_odom_robot."""
         return poses[0].planar()
 
-    def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser is mounted upside down."""
-        return self._mounting.at(stamp)
 
-
-class NoMotion:
-    """No odometry at all.
+class TfMotion(NoMotion):
+    """Odometry from the path from the odometry frame to the robot in tf.
 
     Parameters
     ----------
+    frames
+        The chosen frames.
     mounting
         The mount of the laser.
     """
 
-    def __init__(self, mounting: Mounting) -> None:
-        self._mounting = mounting
+    def __init__(self, frames: Frames, mounting: Mounting) -> None:
+        super().__init__(mounting)
+        self._steps = frames.to_robot
+        self._histories = {step.edge.key: PoseHistory() for step in self._steps if not step.edge.is_fixed}
+        self._is_one_step = len(self._steps) == 1 and self._steps[0].down
 
     def add_transform(self, parent: str, child: str, stamp: float, pose: SE3) -> None:
-        """Add a transform: the laser may be mounted on something that moves."""
-        self._mounting.add(parent, child, stamp, pose)
+        """Add a transform."""
+        history = self._histories.get((plain(parent), plain(child)))
+        if history is not None:
+            history.add(stamp, pose)
+        else:
+            super().add_transform(parent, child, stamp, pose)
 
     def histories(self) -> list[PoseHistory]:
-        """Return nothing to wait for."""
-        return []
+        """Return the poses of the moving edges."""
+        return list(self._histories.values())
 
-    def odometry(self, poses: list[SE3]) -> None:
-        """Return that there is none."""
-
-    def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser is mounted upside down."""
-        return self._mounting.at(stamp)
+    def odometry(self, poses: list[SE3]) -> SE2:
+        """Return T_odom_robot from one pose of each moving edge."""
+        if self._is_one_step:  # the usual case
+            return poses[0].planar()
+        moving = iter(poses)
+        steps = [_along(step, step.edge.first if step.edge.is_fixed else next(moving)) for step in self._steps]
+        return reduce(matmul, steps).planar()
 
 
 def pose_along(steps: list[Step]) -> SE3:
-    """Return where a way of frames leads, each edge as it was first seen."""
+    """Return the pose at the end of a path of frames, by the first transform of each edge."""
     return reduce(matmul, (_along(step, step.edge.first) for step in steps), SE3.identity())
 
 

@@ -15,7 +15,7 @@ from tests.faults import bags, hostile_maps, sensors, writing
 from tests.faults.fault_case import FaultCase, Outcome
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.command_line.paths import path_argument
-from tools.command_line.program import Grammar, ended
+from tools.command_line.program import ProgramParser, ended
 from tools.command_line.text_table import describe_machine, text_table
 
 EXAMPLES = """examples:
@@ -32,9 +32,7 @@ FAMILIES = {"bags": bags.CASES, "sensors": sensors.CASES, "files": (*writing.CAS
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
-    grammar = Grammar(
-        prog="faults", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    grammar = ProgramParser(prog="faults", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("--short", action="store_true", help="only some of each family, less than two minutes")
     grammar.add_argument("--family", choices=FAMILIES, action="append", help="only this one; may be repeated")
     grammar.add_argument("--only", metavar="TEXT", default="", help="only faults whose name contains this")

@@ -195,14 +195,15 @@ def examples(text: str, program: str) -> str:
     return text.replace("%(prog)s", program)
 
 
-class Grammar(argparse.ArgumentParser):
-    """Python's, which would lose the help and end as if all were well, and takes -1e-5 for an option.
+class ProgramParser(argparse.ArgumentParser):
+    """Parser of a program's command line, with the texts of description and examples as they are.
 
-    A wrong usage is one line: of dozens of options nobody finds the one that is wrong.
+    Other than Python's parser it reports wrong usage in one line, reads -1e-5 as a number, and fails if the help cannot
+    be printed.
     """
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
         self.epilog = examples(self.epilog, self.prog) if self.epilog else None
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
 

@@ -16,7 +16,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tools import evaluate, merge
 from tools.command_line.interruption import Interruption
 from tools.command_line.program import (
-    Grammar,
+    ProgramParser,
     UnfitEnvironmentError,
     check_environment,
     ended,
@@ -218,7 +218,7 @@ class FullDisk(io.StringIO):
 
 
 def test_help_that_cannot_be_printed_is_one_line(monkeypatch, capsys):
-    grammar = Grammar(prog="merge")
+    grammar = ProgramParser(prog="merge")
     below = grammar.add_subparsers().add_parser("maps")
     monkeypatch.setattr(sys, "stdout", FullDisk())
     for one in (grammar, below):
@@ -230,15 +230,15 @@ def test_help_that_cannot_be_printed_is_one_line(monkeypatch, capsys):
 
 def test_help_is_printed_where_it_can(monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
-        Grammar(prog="merge").parse_args(["--help"])
+        ProgramParser(prog="merge").parse_args(["--help"])
     assert ended.value.code == 0
     assert capsys.readouterr().out.startswith("usage: merge")
     monkeypatch.setattr(sys, "stdout", None)
     with pytest.raises(SystemExit) as ended:
-        Grammar(prog="merge").parse_args(["--help"])
+        ProgramParser(prog="merge").parse_args(["--help"])
     assert ended.value.code == 0
     file = io.StringIO()
-    Grammar(prog="merge").print_help(file)
+    ProgramParser(prog="merge").print_help(file)
     assert file.getvalue().startswith("usage: merge")
 
 
@@ -250,7 +250,7 @@ def test_every_program_has_such_a_grammar():
 
 
 def test_numbers_with_an_exponent_are_no_options():
-    parser = Grammar()
+    parser = ProgramParser()
     parser.add_argument("--pose", nargs=2, type=float)
     assert parser.parse_args(["--pose", "-1e-05", "-2.5E+1"]).pose == [-1e-05, -25.0]
 
