@@ -52,7 +52,7 @@ def _read(readings: Iterator[Reading], blocks: _Blocks, stopped: Event) -> None:
                 if stopped.is_set():
                     break
         if isinstance(readings, Generator):
-            readings.close()  # here, and not when somebody lets go of it: it may have files open
+            readings.close()  # here, and not when it is collected: it may have open files
     except BaseException as error:  # noqa: BLE001 - it is raised where the readings are used
         end = error
     if block:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from tbmslam.monitoring.incidents import Incident, Incidents
 
 _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5, 3, 3.0
-"""Of a range that says "nothing came back": least beams, share of all, scans, beams a scan, and its length [m]."""
+"""A code for no return: least number of beams, share of all, scans, beams per scan, and its length [m]."""
 
 
 def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
@@ -137,7 +137,7 @@ class ReadingCounts:
         self.farthest_scans += 1
 
     def likely_code(self) -> float | None:
-        """Return the range by which the laser seems to say that nothing came back, though it counted as a hit [m].
+        """Return the range that counted as a hit but may be a code for no return [m].
 
         As at the beginning of a recording, where it is looked for and may not occur, a code is the longest of all
         ranges, exact, held by several beams of a scan, and by many of all.

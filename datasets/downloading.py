@@ -21,7 +21,7 @@ Progress = Callable[[int, int | None], None]
 _CHUNK = 1 << 16  # at the most this is lost when a connection breaks
 _TIMEOUT_S = (20.0, 60.0)  # to connect, and between two bytes
 _ATTEMPTS = 3
-_LARGEST = 100 << 30  # of a file whose size the server does not say; the largest known has 24 GB [bytes]
+_LARGEST = 100 << 30  # of a file without a stated size; the largest known has 24 GB [bytes]
 _BROKEN = (requests.exceptions.ChunkedEncodingError, requests.exceptions.ConnectionError, requests.exceptions.Timeout)
 
 
@@ -132,7 +132,7 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
 
 
 def _length(address: str, answer: requests.Response) -> int | None:
-    """Return how many bytes are to come; None if the server does not say."""
+    """Return the number of bytes to come; None if it is not stated."""
     if encoding := answer.headers.get("Content-Encoding", "").replace("identity", ""):
         raise DownloadError(f"{address}: comes packed as {encoding}, which was not requested: try another address")
     lengths = {part.strip() for part in answer.headers.get("Content-Length", "").split(",")} - {""}
@@ -176,7 +176,7 @@ def _doubt(part: Path, name: str) -> str | None:
 def _add(chunk: bytes, stream: BinaryIO) -> None:
     try:
         stream.write(chunk)
-        stream.flush()  # a full disk is told here, and not where the file is closed
+        stream.flush()  # a full disk gives its error here, and not when the file is closed
     except OSError as error:
         raise DownloadError(
             f"{stream.name}: cannot be written ({error.strerror}): make room or choose another place and run again"
@@ -219,15 +219,15 @@ class KnownRecording:
     addresses
         Of its files, the recording first.
     license, citation, page
-        What its authors allow, how they want to be cited, and where they say so.
+        Licence, citation, and the page that states them.
     options
-        What build_maps needs to be told to read it.
+        Options that build_maps needs to read it.
     truth
         Where its truth is, if that is not among its files.
     about
         A few words.
     megabytes
-        Size, as others report it; None where nobody does.
+        Reported size [MB]; None if unknown.
     sha256
         Digests by file name, where they are known.
     reached

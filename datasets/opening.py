@@ -1,4 +1,4 @@
-"""From paths to a recording: what kind of files they are, and who reads them."""
+"""Opens recordings: detects the kind of their files and chooses the reader."""
 
 from collections.abc import Sequence
 from pathlib import Path

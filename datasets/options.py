@@ -37,7 +37,7 @@ class RecordingOptions:
     sensor_pose
         Pose of the laser on the robot, T_robot_sensor, instead of the recorded one.
     upside_down
-        Whether the laser is mounted upside down, instead of what tf says.
+        Whether the laser is mounted upside down, regardless of tf.
     angle_step_deg
         Angle between beams [deg] instead of the recorded one; the first beam keeps its direction.
     range_min, range_max
@@ -48,9 +48,9 @@ class RecordingOptions:
     range_offset
         Added to every range that was measured [m].
     no_return
-        What a beam without a return says: "free", nothing was in range, or "drop", nothing at all.
+        Meaning of a beam without a return: "free", nothing in range, or "drop", unknown.
     no_return_codes
-        Further range values [m] by which the laser says that nothing came back.
+        Further range values that mean no return [m].
     odometry_scale
         What the odometry's lengths are multiplied by: 0.001 where they are in millimetres.
     clock_offset

@@ -78,7 +78,7 @@ class Recording:
 
 
 def _why_nothing(counts: ReadingCounts) -> str:
-    """Say in one line why a pass gave no reading."""
+    """Return in one line why a pass gave no reading."""
     if counts.scans_read == 0:
         return "no scan in the recording: choose another with --scan-topic"
     reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))

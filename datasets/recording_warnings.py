@@ -23,7 +23,7 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     recording
         The recording.
     span
-        The part of it that a map is made of; None: all of it. Gaps are told of the part alone, other counts, as nobody
+        The mapped part of it; None: all of it. Gaps are those of the part; other counts have no times and are those of
         knows when they were, of the whole recording.
     """
     counts = recording.counts
@@ -37,7 +37,7 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     frames = recording.description.get("frame_warnings")
     warnings += [str(one) for one in frames] if isinstance(frames, list) else []
     first_scan = recording.description.get("first_scan")
-    is_given = recording.description.get("angle_step_deg") is not None  # then nobody goes by what is stated
+    is_given = recording.description.get("angle_step_deg") is not None  # then the stated angle is not used
     angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_given else None
     return warnings + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
 

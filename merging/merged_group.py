@@ -166,7 +166,7 @@ def group_maps_of(
 
 
 def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:
-    """Return the names of some maps, that of the one that knows most first: who is named first must not matter."""
+    """Return the names of maps, the largest known area first, so that their order does not matter."""
     names = list(names)
     if len(names) == 1:
         return names

@@ -8,7 +8,7 @@ from tools.command_line.interruption import hear_interruption
 
 PROGRAMS = {
     "map": ("build_maps", "turn recordings into one belief map per robot"),
-    "merge": ("merge", "merge maps whose relative poses nobody knows"),
+    "merge": ("merge", "merge maps with unknown relative poses"),
     "evaluate": ("evaluate", "compare trajectories and maps with the truth"),
     "convert": ("convert", "convert a map from one format to another"),
     "edit": ("edit", "crop, turn, erase and draw by hand"),

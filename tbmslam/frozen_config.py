@@ -13,7 +13,7 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class FrozenConfig(BaseModel):
-    """Values with limits that nobody changes later; an unknown name is refused.
+    """Immutable values with limits; an unknown name is an error.
 
     Attributes
     ----------

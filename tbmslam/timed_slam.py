@@ -1,6 +1,6 @@
 """A SLAM that notes how long its parts take, for benchmarks: the plain one pays nothing for it.
 
-Wall time is noted, since asking for the CPU time costs a microsecond, which is much beside a scan: who needs CPU time
+Wall time is measured, since reading the CPU time costs a microsecond, which is much beside a scan: to get CPU time
 of the parts measures that of a whole stretch, and shares it out.
 """
 

@@ -143,7 +143,7 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if not args.recordings and not args.print_config:
         grammar.error("the following arguments are required: RECORDING: give a bag, a log or a directory of them")
-    # Nobody knows yet how many lie in a directory. (Unlike a Path, this does not fail where a name is too long.)
+    # The number of recordings in a directory is not known yet. (os.path does not fail if a name is too long.)
     listed = args.separate and any(os.path.isdir(path) for path in args.recordings)  # noqa: PTH112
     if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")

@@ -1,4 +1,4 @@
-"""Fit the confidence of alignments on pairs of maps whose truth is known, and tell what it is worth on others.
+"""Fit the confidence of alignments on pairs of maps with known poses, and evaluate it on others.
 
 The weights that turn evidence into a probability are fitted on all pairs given. What they are worth is measured by
 leaving out one building at a time, with its parts and its mirror image, fitting on the rest, and asking about the one

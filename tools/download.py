@@ -60,7 +60,7 @@ def _run(args: argparse.Namespace) -> None:
     if args.list:
         _list()
     if recordings := [known_recording(name) for name in args.names]:
-        with output_folder(args.out):  # two that add to one file would spoil it, and nobody knows what it should be
+        with output_folder(args.out):  # two writers would corrupt the file
             for recording in recordings:
                 _download(recording, args.out)
 
@@ -77,7 +77,7 @@ def _list() -> None:
         said = recording.page
         size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
         print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
-    print("* This address was never tried by the makers of this list, who could reach none; sizes are others' reports.")
+    print("* This address was never tested; sizes are as reported elsewhere.")
 
 
 def _download(recording: "KnownRecording", out: Path) -> None:

@@ -1,4 +1,4 @@
-"""Merge maps whose relative poses nobody knows into one map."""
+"""Merge maps with unknown relative poses into one map."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
     from tools.command_line.interruption import hear_interruption
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
         grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    else:  # who reads a warning about a map has no use for the name of a module
+    else:  # a warning about a map needs no name of a module
         logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return ended(
         program,
@@ -316,7 +316,7 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
 
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:
-    """Refuse to write over a picture that a yaml among the maps names, and tell of maps that are given twice."""
+    """Refuse to write over a picture that a yaml among the maps names, and warn of maps that are given twice."""
     from tbmslam.io.map_folder import FIXED_NAMES, files_of_map
     from tools.command_line.output_folder import OutputError
 

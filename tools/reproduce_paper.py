@@ -220,7 +220,7 @@ def _report(
 
 
 def _say(text: str) -> None:
-    """Return who waits what is going on."""
+    """Show the progress on stderr."""
     sys.stderr.write(f"reproduce_paper: {text}\n")
 
 

@@ -33,7 +33,7 @@ _RANGE_PARAMS = ("robot_front_laser_max", "laser_front_laser_max")
 
 @dataclass
 class _LogSurvey:
-    """What one look through the lines tells."""
+    """Facts from one pass over the lines."""
 
     numbers: dict[str, int] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)

@@ -52,7 +52,7 @@ class CloudSlice:
         return SE2(self.T_robot_sensor.x, self.T_robot_sensor.y, 0.0)
 
     def scan(self, cloud: PointCloud) -> RawScan:
-        """Return what a cloud says in the slice: of each direction the range of the nearest wall, nan if none is."""
+        """Return the scan of a cloud's slice: for each direction the range of the nearest wall, or nan."""
         points, times = self.points(cloud)
         angles = np.arctan2(points[:, 1], points[:, 0])
         ranges = np.hypot(points[:, 0], points[:, 1])

@@ -31,7 +31,7 @@ class PointCloud(NamedTuple):
     points
         Points (N, 3) in the sensor's frame [m], all finite.
     times
-        When each was measured (N,), after the first of them [s]; None if the message does not say.
+        When each was measured (N,), after the first of them [s]; None if unknown.
     delay
         Time of the first of them after the stamp [s].
     """

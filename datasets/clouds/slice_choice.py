@@ -36,7 +36,7 @@ def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: b
     Parameters
     ----------
     T_robot_sensor
-        What tf says; None if it does not know.
+        The mount in tf; None if unknown.
     sensor_pose
         Its place in the plane, to be used instead; height and tilt stay those of tf.
     upside_down

@@ -107,7 +107,7 @@ class PoseHistory:
             return None
         last = len(self._stamps) - 1
         before = last - 1
-        # A motion across a long pause says nothing about the present one.
+        # A motion across a long pause is not the present motion.
         moving = before >= self._runs[-1] and 0.0 < self._stamps[last] - self._stamps[before] < 1.0
         return self._within(before, last, stamp) if moving else self._poses[last]
 

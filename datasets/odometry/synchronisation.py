@@ -95,7 +95,7 @@ class Pairing:
                 yield reading
 
     def rest(self) -> Iterator[Reading]:
-        """Yield what can be said about the waiting scans when no more odometry will come."""
+        """Yield the readings of the waiting scans after the last odometry."""
         while self._waiting:
             reading = self._answer(self._waiting.popleft())
             if reading is not None:
@@ -138,7 +138,7 @@ class Pairing:
         return Reading(scan, T_odom_robot, mounting, T_odom_swept)
 
     def _swept(self, waiting: _Waiting) -> SE2 | None:
-        """Return T_odom_robot at a scan's last beam, where the odometry tells."""
+        """Return T_odom_robot at a scan's last beam; None if the odometry does not reach it."""
         if not self._histories:
             return None
         found = [history.at(waiting.end, self._patience_s, 0.0) for history in self._histories]

@@ -37,7 +37,7 @@ class CutFileError(ValueError):
 
 
 def check_files(path: Path) -> None:
-    """Refuse a database that is shorter than it says: sqlite would read zeros where its last page is cut off.
+    """Refuse a database that is shorter than it states: sqlite would read zeros where its last page is cut off.
 
     And what passes for an empty file, since reading it might never end.
 

@@ -46,7 +46,7 @@ def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
 
 
 def _overlap(one: BagSource, other: BagSource) -> bool:
-    """Return whether most of a bag's time is another's, too; what is not known is no reason to say so."""
+    """Return whether most of a bag's time overlaps with another's; False if unknown."""
     if one.span is None or other.span is None:
         return False
     common = min(one.span[1], other.span[1]) - max(one.span[0], other.span[0])

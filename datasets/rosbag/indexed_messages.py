@@ -1,4 +1,4 @@
-"""Messages of a sound ROS 1 bag, taken from where its index says that they lie."""
+"""Messages of an intact ROS 1 bag, read by its index."""
 
 import struct
 from collections.abc import Callable, Iterator, Sequence

@@ -65,7 +65,7 @@ def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | Non
 
 
 def _checked_cdr(read: Callable[[bytes, bool], Content]) -> Callable[[bytes], Content]:
-    """Return what reads messages of ROS 2 that say that they are little-endian."""
+    """Return a reader of ROS 2 messages that are little-endian."""
 
     def read_checked(data: bytes) -> Content:
         if bytes(data[:2]) != _LITTLE_ENDIAN:
@@ -168,7 +168,7 @@ class MessageDecoder:
         self._readers = {name: reader_of(name, is_cdr=not is_ros1) for name in (SCAN_TYPE, *TF_TYPES)}
 
     def decoded(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
-        """Return what a message says; None if its bytes cannot be decoded."""
+        """Return the content of a message; None if its bytes cannot be decoded."""
         if msgtype not in self._readers:
             self._readers[msgtype] = reader_of(msgtype, is_cdr=not self._is_ros1)
         read = self._readers[msgtype]

@@ -140,7 +140,7 @@ def read_occupancy_bag(path: Path) -> TbmGrid:
 
 
 def _grid(path: Path, message: Any) -> TbmGrid:
-    """Return what an OccupancyGrid says."""
+    """Return the grid of an OccupancyGrid."""
     info, cells = message.info, np.asarray(message.data, dtype=np.int8)
     place, turn = info.origin.position, info.origin.orientation
     origin = SE3.from_values(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)

@@ -54,7 +54,7 @@ class Plan:
     unset_lags
         Bag time minus what counts for the stamps of scans and of odometry where they are unset [s].
     doubts
-        What had to be chosen although tf says two things, in sentences.
+        Choices between contradictions in tf, in sentences.
     cut
         How point clouds become scans, where the topic of scans holds clouds.
     """
@@ -196,7 +196,7 @@ def _take(survey: Survey, message: Message) -> None:
 
 
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
-    """Return the laser whose scans are read, and say so where the topic holds those of others, too."""
+    """Return the laser whose scans are read, and warn if the topic holds scans of others."""
     lasers = list(survey.lasers.values())
     if not lasers:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
@@ -275,7 +275,7 @@ def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None)
 def _delivery(files: BagFiles, scan_topic: str) -> float:
     """Return how long scans of another laser take until they are recorded [s], of one whose clock is right; 0: unknown.
 
-    What a wrong clock adds cannot be told from that on the laser itself.
+    On the laser itself this delay cannot be separated from a wrong clock.
     """
     delays = []
     for other in files.of_type(SCAN_TYPE):

@@ -92,7 +92,7 @@ class _Pass:
             )
 
     def _note_damage(self) -> None:
-        """Note and tell what damaged files no longer hold."""
+        """Count and report the losses of damaged files."""
         files, topic, vague = self._plan.files, self._plan.topics.scan, False
         for loss in files.losses(topic):
             self._counts.lost_seconds += loss.seconds

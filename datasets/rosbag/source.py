@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 class OpenBag:
     """A bag with its index in memory, which for a large one takes seconds to read.
 
-    Its file is closed when nobody holds it any more, if not before.
+    Its file is closed at the latest when the object is collected.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _check(content: UnpackedFile) -> None:
 
 
 def _is_indexed(path: Path) -> bool:
-    """Return whether rosbags finds all messages, or says what is wrong; else a file's index leads to some only."""
+    """Return whether rosbags finds all messages or raises an error; else the index of a file is incomplete."""
     files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
     if not files:
         return True
@@ -300,7 +300,7 @@ def _version(path: Path) -> str:
 
 
 def _explained(path: Path, error: Exception) -> str:
-    """Say in one line what is wrong."""
+    """Return the fault in one line."""
     text = " ".join(str(error).split())
     if path.is_dir() and not (path / "metadata.yaml").exists():
         return "no metadata.yaml in this directory"
@@ -316,7 +316,7 @@ def _explained(path: Path, error: Exception) -> str:
 
 
 def _explained_ros1(path: Path, error: Exception, text: str) -> str:
-    """Say in one line what is wrong with a ROS 1 bag."""
+    """Return the fault of a ROS 1 bag in one line."""
     version = _version(path)
     if not version.startswith("#ROSBAG V2.0"):
         return f"a bag of version {version.lstrip('#')!r}, only V2.0 can be read: convert it with `rosbag fix`"

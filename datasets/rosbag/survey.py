@@ -1,4 +1,4 @@
-"""What the beginning of a recording tells: frames, clocks and lasers."""
+"""Facts from the beginning of a recording: frames, clocks and lasers."""
 
 import math
 from collections import Counter
@@ -67,14 +67,14 @@ class SurveyedLaser:
             self.stamps.append(scan.stamp if is_set else bag_time)
 
     def sweep(self) -> float:
-        """Return how long a scan takes from its first beam to its last [s], 0 if it does not say."""
+        """Return how long a scan takes from its first beam to its last [s], 0 if it is not stated."""
         stated = self.first_scan.time_increment * (len(self.first_scan.ranges) - 1)
         return stated if 0.0 < stated <= self.longest_sweep() else 0.0
 
     def longest_sweep(self) -> float:
         """Return how long a scan can take from its first beam to its last [s]: not much longer than the next is away.
 
-        A laser that is read out more often than it turns states a time between beams that does not say when a beam
+        A laser that is read out more often than it turns states a time between beams that is not the time when a beam
         was sent.
         """
         steps = np.diff(self.stamps)

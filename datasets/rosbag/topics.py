@@ -35,7 +35,7 @@ def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -
 
 
 def nearness_to(scan: str) -> Callable[[str], int]:
-    """Return the function that says how many names of its namespace a topic shares with one of scans."""
+    """Return a function that counts the common names of a topic's namespace and that of the scans."""
     home = _namespace(scan)
 
     def shared(name: str) -> int:
@@ -104,7 +104,7 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
         if not topic.messages:
             raise DatasetError(f"{_names(files)}: {topic.name} holds no messages: choose another with --scan-topic")
         return topic.name
-    # What has several echoes is mostly there as LaserScan, too. A level scan says more than the slice of a cloud.
+    # Scans with several echoes mostly exist as LaserScan, too. A level scan is better than the slice of a cloud.
     scans = files.of_type(SCAN_TYPE) or files.of_type(ECHOES_TYPE) or files.of_type(CLOUD_TYPE)
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
@@ -144,7 +144,7 @@ def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> t
         return (_named(files, options.odometry_topic, (ODOMETRY_TYPE, POSE_TYPE), "--odometry-topic").name,)
     others, nearness = _other_scans(files, scan), nearness_to(scan)
     filled = of_same_robot([topic.name for topic in files.of_type(ODOMETRY_TYPE) if topic.messages], scan, others)
-    # Other poses with covariance are a localiser's, or a click of somebody's mouse.
+    # Other poses with covariance come from a localiser or from a click in a viewer.
     poses = [topic.name for topic in files.of_type(POSE_TYPE) if topic.messages and "odom" in topic.name]
     poses = of_same_robot(poses, scan, others)
     plain_first = sorted(filled, key=lambda name: (-nearness(name), not is_plain_odom(name, scan), name))
@@ -176,7 +176,7 @@ def _names(files: BagFiles) -> str:
     return ", ".join(str(path) for path in files.paths)
 
 
-# Base laser of the PR2 in front of base_footprint; used where a Stata recording's tf does not tell.
+# Base laser of the PR2 in front of base_footprint; used if tf does not hold it.
 STATA_SENSOR_POSE = SE2(0.275, 0.0, 0.0)
 _STATA_SCANS = "base_scan"
 _STATA_ODOMETRY = ("robot_pose_ekf/odom_combined", "base_odometry/odom")

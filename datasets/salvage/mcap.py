@@ -44,7 +44,7 @@ def has_full_index(path: Path) -> bool:
 
 
 def _names_all(statistics: Statistics, summary: Summary) -> bool:
-    """Return whether statistics say how many messages each channel has, and the summary what each channel is."""
+    """Return whether the statistics count the messages of each channel, and the summary describes each channel."""
     counts, channels = statistics.channel_message_counts, summary.channels
     if sum(counts.values()) != statistics.message_count or not counts.keys() <= channels.keys():
         return False
@@ -52,7 +52,7 @@ def _names_all(statistics: Statistics, summary: Summary) -> bool:
 
 
 def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
-    """Read the records of an MCAP file one after another, whatever its index says; of damaged chunks what can be."""
+    """Read the records of an MCAP file one after another, without its index; of damaged chunks the readable part."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         scan = _Scan(buffer)
         scan.read()
@@ -99,7 +99,7 @@ class _Scan:
                 position = following
 
     def _take(self, opcode: int, position: int) -> bool:
-        """Take a record in; return whether it is what it says."""
+        """Add a record; return whether it is valid."""
         if opcode not in _WANTED:
             return True
         records = _records_at(self._buffer, position)

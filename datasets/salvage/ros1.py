@@ -158,7 +158,7 @@ _MOST_MISSING = 1000  # a bag that claims to have been so many times larger has 
 
 
 def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
-    """Read the records of a ROS 1 bag from beginning to end, whatever its index says.
+    """Read the records of a ROS 1 bag from beginning to end, without its index.
 
     Messages of chunks that are not compressed are found even where the chunk's own record is damaged; of a damaged
     compressed chunk, what lies before the damage.

@@ -91,7 +91,7 @@ class SalvagedBag:
     def losses(self, topic: str) -> list[Loss]:
         """Estimate what is missing of a topic from the pauses at the holes, and from the bytes of a hole at an end.
 
-        A single message tells nothing about its topic: then what is missing counts as nothing, and is still a loss.
+        From a single message nothing can be estimated: the loss then has no messages.
         """
         places = np.flatnonzero(self._is_of(topic))
         times = self.entries[places, 0] * 1e-9

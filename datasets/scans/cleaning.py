@@ -1,4 +1,4 @@
-"""From the codes of a sensor to what a scan says: hit, nothing in range, or nothing at all."""
+"""Translates the range codes of sensors: hit, no return, or unknown."""
 
 import math
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from datasets.counts import is_like_a_code
 from tbmslam.geometry.se2 import FloatArray
 
-# Values by which SICK, Hokuyo and their drivers say that nothing came back: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
+# Values by which SICK, Hokuyo and their drivers mean no return: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
 KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
 CODE_TOLERANCE = 5e-4
 FATES = ("nan", "no_return", "zero", "too_close", "hit")
@@ -29,7 +29,7 @@ class RangeRules:
     range_min, range_max
         Limits [m] instead of those the scan states; None: the scan's own.
     no_return_codes
-        Values [m] that stand for "nothing came back", whatever the limits say.
+        Values [m] that mean no return, whatever the limits.
     no_return
         "free" turns such a beam into +inf, "drop" into nan.
     offset
@@ -43,7 +43,7 @@ class RangeRules:
     offset: float = 0.0
 
     def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
-        """Return clean ranges (S, N) and their limits [m] with the offset; what would end behind it says nothing."""
+        """Return clean ranges (S, N) and their limits [m] with the offset; ranges that become negative are nan."""
         if self.offset == 0.0:
             return ranges, low, high
         longer = ranges + self.offset
@@ -62,7 +62,7 @@ class RangeRules:
 
 
 class CleanRanges(NamedTuple):
-    """What scans say, and how many beams of each scan met which fate.
+    """Clean ranges of scans, and the number of beams by fate of each scan.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rule
 
 
 def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[float]) -> npt.NDArray[np.bool_]:
-    """Return which ranges (S, N) [m] say that nothing came back."""
+    """Return which ranges (S, N) [m] mean no return."""
     no_return = np.asarray(ranges >= range_max)  # +inf, too
     below = [code for code in codes if code - CODE_TOLERANCE < range_max]
     if below:
@@ -120,7 +120,7 @@ def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[fl
 
 
 def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:
-    """Find the value by which a laser says that nothing came back, where it is neither known nor above the limit.
+    """Find the value that means no return, if it is neither known nor above the limit.
 
     Such a code is the largest value of all, exact, held by several beams of a scan, and far more frequent than the
     measured values next to it.

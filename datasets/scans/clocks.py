@@ -21,7 +21,7 @@ class ClockFinding(NamedTuple):
     offset
         To be added to a scan's stamp to get the time of the odometry [s].
     steady_lag
-        Usual bag time minus stamp of the scans [s]; None if it varies too much to tell.
+        Usual bag time minus stamp of the scans [s]; None if it varies too much.
     warning
         One line where something is wrong or was corrected.
     """
@@ -89,7 +89,7 @@ class ClockSteps:
     Parameters
     ----------
     steady_lag
-        Usual bag time minus stamp [s]; None if it varies too much to tell a step.
+        Usual bag time minus stamp [s]; None if it varies too much to detect steps.
     counts
         Gets the steps.
     """

@@ -18,7 +18,7 @@ _REMEMBERED_STAMPS = 64
 _LARGEST_ANGLE = 4.0 * math.pi
 """Of a first beam, or between the first and the last: beyond it a message is damaged [rad]."""
 _SMALLEST_FAN = 1e-3
-"""Between the first beam and the last: no laser sees less, but a step in a wrong unit says so [rad]."""
+"""Between the first beam and the last: no laser spans less; a smaller fan is a step in a wrong unit [rad]."""
 
 
 class RawScan(NamedTuple):
@@ -40,7 +40,7 @@ class RawScan(NamedTuple):
 
 
 class CleanScan(NamedTuple):
-    """What a scan says.
+    """A scan with clean ranges.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class ScanIntake:
         self._seen: OrderedDict[float, list[npt.NDArray[np.floating]]] = OrderedDict()
 
     def cleaned(self, scans: Sequence[RawScan]) -> list[CleanScan]:
-        """Return what scans say, whether or not they will be taken: of many at once it takes far less time a scan."""
+        """Return scans with clean ranges, used or not: cleaning many at once takes far less time per scan."""
         groups: dict[tuple[int, float, float], list[int]] = {}
         for number, raw in enumerate(scans):
             groups.setdefault((len(raw.ranges), raw.range_min, raw.range_max), []).append(number)
@@ -154,7 +154,7 @@ class ScanIntake:
         )
 
     def _cleaned_alike(self, ranges: npt.NDArray[np.floating], range_min: float, range_max: float) -> list[CleanScan]:
-        """Return what scans (S, N) say that state the same limits [m]."""
+        """Return the clean ranges of scans (S, N) with the same stated limits [m]."""
         low, high = self._rules.limits(range_min, range_max)
         clean = clean_ranges(ranges, low, high, self._rules)
         farthest: list[float] = np.where(np.isfinite(clean.ranges), clean.ranges, 0.0).max(axis=1, initial=0.0).tolist()

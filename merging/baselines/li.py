@@ -6,7 +6,7 @@ mapping and moving object detection in outdoor environment", ICARCV 2012; H. Li,
 the cells that meet; vehicles know roughly where they are, and the genetic algorithm finds the rest. Cells are averaged:
 the rule `average`.
 
-Chosen here: differential evolution (scipy) is the genetic algorithm; nobody knows roughly, so that it searches the
+Chosen here: differential evolution (scipy) is the genetic algorithm; no initial guess is known, so it searches the
 whole plane; the objective is, over samples of walls and of free cells, how far the target's blurred probability leans
 to their side of one half on average, so that unknown cells count neither for nor against; accepted is what reaches a
 mean likelihood of the walls that meet known cells.

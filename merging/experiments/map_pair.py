@@ -80,7 +80,7 @@ class Halves:
     disjunctive
         Both by the disjunctive rule as the paper has it: a cell that one does not know becomes unknown.
     union
-        Both by the disjunctive rule as it is used here by default: who never saw a cell says nothing about it.
+        Both by the disjunctive rule as used here by default: a map that does not know a cell is ignored there.
     """
 
     original: TbmGrid

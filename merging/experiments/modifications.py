@@ -88,7 +88,7 @@ def compare_modifications(
     tolerance_m
         How far from its true place a right match may be [m].
     say
-        Is told how far the work is.
+        Receives the progress.
     """
     studies = {variant: Study() for variant in variants}
     for count in keypoints:
@@ -151,5 +151,5 @@ def _looks_of(grid: TbmGrid, count: int) -> _Looks:
 def _described(looks: _Looks, how: Descriptor, variant: Variant) -> Described:
     points, found = looks
     names = ["pignistic"] if how == "pignistic" else ["occupied", "free", variant.unknown]
-    # ORB's tests are sorted by how much each tells beside those before it: the first are the best (Rublee 2011).
+    # ORB's tests are sorted by their information beyond the tests before: the first are the best (Rublee 2011).
     return Described(points, joined([found[name][:, : variant.bits // 8] for name in names], how))

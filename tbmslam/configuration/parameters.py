@@ -148,7 +148,7 @@ def _of_kind(table: object, key: str, change: object) -> object:
 
 
 def _unknown(key: str, place: tuple[str, ...], siblings: Sequence[str], names: Sequence[str]) -> str:
-    """Say that there is no such parameter, and which was probably meant."""
+    """Return the error of an unknown parameter, with the most similar one."""
     full = ".".join((*place, key))
     elsewhere = [name for name in names if name.rpartition(".")[2] == key]
     near = difflib.get_close_matches(key, siblings, n=1)

@@ -103,7 +103,7 @@ PRESETS: Mapping[str, SlamConfig] = {
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
         laser_fit=LaserFitConfig(enabled=False),
-        # Particles are weighed by what cells say, and lean on what a beam says for both.
+        # Particles are weighted by the cells, so each beam needs more weight.
         map=MapConfig(
             max_cells=200_000_000,
             sensor_model=SensorModelConfig(

@@ -23,7 +23,7 @@ def config_text(
 ) -> str:
     """Return a configuration as TOML with a comment for each parameter.
 
-    What is not set, which TOML cannot say, stands there as a comment.
+    A parameter without a value is a comment, as TOML has no null.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def config_text(
 
 
 def descriptions_of(table: object) -> dict[str, str]:
-    """Return what each field of a table means, where its class says it."""
+    """Return the description of each field of a table, if its class has one."""
     described: dict[str, str] = {}
     for parameter in docstring_parser.parse(
         inspect.getdoc(type(table)) or "", docstring_parser.DocstringStyle.NUMPYDOC

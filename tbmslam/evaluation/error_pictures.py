@@ -121,7 +121,7 @@ def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, sca
 
 
 def _colour_scale(width: int, largest: float, unit: str) -> Picture:
-    """Return a strip that says which colour is how much."""
+    """Return the legend of the colours."""
     import cv2  # noqa: PLC0415  measuring needs no pictures
 
     strip = np.full((_LEGEND_HEIGHT, width, 3), 255, dtype=np.uint8)

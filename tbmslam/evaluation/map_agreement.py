@@ -26,7 +26,7 @@ class MapAgreement:
     agree
         Share of the cells known to both that both call the same.
     agree_nearby
-        The same, a cell beside it counting too: what the map says is true of a cell no farther than a neighbour, and
+        The same with neighbours: the map's label is true of the cell or a neighbour, and
         the other way round. Maps whose cells lie across one another put the same thin wall into other cells.
     agree_occupied, agree_free
         Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none.
@@ -51,7 +51,7 @@ class MapAgreement:
 
 
 def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
-    """Return what a map says of each cell (rows, cols): occupied or free, whichever mass is larger.
+    """Return the label of each cell (rows, cols) of a map: occupied or free, whichever mass is larger.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _mean_distance(cells: npt.NDArray[np.bool_], targets: npt.NDArray[np.bool_])
 
 
 REACHES = (1.0, 0.3, 0.1)
-"""Walls further apart than this have no say [m], from wide to narrow."""
+"""Largest distance of corresponding walls [m], from wide to narrow."""
 
 MAX_POINTS = 20_000
 """Occupied cells that are used, evenly chosen."""

@@ -73,7 +73,7 @@ def read_relations(path: Path) -> Relations:
     if why := why_unreadable(path):
         raise RelationsError(f"{path}: {why}: give a file of relations")
     try:
-        with warnings.catch_warnings(action="ignore"):  # that there is nothing in it is told below
+        with warnings.catch_warnings(action="ignore"):  # an empty file is an error below
             values = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)
     except (OSError, ValueError) as error:
         raise RelationsError(f"{path}: cannot be read as relations (t1 t2 x y z roll pitch yaw): {error}") from None

@@ -217,7 +217,7 @@ class ErrorStatistics:
     rmse
         Root mean square.
     mean, standard_deviation, median, maximum
-        What they say; the deviation is that of the whole set, not an estimate from a sample.
+        The usual statistics; the deviation is that of the whole set, not an estimate from a sample.
     """
 
     rmse: float

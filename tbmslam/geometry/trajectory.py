@@ -86,7 +86,7 @@ def turn_rates(stamps: FloatArray, headings: FloatArray) -> FloatArray:
     Parameters
     ----------
     stamps
-        Times (K,) [s]. Where the clock stands or steps back nobody knows how fast it was: that counts as not at all,
+        Times (K,) [s]. Where the clock stands or steps back the speed is unknown and counts as zero,
         which has no say in what follows from speeds, while the fastest there is would have the most.
     """
     return _per_second(np.gradient(np.unwrap(headings)), stamps, _FASTEST_TURN)

@@ -78,7 +78,7 @@ def _check_place(target: Path) -> None:
     """Refuse to put a file in the place of a device, a pipe or a link to one; a folder cannot be replaced anyway."""
     try:
         is_taken = is_device_or_pipe(target)
-    except OSError:  # a folder on the way may not be entered; writing will say so
+    except OSError:  # a folder of the path may not be readable; writing reports it
         return
     # /dev/stdout may be a link to a file, and be needed all the same.
     if is_taken or target.absolute().parent == Path(os.devnull).parent:

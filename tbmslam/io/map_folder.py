@@ -60,7 +60,7 @@ def map_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
     """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
-    # Last of all the file that tells which trajectories are the map's.
+    # Last the file that names the trajectories of the map.
     _remove(reversed(map_files(folder)))
 
 
@@ -139,7 +139,7 @@ def _trajectory_files(lengths: Sequence[tuple[str, int]]) -> dict[str, int]:
         plain = re.sub(r"[^\w.-]+", "_", drive)[:_LONGEST_NAME]
         stem = name = "trajectory" if len(lengths) == 1 else f"trajectory_{plain}"
         repeated = 1
-        # Names may differ only in what a file name cannot hold, or in case, which some disks do not tell apart.
+        # Names may differ only in characters that a file name cannot hold, or in case, which some disks ignore.
         while name.lower() in taken:
             repeated += 1
             name = f"{stem}_{repeated}"

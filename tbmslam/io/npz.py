@@ -1,4 +1,4 @@
-"""Arrays in a zip as numpy writes them, with the same bytes every time and without trust in what a file says."""
+"""Arrays in a zip as numpy writes them, with the same bytes every time and with checks of untrusted files."""
 
 import math
 import os

@@ -51,7 +51,7 @@ PICTURE_NAMES = ("pignistic", *_MASSES)
 def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write pignistic.png, occupied.png, free.png, unknown.png and conflict.png into a folder; see `draw_grid`.
 
-    Beside the first lies pignistic.pgw, which tells other programs where the picture lies.
+    Beside the first lies pignistic.pgw, which holds the picture's position for other programs.
 
     Raises
     ------

@@ -38,7 +38,7 @@ _MAX_CELL_M = 1.0
 
 @dataclass(frozen=True)
 class RosMapHeader:
-    """What a map's yaml file says.
+    """The content of a map's yaml file.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
     Raises
     ------
     MapFileError
-        If it cannot be read, lacks a key, or says what makes no map.
+        If it cannot be read, lacks a key, or has an invalid value.
     """
     values = _parse(path)
     needed = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # as in map_server
@@ -193,14 +193,14 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
 def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a turned map is resampled to lie along the axes.
 
-    What masses an occupancy becomes is said in `tbmslam.belief.occupancy`: full occupancy keeps 0.1 unknown. Cells that
-    a map saver wrote as unknown stay so, whatever `free_thresh` it wrote beside them; a warning tells of it, and
+    `tbmslam.belief.occupancy` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that
+    a map saver wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and
     another of a map without any unknown cell.
 
     Raises
     ------
     MapFileError
-        If the yaml or its picture is missing, damaged, too large, or says what makes no map.
+        If the yaml or its picture is missing, damaged, too large, or has an invalid value.
     """
     header = read_ros_map_header(Path(path))
     image = read_image(header.image)
@@ -241,7 +241,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
 
 
 def _warn_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
-    """Say how much of a picture is transparent, and what that is taken for."""
+    """Warn of transparent pixels and of their meaning."""
     share = 0.0 if image.alpha is None else float((image.alpha < image.maximum).mean())
     if share == 0.0 or rule.mode == "raw":
         return
@@ -253,7 +253,7 @@ def _warn_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
 def _frees_the_unknown(image: MapImage, rule: PixelRule) -> bool:
     """Return whether a picture has the values of map savers, and the thresholds take the unknown for free.
 
-    See slam_toolbox issue 587 and nav2 issue 5138. Who mends a picture by hand paints white, and leaves a few greys.
+    See slam_toolbox issue 587 and nav2 issue 5138. A picture edited by hand has white areas and a few greys.
     """
     if rule.mode != "trinary" or rule.negate or image.maximum != 255:
         return False

@@ -39,7 +39,7 @@ _LZ4_MAGIC = b"\x04\x22\x4d\x18"
 
 
 def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
-    """Read a dump of either layout, told apart by content; it may be packed by xz.
+    """Read a dump of either layout, distinguished by content; it may be compressed by xz.
 
     The probability and quality of a cell follow from its masses and are left out.
 

@@ -120,7 +120,7 @@ class ReferenceTrajectory:
 
 
 def read_reference(path: str | os.PathLike[str]) -> ReferenceTrajectory:
-    """Read a true trajectory of either format, told apart by what the first line holds.
+    """Read a true trajectory of either format, distinguished by the first line.
 
     The Stata Center's truth (M. Fallon et al., IJRR 2013) has lines `t, x, y, theta`: whole microseconds, metres,
     radians, of the laser. A TUM file is of the robot.

@@ -10,12 +10,12 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
 
 _EIGENVALUES = 1e-12, 1e12
-"""Of an information: nobody knows a motion to a micrometre, and beyond a kilometre a pose graph cannot be solved."""
+"""Limits of an information: deviations of a micrometre and of a kilometre, between which a pose graph can be solved."""
 
 
 @dataclass(frozen=True)
 class DriveMotions:
-    """The laser's motion from each keyframe to the next, as odometry and scans told it, and how well they knew.
+    """The motion of the laser from each keyframe to the next, as measured by odometry and scans, with its information.
 
     Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
     and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
@@ -60,8 +60,7 @@ class Drive:
 
     Parameters
     ----------
-    name
-        Who drove.
+    name        Name of the robot.
     trajectory
         Poses of the robot in the map, one for every scan that was used.
     keyframes
@@ -95,7 +94,7 @@ class Drive:
             )
 
     def __repr__(self) -> str:
-        """Return who drove, and how much is known of it, in a line."""
+        """Return one line: the robot's name and the sizes of the drive."""
         return f"Drive({self.name!r}, {len(self.trajectory)} poses, {len(self.keyframes)} keyframes)"
 
     def transformed(self, T_new_old: SE2) -> "Drive":

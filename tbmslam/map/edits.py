@@ -18,7 +18,7 @@ from tbmslam.map.tbm_map import TbmMap
 Kind = Literal["crop", "rotate", "erase", "free", "occupy", "wall"]
 _NUMBERS: dict[str, int] = {"crop": 4, "rotate": 1, "erase": 4, "free": 4, "occupy": 4, "wall": 4}
 _MOST_POINTS = 20_000
-"""So many occupied cells tell how a building is turned."""
+"""Largest number of occupied cells that are used to find the rotation of a building."""
 _TURNS_DEG = ((45.0, 0.5), (0.5, 0.05), (0.05, 0.01))
 """Turns that are tried, from coarse to fine: so far to either side, in such steps."""
 _FARTHEST = 1e5

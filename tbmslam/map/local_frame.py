@@ -1,7 +1,7 @@
 """A frame near what happens in it.
 
 Odometry may count from a point in another country, as in a grid of the whole earth. Surfaces are kept in single
-precision, which tells no more than half a metre apart there; so drives are mapped in a frame with its origin near by.
+precision, which resolves only half a metre there; so drives are mapped in a frame with a near origin.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.sensing.segmentation import in_frame
 
 FAR_M = 1000.0
-"""Up to here single precision tells a tenth of a millimetre apart."""
+"""Up to this distance single precision resolves a tenth of a millimetre [m]."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class LocalFrame:
         The identity where the far frame is near, too.
     """
 
-    T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # which nobody can change
+    T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # immutable
     is_far: bool = field(init=False)
     """Whether the two frames differ; asked for every scan."""
 

@@ -17,7 +17,7 @@ _CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.
 
 @cache
 def machine_memory() -> int:
-    """Return the memory of the machine, or of the container where that has less [B]; where nobody knows, no limit."""
+    """Return the memory of the machine, or of the container if that has less [B]; no limit if unknown."""
     return min(_physical(), _own_limit(), *(_limit(Path(file)) for file in _CONTAINER_LIMITS))
 
 
@@ -41,7 +41,7 @@ def _physical() -> int:
 def _limit(file: Path) -> int:
     try:
         return int(file.read_text(encoding="ascii"))
-    except (OSError, ValueError):  # there is none, or it says "max"
+    except (OSError, ValueError):  # there is none, or it holds "max"
         return sys.maxsize
 
 

@@ -86,7 +86,7 @@ def _check_stated_size(path: Path, head: bytes) -> None:
 
 
 def _decode_pgm(path: Path, content: bytes) -> MapImage:
-    """Decode it here: OpenCV does not tell the maximum, which need not be 255."""
+    """Decode a PGM: OpenCV does not return its maximum, which need not be 255."""
     header = _PGM_HEADER.match(content)
     if header is None:
         raise MapFileError(f"{path}: has no PGM header with width, height and maximum: it is damaged")
@@ -115,7 +115,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
         _check_png_chunks(path, content)
     level = cv2.utils.logging.setLogLevel(
         cv2.utils.logging.LOG_LEVEL_SILENT
-    )  # a damaged file is told in one line, not in OpenCV's as well
+    )  # a damaged file gives one error, without OpenCV's own message
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # empty, or more pixels than OpenCV allows
@@ -132,7 +132,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
 
 
 def _check_png_chunks(path: Path, content: bytes) -> None:
-    """Check a PNG's checksums: libpng, below OpenCV, tells damage on stderr, and decodes what it can of some."""
+    """Check a PNG's checksums: libpng reports damage on stderr only, and may return a partial picture."""
     start, kind = len(_PNG_SIGNATURE), b""
     while kind != b"IEND":
         length, kind = int.from_bytes(content[start : start + 4], "big"), content[start + 4 : start + 8]
@@ -148,7 +148,7 @@ Alpha = Literal["unknown", "average"]
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
-"""nav2's own saver says 0.25, and then the pixel 205 of unknown cells, 50/255 = 0.19608, is free when read again."""
+"""nav2's own saver writes 0.25, and then the pixel 205 of unknown cells, 50/255 = 0.19608, is free when read again."""
 
 
 @dataclass(frozen=True)

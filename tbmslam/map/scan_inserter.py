@@ -35,7 +35,7 @@ class ScanInserter:
     Parameters
     ----------
     sensor_model
-        What a beam says about a cell.
+        The evidence of a beam for a cell.
     config
         Which beams are used.
     """

@@ -227,7 +227,7 @@ class BlockedBeams:
 
 
 _LATELY_S = 60.0  # beams that were blocked so lately are no news
-_TOGETHER_S = 5.0  # what came so soon after other things is told with them
+_TOGETHER_S = 5.0  # beams that become blocked within this time are one report
 _BESIDE = 0.07  # [rad]
 
 

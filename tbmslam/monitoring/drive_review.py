@@ -142,7 +142,7 @@ def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     if all(keyframe.match.information is None for keyframe in later) and any(
         keyframe.match.moved for keyframe in later
     ):
-        return np.zeros(len(later), dtype=np.bool_)  # a matcher that does not say
+        return np.zeros(len(later), dtype=np.bool_)  # a matcher without information
     seen = np.array([unknown if k.match.information is None else k.match.information for k in later]).reshape(-1, 3, 3)
     guess = np.array([keyframe.prior for keyframe in later]).reshape(-1, 3, 3)
     root = np.linalg.inv(np.linalg.cholesky(guess))

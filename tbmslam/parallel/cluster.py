@@ -26,7 +26,7 @@ class ClusterError(TbmSlamError):
 class Cluster:
     """A connection to a Dask scheduler.
 
-    Work whose worker dies is done again by another one, by Dask; its result does not depend on who did it.
+    If a worker dies, Dask runs its work on another one; the result is the same.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Cluster:
     Raises
     ------
     ClusterError
-        Dask is not installed, nobody answers there, or there are no workers.
+        Dask is not installed, no scheduler answers, or it has no workers.
     """
 
     def __init__(self, address: str, timeout_s: float = 15.0) -> None:

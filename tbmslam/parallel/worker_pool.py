@@ -85,7 +85,7 @@ class WorkerDiedError(TbmSlamError):
 
 
 class WorkerPool(ProcessPoolExecutor):
-    """Processes that do not hear Ctrl-C: who started them does, and stops them.
+    """Processes that ignore Ctrl-C: the process that started them receives it and stops them.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class WorkerPool(ProcessPoolExecutor):
     initializer
         What each does first.
     interrupt
-        What tells whether they were stopped.
+        Knows whether they were stopped.
     """
 
     def __init__(self, workers: int, initializer: Callable[[], object] | None, interrupt: DeferredInterrupt) -> None:
@@ -160,14 +160,14 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
 
 
 def _begin(initializer: Callable[[], object] | None) -> None:
-    """Begin as a worker, which waits for work for ever and so has to see for itself when nobody is left to give any."""
+    """Start as a worker, which ends by itself if the process that started it has died."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if initializer is not None:
         initializer()
 
 
 def _end_with_parent() -> None:
-    """Wait until the process that began this one has ended, if it was killed without a chance to say so; then end."""
+    """Wait for the end of the process that started this one, in case it was killed; then end."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

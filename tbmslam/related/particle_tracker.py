@@ -57,7 +57,7 @@ class Ancestry:
         self._log_weights -= self._log_weights.max()
 
     def resample(self, draw: float) -> npt.NDArray[np.int64]:
-        """Draw as many descendants of each particle as its weight says and return whose each new one is (N,).
+        """Draw descendants of particles in proportion to the weights, and return the parent (N,) of each.
 
         Systematic resampling: one draw in [0, 1) places a comb of N teeth over the cumulated weights.
         """
@@ -120,7 +120,7 @@ class ParticleTracker:
     maps
         One empty map for every particle.
     factors
-        What a scan says about the cells it touches, each once.
+        Factors of a scan for the cells that it touches, each once.
     seed
         Of the random numbers by which particles differ.
     """

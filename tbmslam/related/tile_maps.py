@@ -60,7 +60,7 @@ class TileMaps:
         is_hit
             Whether they (M,) were hit, or passed.
         factors
-            What a hit and a passage say.
+            Factors of a hit and of a passage.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class TileMaps:
         )
 
     def resample(self, ancestors: npt.NDArray[np.int64]) -> None:
-        """Replace every map by the one of its ancestor (N,); tiles that nobody keeps become free."""
+        """Replace every map by the one of its ancestor (N,); tiles without a map become free."""
         self._places = self._places[ancestors]
         self._references = np.bincount(self._places.ravel(), minlength=len(self._tiles))
         self._free = (np.flatnonzero(self._references[1:] == 0)[::-1] + 1).astype(np.int32)

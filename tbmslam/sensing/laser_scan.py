@@ -1,4 +1,4 @@
-"""What a robot senses: one turn of ranges, and where the wheels say the robot was."""
+"""What a robot measures: laser scans, and its pose by odometry."""
 
 import math
 from collections.abc import Sequence
@@ -191,7 +191,7 @@ def _check_pose(name: str, pose: SE2 | None) -> None:
 
 
 class Corrections(NamedTuple):
-    """What somebody had changed, so that a warning can name what is to be done instead.
+    """The corrections that the user applied, so that a warning can name better ones.
 
     Parameters
     ----------

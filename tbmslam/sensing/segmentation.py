@@ -13,7 +13,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.sensing.laser_scan import Reading
 
 _FEW = 10
-"""Readings of which none tells what is usual."""
+"""Fewest readings from which a usual interval is computed."""
 
 
 class SegmentationError(TbmSlamError):

@@ -1,4 +1,4 @@
-"""Inverse sensor model: what one beam says about the cells it ends in, passes, and nearly reaches.
+"""Inverse sensor model: the evidence of one beam for the cells it ends in, passes, and nearly reaches.
 
 Source: vinySLAM (Huletski, Kartashov, Krinkin, "VinySLAM: an indoor SLAM method for low-cost platforms based on the
 Transferable Belief Model", IROS 2017) with the constants of its program. The mean is that of its authors' tinySLAM

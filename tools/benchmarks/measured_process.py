@@ -34,7 +34,7 @@ class FreshProcess(Generic[_R]):
         context = multiprocessing.get_context("spawn")
         self.answered, theirs = context.Pipe(duplex=False)
         self._process = context.Process(target=_answer, args=(theirs, call, args, keywords))
-        with interrupts_held():  # who waits for it hears Ctrl-C
+        with interrupts_held():  # the parent handles Ctrl-C
             self._process.start()
         theirs.close()
 
@@ -65,7 +65,7 @@ class FreshProcess(Generic[_R]):
         return cast("_R", answer)
 
     def stop(self) -> None:
-        """End the call where it is; nobody asks for its result."""
+        """End the call; its result is not needed."""
         self._process.terminate()
         self._process.join()
         self.answered.close()
@@ -125,7 +125,7 @@ def peak_memory_mb() -> float:
 
 
 def forget_peak_memory() -> None:
-    """Let `peak_memory_mb` tell of what comes from here on, where the system can; else it tells of all."""
+    """Reset the peak of `peak_memory_mb`, if the system can."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 

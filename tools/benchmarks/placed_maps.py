@@ -14,7 +14,7 @@ from tools.map_pairs.files import KnownPair, grid_of
 
 
 def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
-    """Return maps in any order, by names that do not tell their places."""
+    """Return maps in any order, by names without their places."""
     return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(len(placed)).tolist())}
 
 

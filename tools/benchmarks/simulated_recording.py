@@ -76,7 +76,7 @@ def beside(recording: Path, suffix: str) -> Path | None:
 
 
 IGNORED = "ignored"
-"""Odometry that the bag holds and the SLAM is not told."""
+"""Odometry that the bag holds and the SLAM ignores."""
 
 
 class SimulationError(TbmSlamError):

@@ -186,5 +186,5 @@ def _short_name(path: Path) -> str:
 
 
 def _say(text: str) -> None:
-    """Return who waits what is going on."""
+    """Show the progress on stderr."""
     sys.stderr.write(f"benchmark: {text}\n")

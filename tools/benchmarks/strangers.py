@@ -65,7 +65,7 @@ class Encounter:
     number
         Of the pair among those of its kind and seed.
     name
-        Of the pair; it tells the seeds.
+        Of the pair; the seeds follow from it.
     is_wrong
         Whether a false alignment was accepted.
     is_ambiguous
@@ -122,7 +122,7 @@ def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
 
 
 def _judge() -> str:
-    """Return what tells one judge of alignments, and one maker of pairs, from another: their answers never mix."""
+    """Return an identifier of the alignment and of the pairs: results of different ones are never mixed."""
     model = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
     code = code_digest("tbmslam", "merging", building_of_world.__module__.rpartition(".")[0])
     return hashlib.sha256((model + code).encode()).hexdigest()[:16]

@@ -1,6 +1,6 @@
 """Ctrl-C, or a kill that asks, from a program's first statement to its last: one line and an exit code, no traceback.
 
-Only while Python itself starts, before it reads a program's first line, nobody hears for the program.
+Signals before the first line of the program get Python's own handling.
 """
 
 import _thread
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 INTERRUPTED = 128 + signal.SIGINT
-"""Exit code of a program that Ctrl-C ended, as shells tell it."""
+"""Exit code of a program that Ctrl-C ended, by the convention of shells."""
 
 _HEARD: dict[signal.Signals, tuple[Any, str]] = {
     signal.SIGINT: (signal.default_int_handler, "interrupted"),
     signal.SIGTERM: (signal.SIG_DFL, "terminated"),
 }
-"""Signals that end a program; who else may hear them, as Python begins; and what they are called."""
+"""Signals that end a program, with Python's default handlers and their names in messages."""
 _AGAIN_S = 0.05
 
 
@@ -107,7 +107,7 @@ def heard_interruption() -> Interruption | None:
 
 
 def hear_interruption(program: str) -> Interruption:
-    """Have a program hear what ends it, at first ending at once, and return how; who hears it already goes on to.
+    """Install the handling of signals that end a program, and return it; it is kept if it is installed already.
 
     A shell that begins a program in the background has it hear no Ctrl-C, and only a main thread can.
     """

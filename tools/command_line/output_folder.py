@@ -46,8 +46,8 @@ def output_folder(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # While it is held, so that nobody else's is removed: who has opened it already finds that it has no name any
-        # more, and does not take it. Where the disk knows no locks, there is only the name, and releasing removes that.
+        # It is removed while it is held, so that no other lock is removed: another run that has opened it finds that it
+        # has no name any more, and does not take it. On a disk without locks releasing removes the name.
         if not isinstance(lock, SoftFileLock):
             with suppress(OSError):
                 (folder / _LOCK).unlink()
@@ -83,7 +83,7 @@ _BESIDE_THE_MAP = (
     *("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png"),
     *EXTRA_FILES,
 )
-"""What programs write besides the map, but for the pages, which tell times."""
+"""The files that programs write besides the map, without the pages, which hold times."""
 
 
 def write_checksums(folder: Path) -> None:
@@ -100,7 +100,7 @@ def write_checksums(folder: Path) -> None:
 
 
 def changed_files(folder: Path) -> list[str] | None:
-    """Return the names of files that are gone or not as they were written; None where nobody noted how they were."""
+    """Return the names of files that are gone or not as they were written; None if there is no list of them."""
     try:
         if why_unreadable(folder / NAME):
             return None

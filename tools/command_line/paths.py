@@ -109,7 +109,7 @@ def check_exist(paths: Iterable[Path], fact: str) -> None:
         except (FileNotFoundError, NotADirectoryError):
             raise MissingFileError(f"{path}: {fact}") from None
         except OSError:
-            continue  # what else is wrong with it, its reader tells
+            continue  # its reader reports other errors
 
 
 def path_argument(text: str) -> Path:
@@ -153,7 +153,7 @@ def _by_number(folder: Path) -> list[str | tuple[int, str]]:
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
-    """Name maps by their folder or file, with as much of the path before it as tells them apart."""
+    """Name maps by their folder or file, with as much of the path as makes them unique."""
     parts = [_naming_parts(path) for path in paths]
     depth, names = 1, [own[-1] for own in parts]
     while len(set(names)) < len(set(parts)):
@@ -170,7 +170,7 @@ def _naming_parts(path: Path) -> tuple[str, ...]:
     """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
     try:
         full = path.resolve()
-    except RuntimeError:  # links in a circle; loading tells that nothing is there
+    except RuntimeError:  # links in a circle; loading reports the error
         full = path.absolute()
     if full.suffix and not full.is_dir():
         full = full.parent if full.stem == "map" else full.with_suffix("")

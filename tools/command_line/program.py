@@ -152,7 +152,7 @@ def ended(
 
 
 def forget_unprinted() -> None:
-    """Drop what cannot be printed, on a full disk or for nobody who reads it: Python would fail on it once more."""
+    """Drop buffered output that cannot be printed (full disk, closed pipe): Python would fail on it again."""
     with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is none of the system's
         try:
             sys.stdout.flush()
@@ -161,7 +161,7 @@ def forget_unprinted() -> None:
 
 
 def _prints_nothing() -> bool:
-    """Return whether stdout takes nothing more, as only trying tells."""
+    """Return whether stdout accepts no output, by trying."""
     try:
         print(flush=True)
     except OSError:

@@ -93,8 +93,7 @@ class ProgressBars(Progress):
 
     Parameters
     ----------
-    viewer
-        Who shows the mapping itself.
+    viewer        Shows the mapping; None for no viewer.
     """
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:

@@ -27,7 +27,7 @@ class TruthFile:
     poses
         T_reference_map of each robot.
     source
-        What the reference is; empty in files from before it was told.
+        Kind of the reference; empty in older files.
     warnings
         What went wrong as the reference was made, by time: `at_s` since the recording began [s], `what` and more.
     """

@@ -36,7 +36,7 @@ def robot_names(recordings: Sequence[Path]) -> list[str]:
     """Name one robot for each recording: `week/monday.bag` is monday.
 
     Recordings of equal names get the name of their folder in front, as in `north_monday`; what is still equal gets a
-    number. Names are equal if they differ in case only, since some file systems do not tell that. Characters that are
+    number. Names are equal if they differ in case only, since some file systems ignore it. Characters that are
     not safe in a path are replaced.
 
     Parameters
@@ -130,7 +130,7 @@ def _configs(
 
 
 def _shares(args: argparse.Namespace) -> list[Mapping[str, object] | None]:
-    """Return how each robot's part of a recording is chosen; with gaps nobody knows yet how many there are."""
+    """Return how each robot's part of a recording is chosen; the number of gaps is not known yet."""
     if args.interval:
         return [{"interval": [begin, end]} for begin, end in args.interval]
     if args.split == "gaps":

@@ -152,14 +152,14 @@ def _map(
 
 
 def _warn_of_changes(tasks: Sequence[MappingTask]) -> None:
-    """Warn of files that somebody or something changed, since they are written again."""
+    """Warn of files that were changed, since they are written again."""
     for task in tasks:
         if names := changed_files(task.folder):
             logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
 
 
 def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
-    """Say what became of a robot, and what was read, once of each recording; `told` is what was said of which."""
+    """Print the result of a robot, and the counts of its recording once; `printed` are those printed so far."""
     result = made.run["result"]
     if not isinstance(result, Mapping):
         return
@@ -182,7 +182,7 @@ def _write_truth(
     progress: Progress,
 ) -> None:
     path = args.out / NAME
-    # Without reference trajectories nobody knows how two recordings lie to each other.
+    # Without reference trajectories the relative pose of two recordings is unknown.
     if args.no_truth or not (args.reference or (len(made) > 1 and not args.separate)):
         path.unlink(missing_ok=True)
         return

@@ -63,7 +63,7 @@ class MappingTask:
     segment, counts
         That part, and what was counted in a pass over the whole recording; None if all of it is the robot's.
     began
-        Stamp of the recording's first reading, from which times are told as `--interval` counts them [s]; None as well.
+        Stamp of the recording's first reading, the time zero of `--interval` [s]; None if unknown.
     """
 
     name: str
@@ -156,7 +156,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
     tbm_map = slam.finish()
     _check_seen(recording, tbm_map, scans)
-    run = _run_record(task, recording) | _noted(recording, span, slam)  # only the end tells what the laser's errors are
+    run = _run_record(task, recording) | _noted(recording, span, slam)  # errors of the laser are known at the end only
     tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
     progress.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)

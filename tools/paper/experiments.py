@@ -82,7 +82,7 @@ class PaperResults:
 def run_experiments(
     pairs: Sequence[MapPair], settings: PaperSettings, say: Callable[[str], None] = lambda _: None
 ) -> PaperResults:
-    """Run all experiments; `say` is told which is next."""
+    """Run all experiments; `say` receives the name of the next one."""
     say("table I: detectors")
     detectors = {
         pair.name: compare_detectors(pair, settings.default_keypoints, settings.default_ratio, settings.tolerance_m)

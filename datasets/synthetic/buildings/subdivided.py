@@ -94,7 +94,7 @@ def draw_halls(rng: np.random.Generator) -> FloorPlan:
 
 
 def _stand_pillars(plan: FloorPlan, hall: Rectangle, rng: np.random.Generator) -> None:
-    """Stand pillars in rows, round or square, not quite where the plan says."""
+    """Stand pillars in rows, round or square, with small errors of their places."""
     size = float(rng.uniform(0.25, 0.45))
     is_round = rng.random() < 0.5
     columns, rows = (max(1, round(length / float(rng.uniform(4.5, 6.5)))) for length in (hall.width, hall.height))

@@ -75,11 +75,11 @@ class Distortion:
     raggedness
         How often a wall is a cell thicker or thinner, 0 to 1.
     missing
-        Share of the walls nobody saw.
+        Share of the walls that are unknown.
     moved
         Share of the small things that stand elsewhere by now.
     clutter, blobs
-        New things, and areas nobody saw, for 100 m2.
+        New things, and unknown areas, for 100 m2.
     speckle
         Share of the free cells that read as occupied.
     """
@@ -153,7 +153,7 @@ class Distortion:
             inside = marks[window]
             box = (np.abs(u) <= half[0]) & (np.abs(v) <= half[1]) & (inside > 0)
             inside[box] = _WALL
-            if rng.random() < 0.6:  # nobody saw through most things, but a table is a frame of legs and edges
+            if rng.random() < 0.6:  # most things are opaque, but a table is a frame of legs and edges
                 inside[box & ndimage.binary_erosion(box)] = _FREE
         return marks
 

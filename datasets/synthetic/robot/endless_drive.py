@@ -82,7 +82,7 @@ class EndlessDrive:
 
     @cached_property
     def _drive(self) -> tuple[Trajectory, FloatArray]:
-        """Return the true poses at every scan's stamp and what the wheels say (N, 3) then."""
+        """Return the true poses (N, 3) at every scan's stamp and those by odometry."""
         rng = np.random.default_rng([self.seed, 41, 1])
         path = _path(self.route, self.length + 2.0 * CorridorLattice().pitch)
         drive = drive_along(path, _SPEED, rng, START_STAMP, self.length)

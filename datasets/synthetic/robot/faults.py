@@ -238,7 +238,7 @@ def _mount(scene: _Scene) -> SimulatedRobot:
 
 
 def _laser_knocked(scene: _Scene) -> SimulatedRobot:
-    """Turn the laser on its robot to the left, so that its last beams, which would now look elsewhere, say nothing."""
+    """Turn the laser on its robot to the left, so that its last beams, which would now point elsewhere, are nan."""
     ranges, step = ranges_of(scene.robot), scene.robot.readings[0].scan.angle_increment
     beams = min(round(_KNOCKED / abs(step)), ranges.shape[1])
     turned = np.full_like(ranges, np.nan)

@@ -61,7 +61,7 @@ class OdometryNoise:
         return presets[name]
 
     def odometry(self, drive: Trajectory, rng: np.random.Generator) -> Trajectory:
-        """Return what the wheels say about a drive, in an odometry frame that begins at the drive's first pose."""
+        """Return the odometry of a drive, in an odometry frame that begins at the drive's first pose."""
         turn_before, forward, turn_after = _motions(drive.poses)
         # Table 5.6, lines 5 to 7; a normal error is subtracted there, which is the same as adding one.
         spread_before = np.sqrt(self.alpha1 * turn_before**2 + self.alpha2 * forward**2)

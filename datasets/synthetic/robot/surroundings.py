@@ -41,7 +41,7 @@ def behind_glass(robot: SimulatedRobot, world: World, rng: np.random.Generator) 
 
 
 def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with people from a stamp on who cross the robot's way."""
+    """Return the ranges (S, B) of all scans with people from a stamp on who cross the robot's path."""
     stamps, poses = robot.truth.stamps, robot.truth.poses
     number = max(math.ceil((stamps[-1] - since) / _EVERY), 1)
     meetings = since + np.arange(number) * _EVERY
@@ -53,7 +53,7 @@ def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -
     for stamp, pose in zip(stamps, poses, strict=True):
         there = np.abs(stamp - meetings) < _IN_SIGHT
         walked = passing[there] + directions[there] * (_WALKING * (stamp - meetings[there]))[:, None]
-        aside = walked[np.hypot(*(walked - pose[:2]).T) > _KEPT_FREE]  # nobody walks through the robot
+        aside = walked[np.hypot(*(walked - pose[:2]).T) > _KEPT_FREE]  # people keep clear of the robot
         things.append(np.vstack([np.zeros((0, 4)), *(_polygon(place, _PERSON, 8, 0.0) for place in aside)]))
     return _before(robot, things, rng)
 

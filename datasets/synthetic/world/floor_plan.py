@@ -72,14 +72,14 @@ class FloorPlan:
         self._places.append((x, y))
 
     def has_room_for(self, thing: Rectangle, margin: float = 0.0) -> bool:
-        """Return whether a thing would stand in nobody's way, `margin` metres off other things."""
+        """Return whether a thing has room, `margin` metres off other things and outside of areas kept clear."""
         grown = thing.grown(margin)
         return not any(grown.overlaps(other) for other in self._things) and not any(
             thing.overlaps(area) for area in self._kept_clear
         )
 
     def try_box(self, rectangle: Rectangle, turn: float = 0.0, margin: float = 0.0) -> bool:
-        """Stand a box there, turned about its middle [rad], if there is room for it; tell whether there was."""
+        """Stand a box there, turned about its middle [rad], if there is room for it; return whether there was."""
         corners = SE2(*rectangle.centre, turn).apply(
             np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [rectangle.width / 2.0, rectangle.height / 2.0]
         )
@@ -91,7 +91,7 @@ class FloorPlan:
         return True
 
     def try_column(self, x: float, y: float, radius: float, margin: float = 0.0) -> bool:
-        """Stand a round thing there, if there is room for it; tell whether there was."""
+        """Stand a round thing there, if there is room for it; return whether there was."""
         around = Rectangle(x - radius, y - radius, x + radius, y + radius)
         if not self.has_room_for(around, margin):
             return False

@@ -27,7 +27,7 @@ def furnish(plan: FloorPlan, room: Rectangle, rng: np.random.Generator, density:
 
 
 def stand_box(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> bool:
-    """Try to leave a box somewhere in a room, at any angle; tell whether there was room."""
+    """Try to leave a box somewhere in a room, at any angle; return whether there was room."""
     size = rng.uniform(0.3, 0.7, 2)
     x, y = rng.uniform(room.x0 + 0.5, room.x1 - 0.5), rng.uniform(room.y0 + 0.5, room.y1 - 0.5)
     box = Rectangle(x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2)
@@ -35,7 +35,7 @@ def stand_box(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> boo
 
 
 def _stand_at_wall(plan: FloorPlan, room: Rectangle, rng: np.random.Generator, width: float, depth: float) -> bool:
-    """Try to stand a cupboard with its back to a wall; tell whether there was room."""
+    """Try to stand a cupboard with its back to a wall; return whether there was room."""
     thing = _along_wall(room, rng, width, depth, gap=rng.uniform(0.02, 0.08))
     return thing is not None and plan.try_box(thing, rng.normal(0.0, TURN / 3.0), margin=0.02)
 

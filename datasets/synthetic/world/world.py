@@ -64,7 +64,7 @@ class World:
         return _covering(self.bounds(), GridGeometry(resolution, 0.0, 0.0, 0, 0), margin)
 
     def occupancy(self, geometry: GridGeometry, T_world_grid: SE2 | None = None) -> Labels:
-        """Say what each cell of a map is in truth.
+        """Return the true label of each cell of a map.
 
         Parameters
         ----------
