@@ -38,7 +38,7 @@ def read_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
 
 
 def _read(readings: Iterator[Reading], blocks: _Blocks, stopped: Event) -> None:
-    """Put readings into blocks; an empty block, or what was raised, is the end."""
+    """Put readings into blocks; an empty block or an exception is the end."""
     block: list[Reading] = []
     end: list[Reading] | BaseException = []
     if stopped.is_set():
@@ -90,7 +90,7 @@ def cached(recording: Recording, limit_bytes: int = 512 * 2**20) -> Recording:
 
 
 class _Memory:
-    """Readings of the first complete pass, and what it counted."""
+    """Readings and counts of the first complete pass."""
 
     def __init__(self, recording: Recording, limit_bytes: int) -> None:
         self._recording = recording

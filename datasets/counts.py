@@ -36,7 +36,7 @@ class Span(NamedTuple):
     """Stamp [s]."""
 
     def meets(self, stamp: float, seconds: float) -> bool:
-        """Return whether what began at a stamp and lasted so long, 0 for a moment, was in it at all."""
+        """Return whether an event from a stamp on, of a duration or 0 for a moment, overlaps the span."""
         if seconds == 0.0:
             return self.first <= stamp <= self.last
         return stamp < self.last and stamp + seconds > self.first
@@ -115,7 +115,7 @@ class ReadingCounts:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
     def add_beams(self, fate: str, number: int) -> None:
-        """Count beams by what became of them."""
+        """Count beams by fate."""
         if number:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
@@ -154,7 +154,7 @@ class ReadingCounts:
         self.longest_gap_s = max(self.longest_gap_s, seconds)
 
     def incidents_in(self, span: Span | None) -> list[Incident]:
-        """Return what went wrong in a part of the recording; None: in all of it."""
+        """Return the incidents in a part of the recording; None: in all of it."""
         return [one for one in self.incidents if span is None or span.meets(one.stamp, one.seconds)]
 
     def pauses_in(self, span: Span | None) -> list[float]:
@@ -167,7 +167,7 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts, as JSON can hold it, in a fixed order; not what has times."""
+        """Return all counts as JSON can hold them, in a fixed order; without those that have times."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()
@@ -175,7 +175,7 @@ class ReadingCounts:
         }
 
     def summary(self) -> str:
-        """Return one or two lines for people: what was used, what was dropped and why, and what was odd."""
+        """Return one or two lines of text: used scans, dropped scans with reasons, and anomalies."""
         lines = [f"{self.scans_used} of {self.scans_read} scans used"]
         if self.dropped:
             lines[0] += ", dropped: " + ", ".join(f"{n} {reason}" for reason, n in sorted(self.dropped.items()))

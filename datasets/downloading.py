@@ -89,7 +89,7 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
 
 
 def _fetch(address: str, part: Path, progress: Progress) -> None:
-    """Fetch what is missing of a file, or all of it where the server or its file do not allow that."""
+    """Fetch the missing part of a file, or all of it if the server cannot resume."""
     have = part.stat().st_size if part.is_file() else 0
     headers = {"Accept-Encoding": "identity"}
     if have:
@@ -160,7 +160,7 @@ _PAGES = (b"<!doctype", b"<html", b"<?xml", b"<head")
 
 
 def _doubt(part: Path, name: str) -> str | None:
-    """Return why what has arrived cannot be the file of that name; None if it may be."""
+    """Return why the received data cannot be the file of that name; None if they may be."""
     with part.open("rb") as stream:
         head = stream.read(512)
     if not head:
@@ -184,7 +184,7 @@ def _add(chunk: bytes, stream: BinaryIO) -> None:
 
 
 def _check_kept(target: Path, sha256: str | None) -> None:
-    """See that a file that is there is what it should be."""
+    """Check an existing file."""
     note = _note_of(target)
     expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
     if expected is None:

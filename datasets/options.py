@@ -15,7 +15,7 @@ _LARGEST_OFFSET = 10.0
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Choices about a recording; what is None is found out from the recording itself.
+    """Options of a recording; None means that the value is detected.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A recording: a stream of readings that can be started again, and what is known about it."""
+"""A recording: a stream of readings that can be restarted, and its description."""
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeAlias, TypeVar

@@ -1,4 +1,4 @@
-"""The files of recordings: those in a directory, and what each holds by its SHA-256."""
+"""The files of recordings: their listing in a directory, and their SHA-256."""
 
 import hashlib
 from collections.abc import Iterable

@@ -56,7 +56,7 @@ def open_unpacked(path: Path) -> BufferedIOBase:
 
 
 def _opener(path: Path):  # type: ignore[no-untyped-def]  # the openers' overloads have no common type
-    """Return what opens a file, by its first bytes."""
+    """Return the function that opens a file, by its first bytes."""
     with path.open("rb") as stream:
         head = stream.read(8)
     return next((opener for magic, opener in _OPENERS if head.startswith(magic)), open)

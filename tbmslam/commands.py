@@ -19,7 +19,7 @@ PROGRAMS = {
     "warm-up": ("warm_up", "compile everything now, so that the first map does not wait"),
     "completion": ("completion", "print the script that completes these commands in a shell"),
 }
-"""What is run by each command: a module of `tools`; and what it does."""
+"""The module of `tools` and the description of each command."""
 
 USAGE = """usage: tbmslam [--help] [--version] COMMAND ...
 
@@ -64,7 +64,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def usage() -> str:
-    """Return what `--help` prints."""
+    """Return the text of `--help`."""
     width = max(map(len, PROGRAMS))
     return USAGE.format(commands="\n".join(f"  {name:{width}}  {about}" for name, (_, about) in PROGRAMS.items()))
 

@@ -1,4 +1,4 @@
-"""Paths that lead to what is no file and no folder."""
+"""Paths of devices and pipes, which are neither files nor folders."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def is_device_or_pipe(path: Path) -> bool:
 
 
 def why_unreadable(path: Path) -> str | None:
-    """Return what is wrong with a file that is to be read, as the rest of a sentence; None if nothing shows.
+    """Return why a file cannot be read, as the rest of a sentence; None if it may be readable.
 
     Some of the system's files, /proc/kmsg for one, pass for empty files, and reading them might never end either.
 

@@ -21,7 +21,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 STAGES = ("matching", "inserting", "closing", "rendering")
-"""Parts that are timed; inserting is what the tracker learns from a scan."""
+"""The timed parts; inserting is the update of the tracker by a scan."""
 
 
 class StageClock:

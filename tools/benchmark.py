@@ -194,7 +194,7 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Turn texts into what they mean.
+    """Parse and check the options.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def _check_strangers(args: argparse.Namespace) -> None:
 
 
 def _check_fleet(args: argparse.Namespace) -> None:
-    """Turn the texts of `fleet` into what they mean; see `_check`."""
+    """Parse and check the options of `fleet`; see `_check`."""
     if args.workers < 1 or args.seed < 0:
         raise ValueError("--workers must be positive, --seed not negative")
     args.sizes = [_fleet_size(text) for text in args.sizes]
@@ -254,7 +254,7 @@ def _fleet_size(text: str) -> tuple[int, int]:
 
 
 def _check_split(args: argparse.Namespace) -> None:
-    """Turn the texts of `split` into what they mean; see `_check`."""
+    """Parse and check the options of `split`; see `_check`."""
     from tools.benchmarks.simulated_recording import parse_recording_spec
 
     counts = args.robots.split(",")
@@ -266,7 +266,7 @@ def _check_split(args: argparse.Namespace) -> None:
 
 
 def _check_perturb(args: argparse.Namespace) -> None:
-    """Turn the texts of `perturb` into what they mean; see `_check`."""
+    """Parse and check the options of `perturb`; see `_check`."""
     from tools.benchmarks.simulated_recording import parse_recording_spec
 
     if args.jobs < 1:
@@ -275,7 +275,7 @@ def _check_perturb(args: argparse.Namespace) -> None:
 
 
 def _check_drives(args: argparse.Namespace) -> None:
-    """Turn the texts of `slam` and `scaling` into what they mean; see `_check`."""
+    """Parse and check the options of `slam` and `scaling`; see `_check`."""
     from tbmslam.configuration.slam_config import PRESETS
     from tools.benchmarks.simulated_recording import SimulatedRecording, parse_recording_spec
 

@@ -36,7 +36,7 @@ exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 
 WHOLE = 3.0
 """A pair of a whole building counts for so many of a part of one, which ends where no building ends."""
 SIMULATED = 0.3
-"""What a pair of simulated buildings counts for beside a real one, which is what users have."""
+"""Weight of a pair of simulated buildings; a real one has 1."""
 
 
 STRANGERS_SEED = 1

@@ -91,7 +91,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Turn texts into what they mean.
+    """Parse and check the options.
 
     Raises
     ------

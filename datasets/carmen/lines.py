@@ -96,7 +96,7 @@ def _robot_laser(words: list[str], settings: LogSettings) -> LoggedScan:
 
 
 def _stated(words: list[str], settings: LogSettings) -> tuple[RawScan, list[str]]:
-    """Read what RAWLASER1 and ROBOTLASER1 share; return it and the words behind the remissions."""
+    """Read the common part of RAWLASER1 and ROBOTLASER1; return it and the words behind the remissions."""
     start, _, step, range_max = map(float, words[2:6])
     number = int(words[8])
     end = 9 + number

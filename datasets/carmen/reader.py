@@ -112,7 +112,7 @@ def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> s
 
 
 def _settings(survey: _LogSurvey, kind: str) -> LogSettings:
-    """Return what holds for the whole log."""
+    """Return the settings of the whole log."""
     range_max = next((survey.parameters[n] for n in _RANGE_PARAMS if n in survey.parameters), LogSettings().range_max)
     settings = LogSettings(survey.parameters.get(_OFFSET_PARAM, 0.0), range_max)
     stamps = [scan.raw.stamp for scan in _sampled(survey.samples[kind], settings)]
@@ -192,7 +192,7 @@ def _readings(
 
 
 def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:
-    """Put together what one line holds."""
+    """Return the reading of one line."""
     scan = turned_over(scan) if options.upside_down else scan
     odometry = None
     if options.odometry != "none" and logged.T_odom_robot is not None:
@@ -217,7 +217,7 @@ def _description(
     options: RecordingOptions,
     samples: list[LoggedScan],
 ) -> dict[str, object]:
-    """Return what was chosen and found, as JSON can hold it."""
+    """Return the choices and findings as JSON can hold them."""
     first = samples[0] if samples else None
     step = options.angle_step_deg
     if step is None and first is not None:

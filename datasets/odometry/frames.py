@@ -116,7 +116,7 @@ class FrameGraph:
         return steps[::-1]
 
     def ancestors(self, frame: str) -> list[str]:
-        """Return the frame and what lies above it, upwards, leaving out frames of a localiser."""
+        """Return the frame and its ancestors, without frames of a localiser."""
         chain = [frame]
         while True:
             above = [p for p, c in self.edges if c == chain[-1] and not is_localised(p) and p not in chain]

@@ -7,7 +7,7 @@ from datasets.odometry.se3 import SE3
 
 
 class FoundPose(NamedTuple):
-    """A pose at a time, and whether it was carried on beyond what was recorded."""
+    """A pose at a time, and whether it was extrapolated."""
 
     pose: SE3
     carried_on: bool
@@ -112,7 +112,7 @@ class PoseHistory:
         return self._within(before, last, stamp) if moving else self._poses[last]
 
     def nearest(self, stamp: float) -> SE3 | None:
-        """Return the interpolated pose, held at the ends: for what is mounted on the robot and hardly moves."""
+        """Return the interpolated pose, constant beyond the ends: for parts of the robot that hardly move."""
         if not self._stamps:
             return None
         bracket = self.bracket(stamp)

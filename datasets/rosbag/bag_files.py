@@ -68,7 +68,7 @@ def check_files(path: Path) -> None:
 
 
 def _parts(name: str) -> list[str]:
-    """Return a name's numbers and what lies between them, beginning with the latter."""
+    """Return the numbers of a name and the text between them, text first."""
     return re.split(r"(\d+)", name)
 
 
@@ -135,7 +135,7 @@ def _unpack(path: Path) -> UnpackedFile:
 
 
 def _next_piece(packed: BufferedIOBase) -> bytes | str:
-    """Return the next bytes, none at the end; or what is wrong with the packing."""
+    """Return the next bytes, none at the end; or the fault of the compression as text."""
     try:
         return packed.read1(_PIECE)  # of a cut file all that is there
     except EOFError:

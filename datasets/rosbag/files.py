@@ -165,7 +165,7 @@ class BagFiles:
         return [line for source in self._sources for line in source.damages()]
 
     def losses(self, topic: str) -> list[Loss]:
-        """Return what damage has cost of a topic, if known so far."""
+        """Return the losses of a topic by damage, as far as known."""
         return [loss for source in self._sources for loss in source.losses(topic)]
 
     def _add(self, connection: BagConnection) -> None:

@@ -135,7 +135,7 @@ class IndexedMessages:
 
 
 def plain(connection: Connection) -> BagConnection:
-    """Return what is needed of a connection after its reader is closed."""
+    """Return a connection without its reader."""
     return BagConnection(connection.id, connection.topic, connection.msgtype, connection.digest, connection.msgcount)
 
 

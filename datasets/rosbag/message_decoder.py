@@ -45,7 +45,7 @@ class NotAsUsualError(ValueError):
 
 
 def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | None:
-    """Return what reads messages of a type from their bytes; None where only a library does.
+    """Return a reader of messages of a type; None if only a library reads them.
 
     What is returned raises a ValueError (`NotAsUsualError`) or struct.error where the bytes are not laid out as usual.
 
@@ -99,7 +99,7 @@ def _scan_layout(size: int, is_cdr: bool) -> struct.Struct:
 
 
 def _transforms(data: bytes, is_cdr: bool) -> list[StampedTransform]:
-    """Read a TFMessage, leaving out what is no motion."""
+    """Read a TFMessage, without invalid poses."""
     place = 4 if is_cdr else 0
     (number,) = _SIZE.unpack_from(data, place)
     place += 4
@@ -146,7 +146,7 @@ def _check_end(data: bytes, end: int, is_cdr: bool) -> None:
 
 @lru_cache(1024)
 def _text(data: bytes, is_cdr: bool) -> str:
-    """Return the text of a string's bytes, without what would steer a terminal."""
+    """Return the text of a string's bytes, with control characters escaped."""
     if not is_cdr:
         return printable(data.decode())
     if data[-1:] != b"\0":
@@ -180,7 +180,7 @@ class MessageDecoder:
         return self._by_rosbags(msgtype, data)
 
     def _by_rosbags(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
-        """Return the same, whatever the type and the order of bytes."""
+        """Return the same by rosbags, for any type and byte order."""
         try:
             store = standard_types(self._is_ros1)
             message = (store.deserialize_ros1 if self._is_ros1 else store.deserialize_cdr)(data, msgtype)

@@ -63,7 +63,7 @@ class StampedTransform(NamedTuple):
     pose: SE3
 
     def stamp_or(self, unset: float) -> float:
-        """Return the stamp [s], or what counts for it where it was left at zero."""
+        """Return the stamp [s], or the given one if it is unset."""
         return self.stamp if self.stamp > 0.0 else unset
 
 
@@ -74,7 +74,7 @@ class FramedScan(NamedTuple):
     scan: RawScan
 
     def stamped(self, unset: float) -> RawScan:
-        """Return the scan, its stamp [s] replaced by what counts for it where it was left at zero."""
+        """Return the scan, with the given stamp [s] if its own is unset."""
         return self.scan if self.scan.stamp > 0.0 else self.scan._replace(stamp=unset)
 
 
@@ -97,7 +97,7 @@ def scan_of(message: Any) -> FramedScan:
 
 
 def transforms_of(message: Any) -> Iterator[StampedTransform]:
-    """Read a TFMessage, leaving out what is no motion."""
+    """Read a TFMessage, without invalid poses."""
     for item in message.transforms:
         t, q = item.transform.translation, item.transform.rotation
         pose = SE3.from_values(t.x, t.y, t.z, q.x, q.y, q.z, q.w)

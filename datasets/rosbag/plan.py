@@ -167,7 +167,7 @@ def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) ->
 
 
 def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:
-    """Read all static transforms, wherever they lie, and as much of the beginning as is needed."""
+    """Read all static transforms of the recording, and as much of its beginning as is needed."""
     survey = Survey(options)
     static = [name for name in topics.transforms if is_static(name) and files.topics[name].messages <= _MOST_STATIC]
     for message in files.messages(static, topics.scan) if static else ():
@@ -260,7 +260,7 @@ def _robot(
 
 
 def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
-    """Return what is doubtful about the ways that are read from tf."""
+    """Return the doubts about the paths that are read from tf."""
     said = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
     far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
     if far > _TOO_FAR:

@@ -152,7 +152,7 @@ def _motion(plan: Plan, mounting: Mounting) -> TfMotion | TopicMotion | NoMotion
 
 
 def _description(plan: Plan) -> dict[str, object]:
-    """Return what was chosen and found, as JSON can hold it."""
+    """Return the choices and findings as JSON can hold them."""
     mounting, upside_down = Mounting(plan.to_sensor, plan.sensor_pose, plan.options.upside_down).at(0.0)
     rules = plan.laser.range_rules()
     first = plan.laser.first_scan

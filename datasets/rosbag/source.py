@@ -155,7 +155,7 @@ class BagSource:
                 yield message
 
     def losses(self, topic: str) -> list[Loss]:
-        """Return what is known to be missing of a topic."""
+        """Return the known losses of a topic."""
         if self._salvaged is not None:
             return self._salvaged.losses(topic)
         losses = [loss for part in self._parts for loss in part.losses(topic)]
@@ -189,7 +189,7 @@ class BagSource:
                 bag.close()
 
     def _rescued(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
-        """Yield what was salvaged."""
+        """Yield the salvaged messages."""
         for part in self._parts:
             yield from part.messages(topics, steered_by)
         if self._salvaged is not None:
@@ -219,7 +219,7 @@ class BagSource:
         self.span = (min(first for first, _ in known), max(last for _, last in known)) if known else None
 
     def _salvage(self, error: Exception) -> None:
-        """Find what can be read without the index."""
+        """Read the messages without the index."""
         self.close()
         self.damage = _explained(self._file, error)
         if not _may_be_salvaged(self._file, error):
@@ -238,7 +238,7 @@ class BagSource:
 
 
 def _check(content: UnpackedFile) -> None:
-    """Refuse what rosbags might not notice."""
+    """Refuse damage that rosbags might not notice."""
     if content.damage is not None:
         raise CutFileError(content.damage)
     check_files(content.path)  # sqlite reads zeros where a file is cut off
@@ -258,7 +258,7 @@ def _is_indexed(path: Path) -> bool:
 
 
 def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
-    """Salvage a file of whichever format, of the name that it was given by."""
+    """Salvage a file of any format; `path` is its name in messages."""
     # A salvager is needed rarely.
     from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415
     from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415

@@ -111,7 +111,7 @@ class SurveyedLaser:
 
 
 def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating]) -> float:
-    """Return by what share most ranges (S, D) of most scans differ from others', nan if nothing was hit; or 0."""
+    """Return the median relative difference of two rows of scans (S, D), nan without a hit; 0 if unknown."""
     both = np.isfinite(scans) & np.isfinite(others)
     shares = np.where(both, np.abs(scans - others) / np.where(both, np.maximum(scans, others), 1.0), np.nan)
     shares = shares[both.sum(axis=1) >= _DIRECTIONS // 4]

@@ -183,7 +183,7 @@ _STATA_ODOMETRY = ("robot_pose_ekf/odom_combined", "base_odometry/odom")
 
 
 def with_profile(options: RecordingOptions, topics: Collection[str]) -> RecordingOptions:
-    """Fill in what the profile knows; what was asked for explicitly stays.
+    """Return the options with the values of their profile; given options stay.
 
     Profile "stata", MIT Stata Center (Fallon et al., IJRR 32(14), 2013): the scans of the base laser, never those of
     the nodding /tilt_scan; odometry odom_combined -> base_footprint; map -> odom_combined is a localiser's.

@@ -40,7 +40,7 @@ _LARGEST_CHUNK = 1 << 30
 
 
 class Record(NamedTuple):
-    """One record; its data lie from `start` to `end`, which may be beyond what is there."""
+    """One record; its data lie from `start` to `end`, which may be beyond the end of the file."""
 
     op: int
     fields: dict[bytes, bytes]
@@ -119,7 +119,7 @@ def fields_of(header: bytes) -> dict[bytes, bytes] | None:
 
 
 def decompressed(data: bytes, compression: bytes) -> bytes:
-    """Return what can be decompressed of a chunk's data: all of it, or what comes before the damage."""
+    """Return the decompressed data of a chunk, up to the first damage."""
     decompressor = _DECOMPRESSORS.get(compression)
     if decompressor is None:
         return b""
@@ -205,11 +205,11 @@ class _Scan:
 
     @property
     def has_whole(self) -> bool:
-        """Whether any message or chunk was read to its end, by which to judge what is missing."""
+        """Whether any message or chunk was read to its end, so that losses can be estimated."""
         return self._read_whole[0] > 0
 
     def missing(self, sizes: npt.NDArray[np.int64]) -> int:
-        """Return how many bytes of messages a cut file lacks, by what its readable part holds of them."""
+        """Return the estimated number of missing bytes of messages of a cut file, by its readable part."""
         place, count = self._read_whole
         each = int(sizes[:count].sum()) / max(place, 1)
         return max(round(each * (self.index_place - place)) - int(sizes[count:].sum()), 0)
@@ -254,7 +254,7 @@ class _Scan:
         return chunk.end if _fits(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
     def _connect(self, record: Record, data: bytes) -> None:
-        """Add what a connection's messages are."""
+        """Add a connection."""
         fields = fields_of(data)
         if fields is None or b"type" not in fields:
             return

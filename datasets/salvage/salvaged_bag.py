@@ -1,4 +1,4 @@
-"""What could be read of a damaged bag, and what could not."""
+"""The readable messages of a damaged bag, and estimates of its losses."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
@@ -89,7 +89,7 @@ class SalvagedBag:
         return np.asarray(self.entries[self._is_of(topic), 0])
 
     def losses(self, topic: str) -> list[Loss]:
-        """Estimate what is missing of a topic from the pauses at the holes, and from the bytes of a hole at an end.
+        """Estimate the losses of a topic from the pauses at the holes, and from the bytes of a hole at an end.
 
         From a single message nothing can be estimated: the loss then has no messages.
         """
@@ -144,7 +144,7 @@ class BagAnnouncement:
         return [name for name in self.files if not (folder / name).is_file()]
 
     def loss(self, topic: str, found: int) -> Loss | None:
-        """Return what is missing of a topic of which so many messages are found or known to be lost otherwise."""
+        """Return the loss of a topic, given the number of messages that are found or otherwise known to be lost."""
         announced = self.messages.get(topic, 0)
         if announced <= found:
             return None

@@ -40,7 +40,7 @@ def salvage_sqlite(path: Path, reason: str) -> SalvagedBag:
 
 
 def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float) -> tuple[Hole, ...]:
-    """Return where numbers of rows are missing, and what share of the file is cut off."""
+    """Return where numbers of rows are missing, and the share of the file that is cut off."""
     after = (np.flatnonzero(np.diff(rows[:, 5]) > 1) + 1).tolist()
     holes = [Hole(place, 0) for place in after]
     if missing > 0.0:

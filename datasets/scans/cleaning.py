@@ -17,7 +17,7 @@ CODE_TOLERANCE = 5e-4
 FATES = ("nan", "no_return", "zero", "too_close", "hit")
 """What can become of a beam."""
 FARTHEST = 1000.0
-"""No laser of a robot sees as far [m]: one that states more states no limit, and what it gives beyond is a code."""
+"""No laser of a robot measures as far [m]: a larger stated limit is no limit, and longer ranges are codes."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class ClockFinding(NamedTuple):
 
 
 def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> tuple[float, float]:
-    """Return what stamps would lag behind the bag's clock, had scans and odometry that have none been stamped [s].
+    """Return the lags of scans and odometry behind the bag's clock, with estimates for unset stamps [s].
 
     A simulation's clock is zero until it is heard of, and then far from the recorder's. Where neither has a stamp the
     bag's clock counts.

@@ -1,1 +1,1 @@
-"""Made-up buildings, robots that drive through them, and what they measure: recordings whose truth is known."""
+"""Simulated buildings, robots and measurements: recordings with known truth."""

@@ -103,7 +103,7 @@ class Messages:
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **sequence)
 
     def _quaternion(self, yaw: float, *, upside_down: bool = False) -> object:
-        """Return a turn about z, after half a turn about x for what is mounted upside down."""
+        """Return a rotation about z, after half a turn about x if mounted upside down."""
         cosine, sine = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
         x, y, z, w = (cosine, sine, 0.0, 0.0) if upside_down else (0.0, 0.0, sine, cosine)
         return self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
@@ -315,7 +315,7 @@ def _sync(file: Path) -> None:
 
 
 def _replace_folder(new: Path, target: Path, aside: Path) -> None:
-    """Put a folder in a place; what was there goes aside first, and back should the second step fail."""
+    """Replace a folder; the old one is moved aside first, and back if the second step fails."""
     if not target.exists():
         new.replace(target)
         return

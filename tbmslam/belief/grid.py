@@ -116,7 +116,7 @@ class TbmGrid:
         return f"{g.cols} x {g.rows} cells of {g.resolution:g} m, {known_m2:.1f} m2 known"
 
     def _repr_png_(self) -> bytes | None:
-        """Return what a notebook shows: free is white, occupied black and unknown grey; y grows upwards."""
+        """Return the picture that a notebook shows: free white, occupied black, unknown grey; y grows upwards."""
         import cv2  # noqa: PLC0415  # slow to load, and only notebooks draw here
 
         grey = np.rint(255.0 * (1.0 - self.pignistic()[::-1])).astype(np.uint8)
@@ -128,7 +128,7 @@ class TbmGrid:
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
 
     def fault(self) -> str | None:
-        """Return what keeps the masses from being beliefs, such as one below zero; None if nothing does."""
+        """Return why the masses are invalid, such as one below zero; None if they are valid."""
         cells = self.masses.reshape(-1, 4)
         for start in range(0, len(cells), _CELLS_AT_ONCE):
             block = cells[start : start + _CELLS_AT_ONCE]

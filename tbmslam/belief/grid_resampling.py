@@ -49,7 +49,7 @@ class PlacedGrid:
         return resampled
 
     def drawn(self) -> TbmGrid:
-        """Return the same beliefs on the target's cells; what the source does not cover is unknown."""
+        """Return the same beliefs on the target's cells; cells outside of the source are unknown."""
         return TbmGrid(self.geometry, self.masses_of_rows(0, self.geometry.rows))
 
 

@@ -17,7 +17,7 @@ _BAND = 256
 
 
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
-    """Return what map_server publishes (rows, cols): 0 free, 100 occupied, -1 unknown; row grows with y.
+    """Return the occupancy (rows, cols) as map_server publishes it: 0 free, 100 occupied, -1 unknown; row grows with y.
 
     A cell is occupied where its pignistic probability is above 0.55 and free where it is below 0.45, that is where the
     masses of the two differ by `MIN_BALANCE` of what is not conflict. A cell with hardly any evidence, or with as much

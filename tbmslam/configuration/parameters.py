@@ -19,7 +19,7 @@ class ConfigError(TbmSlamError):
 
 
 def changed(config: Config, changes: Mapping[str, object], source: str = "configuration") -> Config:
-    """Return a configuration with some parameters changed; what is not given stays.
+    """Return a configuration with some parameters changed.
 
     Where a table may be of several kinds, as the tracker, another `kind` begins with that kind's defaults.
 
@@ -85,7 +85,7 @@ def is_table(value: object) -> bool:
 
 
 def fields_of(table: object) -> dict[str, object]:
-    """Return what a table holds, by name."""
+    """Return the values of a table by name."""
     if isinstance(table, BaseModel):
         return {name: getattr(table, name) for name in type(table).model_fields}
     return {field.name: getattr(table, field.name) for field in dataclasses.fields(cast("Any", table))}
@@ -110,7 +110,7 @@ def _overlaid(old: object, change: object, place: tuple[str, ...], names: Sequen
 
 
 def _check_kinds(given: object, made: object, place: tuple[str, ...], source: str) -> None:
-    """Refuse truths and texts that became numbers, and numbers that became truths, wherever in a table they stand."""
+    """Refuse booleans and texts for numbers, and numbers for booleans, anywhere in a table."""
     if isinstance(given, Mapping):
         values = fields_of(made) if is_table(made) else cast("Mapping[str, object]", made)
         for key, one in given.items():
@@ -123,7 +123,7 @@ def _check_kinds(given: object, made: object, place: tuple[str, ...], source: st
 
 
 def _check_kind(given: object, value: object, place: tuple[str, ...], source: str) -> None:
-    """Refuse what is given for a parameter that has a value of another kind."""
+    """Refuse a value of another kind than that of the parameter."""
     is_truth = isinstance(value, bool)
     if isinstance(value, int | float) and isinstance(given, bool | str | int | float):
         fits = isinstance(given, bool) if is_truth else not isinstance(given, bool | str)

@@ -139,7 +139,7 @@ def preset(name: str) -> SlamConfig:
 
 
 def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
-    """Read a configuration; what is not given keeps its default, or that of the preset it names.
+    """Read a configuration; other parameters keep their defaults, or those of the preset that it names.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A configuration as TOML for people: each parameter with what it means, its unit and its limits."""
+"""A configuration as TOML: each parameter with its meaning, unit and limits."""
 
 import inspect
 import textwrap
@@ -92,7 +92,7 @@ def _fill(
 
 
 def _shown(table: object, reference: object | None) -> dict[str, object]:
-    """Return what a table shows: what is public, what differs from the reference, and tables that show something."""
+    """Return the shown values of a table: public ones, changed ones, and tables with such values."""
     values = fields_of(table)
     if reference is None or not isinstance(table, FrozenConfig):
         return values
@@ -131,7 +131,7 @@ def _plain(value: object) -> object:
 
 
 def _limits(table: object) -> dict[str, str]:
-    """Return what each field may hold, where that is more than a type."""
+    """Return the limits of each field beyond its type."""
     if isinstance(table, BaseModel):
         return {name: ", ".join(_limits_of(field)) for name, field in type(table).model_fields.items()}
     hints = inspect.get_annotations(type(table), eval_str=True)

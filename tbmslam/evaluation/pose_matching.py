@@ -97,7 +97,7 @@ def _traced(
     costs: list[list[_Cost]],
     origins: list[list[int]],
 ) -> npt.NDArray[np.intp]:
-    """Return the way of least cost through what each matched pose (M,) may belong to."""
+    """Return the path of least cost through the candidates of each matched pose (M,)."""
     chosen = np.empty(len(matched), dtype=np.intp)
     choice = costs[-1].index(min(costs[-1])) if costs else 0
     for number in range(len(matched) - 1, -1, -1):

@@ -57,7 +57,7 @@ def _left(target: FloatArray, points: FloatArray) -> float:
 
 
 def _lever_arm(target: FloatArray, poses: FloatArray) -> tuple[FloatArray, float]:
-    """Return the point (2,) of the robot that fits best and what it leaves [m], by linear least squares in rounds."""
+    """Return the point (2,) of the robot that fits best and the remaining error [m], by iterated least squares."""
     lever, cosine, sine = np.zeros(2), np.cos(poses[:, 2]), np.sin(poses[:, 2])
     for _ in range(5):
         moved = poses[:, :2] + np.column_stack(
@@ -76,7 +76,7 @@ def _lever_arm(target: FloatArray, poses: FloatArray) -> tuple[FloatArray, float
 
 
 def _clock_offset(truth: Trajectory, poses: FloatArray, stamps: FloatArray) -> tuple[float, float]:
-    """Return what is to be added to the estimate's stamps [s], and what it leaves [m]."""
+    """Return the offset of the estimate's stamps that fits best [s], and the remaining error [m]."""
     best, least = 0.0, np.inf
     for offset in np.arange(-_FARTHEST_S, _FARTHEST_S + _STEP_S, _STEP_S):
         inside = (stamps + offset >= truth.stamps[0]) & (stamps + offset <= truth.stamps[-1])

@@ -125,7 +125,7 @@ class RelativeErrors:
 
 
 def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
-    """Lay the estimate onto the truth by a rigid motion and measure what is left, eq. 3 there.
+    """Align the estimate with the truth by a rigid motion and measure the remaining distances, eq. 3 there.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from tbmslam.special_file import is_device_or_pipe
 
 
 class FileNotWrittenError(TbmSlamError):
-    """A file could not be written; what stood at its place before still does."""
+    """A file could not be written; an earlier file at its place is unchanged."""
 
 
 @contextmanager
@@ -86,7 +86,7 @@ def _check_place(target: Path) -> None:
 
 
 def _remove_leftovers(target: Path) -> None:
-    """Remove what writers of a file left that were killed before they could give it its name."""
+    """Remove temporary files of writers that were killed."""
     for old in target.parent.glob(f".{'[0-9a-f]' * 8}.{escape(target.name)}"):
         old.unlink(missing_ok=True)
 

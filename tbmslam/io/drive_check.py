@@ -18,7 +18,7 @@ MAX_LEVER = 1000.0
 
 
 def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
-    """Return what in a drive cannot be true of a robot in a map of this geometry; None if nothing is found."""
+    """Return an impossible value of a drive in a map of this geometry, as text; None if there is none."""
     keyframes = drive.keyframes
     min_x, min_y, max_x, max_y = geometry.bounds()
     low, high = np.array([min_x, min_y]), np.array([max_x, max_y])

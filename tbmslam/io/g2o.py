@@ -1,4 +1,4 @@
-"""Pose graphs as g2o and GTSAM read them: the keyframes of drives, and what was measured between them."""
+"""Pose graphs as g2o and GTSAM read them: the keyframes of drives, and the measurements between them."""
 
 import os
 from collections.abc import Iterable, Iterator

@@ -59,7 +59,7 @@ def map_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
-    """Remove what `save_map` wrote into a folder, where there is any; other files stay."""
+    """Remove the files that `save_map` wrote into a folder; other files stay."""
     # Last the file that names the trajectories of the map.
     _remove(reversed(map_files(folder)))
 

@@ -86,7 +86,7 @@ class ArrayZip:
         return f"{name}.npy" in self._archive.namelist()
 
     def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
-        """Return the shape an array has by its header, after checking what can be known before reading it.
+        """Return the shape of an array by its header, after the checks that need no reading.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class ArrayZip:
 
     @contextmanager
     def _entry(self, name: str) -> Iterator[tuple[IO[bytes], zipfile.ZipInfo]]:
-        """Open an array's bytes; what goes wrong while they are read is a NpzError."""
+        """Open the bytes of an array; every error while they are read is an NpzError."""
         try:
             info = self._archive.getinfo(f"{name}.npy")
             with self._archive.open(info) as stream:
@@ -139,7 +139,7 @@ def _check_ratio(name: str, info: zipfile.ZipInfo) -> None:
 
 
 def _shortened(error: Exception) -> str:
-    """Return an error's text: libraries quote what they could not read, and that may be the rest of the file."""
+    """Return an error's text, shortened: libraries may quote the rest of the file."""
     return " ".join(str(error).split())[:_LONGEST_REASON]
 
 

@@ -2,7 +2,7 @@
 
 
 def printable(text: str) -> str:
-    """Return a text in one line; what would steer a terminal or hide is written out as an escape, letters stay.
+    """Return a text in one line, with escapes for characters that control a terminal or are invisible.
 
     Line ends, control and format characters (such as ESC, or those that turn the direction of writing) and bytes that
     are no text are not printable.

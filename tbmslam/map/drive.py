@@ -1,4 +1,4 @@
-"""One robot's way through a map, and what was measured on it."""
+"""The drive of one robot: its trajectory, keyframes and measured motions."""
 
 from dataclasses import dataclass, field, replace
 

@@ -42,7 +42,7 @@ class MapEdit:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what is no change of a map."""
+        """Check kind and numbers of the edit."""
         if self.kind not in get_args(Kind):
             raise ValueError(f"an edit must be one of {', '.join(get_args(Kind))}, got {self.kind!r}")
         if len(self.values) != _NUMBERS[self.kind]:
@@ -112,7 +112,7 @@ def _sharpness(points: FloatArray, turn: float) -> float:
 
 
 def keepout_mask(geometry: GridGeometry) -> TbmMap:
-    """Return a map for nav2's keepout filter that forbids nothing yet: what is occupied in it, no robot may enter."""
+    """Return an empty mask for nav2's keepout filter: robots must not enter its occupied cells."""
     return TbmMap(TbmGrid(geometry, np.tile(_belief("free"), (geometry.rows, geometry.cols, 1))))
 
 

@@ -1,4 +1,4 @@
-"""A frame near what happens in it.
+"""A frame with its origin near the drive.
 
 Odometry may count from a point in another country, as in a grid of the whole earth. Surfaces are kept in single
 precision, which resolves only half a metre there; so drives are mapped in a frame with a near origin.
@@ -50,7 +50,7 @@ class LocalFrame:
         return self.T_far_near @ T_near_robot if self.is_far else T_near_robot
 
     def map_there(self, one: TbmMap) -> TbmMap:
-        """Return a map in the far frame: its cells stay what they are."""
+        """Return a map in the far frame, with the same cells."""
         if not self.is_far:
             return one
         cells = one.grid.geometry

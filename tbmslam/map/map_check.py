@@ -1,4 +1,4 @@
-"""What a map from a file must fulfil before anybody computes with it, whatever its format."""
+"""Checks of a map from a file, for all formats, and the memory of the machine."""
 
 import os
 import sys
@@ -59,7 +59,7 @@ class MapFileError(TbmSlamError):
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """Check what is there before it is opened, since that or reading it might never end.
+    """Check a path before it is opened, since reading a device or a pipe may never end.
 
     Raises
     ------

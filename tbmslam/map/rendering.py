@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 
 class MapConfig(FrozenConfig):
-    """The grid and what beams write into it."""
+    """Parameters of the grid and of the insertion of beams."""
 
     PUBLIC: ClassVar = ("resolution", "max_cells", "keep_conflict")
 

@@ -14,7 +14,7 @@ from tbmslam.sensing.laser_scan import Hits
 
 @dataclass(frozen=True, eq=False)
 class ScanHits:
-    """The hits of keyframes, each in its sensor's frame, wherever that is: to a micrometre, in half the memory.
+    """The hits of keyframes, each in its sensor's frame: single precision is exact to a micrometre there.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class DriveHits:
         return int((self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]).sum())
 
     def begins(self, chosen: npt.NDArray[np.int64], at_least: int | None = None) -> npt.NDArray[np.int64]:
-        """Return where the hits of each of some keyframes begin in what `placed` returns, and where the last ones end.
+        """Return where the hits of each keyframe begin in the result of `placed`, and where the last ones end.
 
         Parameters are those of `placed`.
         """

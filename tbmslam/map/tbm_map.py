@@ -1,4 +1,4 @@
-"""A map and what made it: the grid, the drives behind it, and where it came from."""
+"""A map: the grid, the drives behind it, and its provenance."""
 
 import math
 import os
@@ -43,7 +43,7 @@ class TbmMap:
         return f"TbmMap({self.grid.summary()}{drives})"
 
     def _repr_png_(self) -> bytes | None:
-        """Return what a notebook shows; see `TbmGrid`."""
+        """Return the picture that a notebook shows; see `TbmGrid`."""
         return self.grid._repr_png_()
 
     @classmethod

@@ -11,7 +11,7 @@ from tbmslam.map.drive import Drive
 
 
 def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:
-    """Return the poses (N, 3) of a drive whose anchors were moved; what lies between two anchors follows both.
+    """Return the poses (N, 3) of a drive after its anchors moved; poses between two anchors follow both.
 
     Parameters
     ----------

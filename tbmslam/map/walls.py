@@ -1,4 +1,4 @@
-"""Walls held against walls: what agrees under a motion, and the motion slid until most of it does."""
+"""Comparison of walls: agreement under a motion, and the motion refined until most walls agree."""
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,7 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
 
 
 def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
-    """Return what becomes of each of some walls (K,) of one map under a motion into another's frame.
+    """Return the fate of each wall (K,) of one map under a motion into another's frame.
 
     Returns
     -------

@@ -73,7 +73,7 @@ class Cluster:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave the cluster; what it has not finished is dropped."""
+        """Leave the cluster; unfinished work is dropped."""
         self._client.close()
 
     def submit(self, name: str, call: Callable[..., object], *arguments: object) -> Any:
@@ -96,7 +96,7 @@ class Cluster:
         )
 
     def results(self, submitted: Iterable[Any]) -> Iterator[Any]:
-        """Yield what the calls return, in the order given.
+        """Yield the results of calls, in the order given.
 
         Raises
         ------

@@ -19,7 +19,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 class DeferredInterrupt:
-    """A block at whose end is raised what a signal's handler raised in it.
+    """A block that defers exceptions of signal handlers to its end.
 
     Python runs a handler between any two steps of the main thread. If it raises in `threading.Condition.__enter__`, the
     lock stays taken, and another thread that has to end before this one waits for it for ever.
@@ -51,13 +51,13 @@ class DeferredInterrupt:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the handlers back their place, and raise what came."""
+        """Restore the handlers, and raise the deferred exception."""
         for number, usual in self._usual.items():
             signal.signal(number, usual)
         self.give_way()
 
     def give_way(self) -> None:
-        """Raise what came, if anything did, where nothing is held."""
+        """Raise the deferred exception, if there is one."""
         came, self.came = self.came, None
         if came is not None:
             raise came from None
@@ -103,7 +103,7 @@ class WorkerPool(ProcessPoolExecutor):
         self._interrupt = interrupt
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
-        """Give work to a process, which may begin for it and then takes over what is held.
+        """Submit work to a process; a new process inherits the blocked signals.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class WorkerPool(ProcessPoolExecutor):
             return super().submit(fn, *args, **kwargs)
 
     def result(self, future: Future[_R]) -> _R:
-        """Wait for what was given to a process, and return what it made or raise what it raised.
+        """Wait for submitted work, and return its result or raise its error.
 
         Raises
         ------
@@ -193,7 +193,7 @@ _Made = TypeVar("_Made")
 
 
 def in_threads(call: Callable[[_Item], _Made], items: Sequence[_Item]) -> list[_Made]:
-    """Return what a call makes of each item, in the items' order; on all cores, one after another where there is one.
+    """Return the result of a call for each item, in their order, on all cores.
 
     The calls must not write what others read.
     """

@@ -118,7 +118,7 @@ class LaserScan:
         return hit_points(self.ranges, self.angle_min, self.angle_increment, self.beam_step, max_range)
 
     def hits(self, max_range: float = math.inf) -> Hits:
-        """Return the hits within a range and the normals of what they hit, in the sensor's frame.
+        """Return the hits within a range and the normals of the surfaces, in the sensor's frame.
 
         A normal is square to the line between the neighbours on both sides; where those lie on something else, beyond
         half a metre, the surface is taken to face the laser.

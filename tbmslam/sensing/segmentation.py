@@ -49,7 +49,7 @@ class Itinerary:
 
     @classmethod
     def from_poses(cls, stamps: Sequence[float], poses: Sequence[SE2 | None]) -> "Itinerary":
-        """Sum up what a first pass over a recording noted of every reading."""
+        """Sum up the stamps and poses of a first pass over a recording."""
         steps = [0.0]
         for before, after in itertools.pairwise(poses):
             if before is None or after is None:
@@ -76,7 +76,7 @@ def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Seg
 
 
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
-    """Begin a new robot wherever nothing was recorded for longer than `gap_s` seconds.
+    """Begin a new robot after each gap of more than `gap_s` seconds.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class GridTracker:
         self._inserter.insert(scan, match.T_map_sensor, self._cells, quality)
 
     def revised_poses(self) -> FloatArray | None:
-        """Leave what was tracked as it is."""
+        """Return None: tracked poses are final."""
         return None
 
     def is_novel(self, match: ScanMatch) -> bool:  # noqa: ARG002

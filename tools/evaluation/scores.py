@@ -255,7 +255,7 @@ def _load_truth(path: Path) -> World | TbmGrid:
 
 
 def _own_labels(truth: World | TbmGrid, resolution: float, min_evidence: float) -> tuple[Labels, GridGeometry]:
-    """Return what the truth says on its own cells; a world has cells as fine as asked."""
+    """Return the true labels on the cells of the truth; those of a world have the given size."""
     if isinstance(truth, TbmGrid):
         return cell_labels(truth, min_evidence), truth.geometry
     geometry = truth.grid(resolution)
@@ -263,7 +263,7 @@ def _own_labels(truth: World | TbmGrid, resolution: float, min_evidence: float) 
 
 
 def _labels_at(truth: World | TbmGrid, geometry: GridGeometry, T_truth_map: SE2, min_evidence: float) -> Labels:
-    """Return what the truth says on the cells of a map that lies at T_truth_map."""
+    """Return the true labels on the cells of a map at T_truth_map."""
     if isinstance(truth, TbmGrid):
         return cell_labels(resample(truth, T_truth_map.inverse(), geometry), min_evidence)
     return truth.occupancy(geometry, T_truth_map)

@@ -1,4 +1,4 @@
-"""`truth.json` beside the maps of build_maps: where they lie, by what reference, and how far that is to be trusted."""
+"""`truth.json` beside the maps of build_maps: their true poses, the reference, and its quality."""
 
 import json
 from collections.abc import Mapping

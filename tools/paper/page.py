@@ -171,7 +171,7 @@ class PaperTable:
 
 @dataclass(frozen=True)
 class PaperPicture:
-    """A PNG with what is seen on it; wide ones take the whole line."""
+    """A PNG with its caption; wide ones take the whole line."""
 
     png: bytes
     caption: str

@@ -217,7 +217,7 @@ Draw = Callable[[np.random.Generator], Distortion]
 
 
 def _read(image: Marks, points: FloatArray) -> Marks:
-    """Return what an image (rows, cols) has at points (N, 2) given in cells; 0 beside it."""
+    """Return the values of an image (rows, cols) at points (N, 2) in cells; 0 outside."""
     col, row = np.floor(points).astype(np.int64).T
     inside = (row >= 0) & (row < image.shape[0]) & (col >= 0) & (col < image.shape[1])
     found = np.zeros(len(points), dtype=np.uint8)

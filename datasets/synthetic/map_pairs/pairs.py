@@ -190,7 +190,7 @@ def _spoilt_pair(
 
 
 def explored_parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
-    """Return what each of two robots saw when both drove equally far and share a part of their free cells."""
+    """Return the maps of two robots that drove equally far and share a part of their free cells."""
     distances_a, distances_b = _distances_from_far_ends(building.occupancy == 0, rng)
     free = np.isfinite(distances_a)  # where a robot can get to
     lengths = [distances[free] for distances in (distances_a, distances_b)]
@@ -210,7 +210,7 @@ def explored_parts(building: Building, overlap: float, rng: np.random.Generator)
 
 
 def _quantile(ranked: npt.NDArray[np.float64], share: float) -> float:
-    """Return what such a share of sorted numbers lies below; numpy would look for the order again."""
+    """Return a quantile of sorted numbers; numpy would sort again."""
     whole, part = divmod(share * (len(ranked) - 1), 1.0)
     low = int(whole)
     return float(ranked[low] + (ranked[min(low + 1, len(ranked) - 1)] - ranked[low]) * part)
@@ -278,7 +278,7 @@ def _farthest(lengths: npt.NDArray[np.float64]) -> int:
 
 
 def room_of(building: Building, area_m2: float, seed: int) -> Building:
-    """Return what lies around one place of a building, so many square metres of free space: a small building."""
+    """Return the part of a building around one place, with the given free area [m2]."""
     rng = np.random.default_rng([seed, 3])
     distances, _ = _distances_from_far_ends(building.occupancy == 0, rng, from_anywhere=True)
     cells = np.sort(distances[np.isfinite(distances)])
@@ -312,7 +312,7 @@ class PlacedMap:
 
 
 def maps_of(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
-    """Yield maps of a building, each of all of it or of what a robot saw from one of two far ends."""
+    """Yield maps of a building: whole, or as seen from one of two far ends."""
     for _ in range(count):
         parts = explored_parts(building, float(rng.choice(OVERLAPS)), rng)
         yield _spoilt(building.name, building, parts[int(rng.integers(2))], rng)

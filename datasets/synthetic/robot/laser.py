@@ -1,4 +1,4 @@
-"""A simulated laser range finder: exact geometry, then what real ones add."""
+"""A simulated laser range finder: exact geometry with the errors of real lasers."""
 
 import math
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class SimulatedLaser:
     sweep: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check every value against what a laser can be."""
+        """Check every value."""
         for name in ("beams", "rate"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
@@ -119,7 +119,7 @@ class SimulatedLaser:
     def scans(
         self, world: World, stamps: FloatArray, robot_poses: FloatArray, rng: np.random.Generator
     ) -> list[LaserScan]:
-        """Return what the laser measures at stamps (S,) [s].
+        """Return the measured ranges at stamps (S,) [s].
 
         Values are rounded to float32 as a LaserScan message holds them; no return is `inf` (REP 117). An upside-down
         laser's scans have a negative increment, as `LaserScan` demands.
@@ -196,7 +196,7 @@ class RingLidar:
             raise ValueError(f"height must be between 0 and the ceiling's {self.ceiling} m, got {self.height}")
 
     def points(self, scan: LaserScan, noise: float, rng: np.random.Generator, *, upside_down: bool) -> LidarPoints:
-        """Return what all rings see where a level laser of the same place saw a scan.
+        """Return the points of all rings at the place of a scan by a level laser.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Robots in a world: what their lasers and wheels measure, and their true poses."""
+"""Robots in a world: the measurements of lasers and wheels, and the true poses."""
 
 import json
 import math

@@ -96,7 +96,7 @@ def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator)
 
 
 def in_a_cabin(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with the walls of a closed cabin around the robot wherever it is."""
+    """Return the ranges (S, B) of all scans with the walls of a closed cabin around the robot."""
     things = [_polygon(pose[:2], _CABIN / math.sqrt(2.0), 4, pose[2] + math.pi / 4.0) for pose in robot.truth.poses]
     return _before(robot, things, rng)
 

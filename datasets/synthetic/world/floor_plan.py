@@ -1,4 +1,4 @@
-"""Drawing a building: rooms are carved out of solid rock, so what is left between them is wall."""
+"""Drawing a building: rooms are carved out of solid rock, and the rest is wall."""
 
 from typing import NamedTuple
 
