@@ -40,7 +40,7 @@ def test_nothing_to_read_is_an_error():
 @pytest.mark.parametrize(
     ("reason", "remedy"),
     [
-        ("empty", "no beam of them says anything; check --range-min and --range-max"),
+        ("empty", "none of their beams holds a range; check --range-min and --range-max"),
         ("before_odometry", "check --odometry, --odom-frame and --clock-offset"),
         ("impossible_angles", "pass --angle-step-deg"),
         ("unreadable", "pass --angle-step-deg if only the angle step is wrong, or choose another --scan-topic"),

@@ -26,7 +26,7 @@ def test_a_ros_2_bag_stays_one(tmp_path):
 
 
 def test_a_directory_without_any(tmp_path):
-    with pytest.raises(DatasetError, match=r"a directory without recordings \(.*\): give the one that they lie in"):
+    with pytest.raises(DatasetError, match=r"a directory without recordings \(.*\): give another directory"):
         list_recordings([tmp_path])
 
 

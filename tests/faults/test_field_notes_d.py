@@ -200,7 +200,10 @@ def test_d19_the_unknown_stays_unknown(tmp_path, caplog):
     (tmp_path / "map.yaml").write_text(yaml.replace("0.196", "0.25"))  # as nav2's saver wrote it
     of_nav2 = read_ros_map(tmp_path / "map.yaml")
     np.testing.assert_array_equal(of_nav2.masses, again.masses)
-    assert "by free_thresh 0.25 what its map saver left unknown (205) would be free: taken as unknown" in caplog.text
+    assert (
+        "with free_thresh 0.25 the unknown pixels (205) of its map saver would be free: they are read as unknown"
+        in caplog.text
+    )
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (13, 7)])

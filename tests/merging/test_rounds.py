@@ -75,4 +75,4 @@ def test_maps_of_known_poses_are_not_aligned_with_each_other(maps, first):
 def test_merging_many_maps_says_which_maps_look_like_no_merged_one(maps):
     found = merge(maps, in_rounds(1))
     assert set(found.poses) == {"1 left", "1 right"}
-    assert "none of the merged maps looks like it" in found.left_out["2 left"]
+    assert "no merged map is similar to it" in found.left_out["2 left"]

@@ -66,7 +66,7 @@ def test_trajectories_stay_and_scans_go(bag, tmp_path):
     ("words", "fact"),
     [
         (("none", "--rotate", "9", "-o", "out"), "none: does not exist: give a map's folder or file"),
-        (("room", "--rotate", "9", "-o", "room"), "room: is the map itself, which an edit would lose: choose another"),
+        (("room", "--rotate", "9", "-o", "room"), "room: is the folder of the map itself: choose another"),
         (
             ("room", "--crop", "50", "50", "60", "60", "-o", "out"),
             r"--crop: \(50.0, 50.0\) to .* holds no cell of .*: correct",

@@ -168,7 +168,7 @@ def test_a_map_against_a_map(files, capsys):
         (("trajectory", "no.tum", "--truth", "gt.tum"), "no.tum: cannot be read"),
         (("trajectory", "est.tum", "--truth", "gt.tum", "--step-m", "99"), "less than a step of 99 m"),
         (("map", "map", "--truth", "nothing.npz"), "nothing.npz"),
-        (("map", "map", "--truth", "world.npz", "--transform", "900", "0", "0"), "know no cell in common"),
+        (("map", "map", "--truth", "world.npz", "--transform", "900", "0", "0"), "have no common known cell"),
     ],
 )
 def test_what_is_wrong_with_the_input_is_one_line_and_exit_1(files, monkeypatch, capsys, arguments, message):
@@ -237,11 +237,11 @@ def test_what_is_no_trajectory_map_or_world_is_one_line(files, tmp_path, capsys)
         (("trajectory", pipe, "--truth", estimate), "is a device or a pipe: give a trajectory's file"),
         (("trajectory", estimate, "--relations", pipe), "is a device or a pipe: give a file of relations"),
         (("trajectory", tmp_path / "far.tum", "--truth", estimate), "lies more than 1e+08 m away: leave the line out"),
-        (("trajectory", estimate, "--relations", tmp_path / "far.relations"), "reaches over more than 1e+08 m"),
+        (("trajectory", estimate, "--relations", tmp_path / "far.relations"), "a relation is longer than 1e+08 m"),
         (("trajectory", estimate, "--relations", tmp_path / "empty.relations"), "is empty: give a file of relations"),
         (("map", own_map, "--truth", pipe), "is a device or a pipe: give a map's folder or file"),
         (("map", own_map, "--truth", tmp_path / "world.npz"), "world.npz: "),
-        (("map", own_map, "--truth", files / "world.npz", "--transform", 1e7, 0, 0), "say where the map lies in it"),
+        (("map", own_map, "--truth", files / "world.npz", "--transform", 1e7, 0, 0), "give the pose of the map in it"),
     ):
         assert run(*arguments) == 1
         line = capsys.readouterr().err

@@ -56,7 +56,7 @@ def test_d09_without_any_transform_the_program_says_what_is_missing(tmp_path, ca
     run = mapped_by_the_program(tmp_path, BagScript())
     assert run["counts"]["scans_used"] == 30
     assert "run.bag: neither tf nor a topic holds odometry; continuing without it" in caplog.text
-    assert "tf does not tell where the laser (frame 'laser') sits" in caplog.text
+    assert "tf does not hold the mount of the laser (frame 'laser')" in caplog.text
 
 
 def test_d22_large_maps_whose_frames_lie_kilometres_apart_merge_to_where_they_should(tmp_path):

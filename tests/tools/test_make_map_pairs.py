@@ -24,7 +24,7 @@ from tools.map_pairs.files import load_pair
         (["--bend", "0"], "--bend must lie within 0 and 2 m, got 0"),
         (["--bend", "2.5"], "--bend must lie within 0 and 2 m, got 2.5"),
         (["--bend", "nan"], "--bend must lie within 0 and 2 m, got nan"),
-        (["-o", ""], "an empty text names no file"),
+        (["-o", ""], "the name of a file is empty"),
     ],
 )
 def test_wrong_usage_is_exit_2_and_writes_nothing(tmp_path, capsys, arguments, message):

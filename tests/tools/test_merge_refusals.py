@@ -127,4 +127,4 @@ def test_an_empty_text_is_no_map(folders, tmp_path, capsys):
     with pytest.raises(SystemExit) as stopped:
         merge.main([str(folders / "here"), "", "-o", str(tmp_path / "out")])
     assert stopped.value.code == 2
-    assert "an empty text names no file" in capsys.readouterr().err
+    assert "the name of a file is empty" in capsys.readouterr().err

@@ -89,7 +89,7 @@ def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
         (["--resolution", "nan"], "--resolution must be within 0.001 and 10 m"),
         (["--preset", "none"], "--preset: there is no 'none'; there are default, viny"),
         (["--world", "nowhere"], "invalid choice: 'nowhere'"),
-        (["--maps", ""], "an empty text names no file"),
+        (["--maps", ""], "the name of a file is empty"),
     ],
 )
 def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):

@@ -107,7 +107,7 @@ def test_what_tf_says_twice_is_said():
     moving = graph_of(("odom_combined", "base"), ("odom", "base"), ("map", "base"), ("base", "laser", FIXED))
     frames = choose_frames(moving, "laser", AUTO)
     (doubt,) = moving.doubts([*frames.to_robot, *frames.to_sensor])
-    assert doubt == "tf places base in odom_combined and in odom; taken the former: pass --odom-frame if it is wrong"
+    assert doubt == "tf places base in odom_combined and in odom; the former is used: pass --odom-frame if it is wrong"
     fixed = graph_of(("base", "laser", FIXED))
     steps = fixed.path("base", "laser")
     assert fixed.doubts(steps) == []
@@ -124,11 +124,11 @@ def test_what_tf_says_twice_is_said():
     [
         (
             [("odom", "base"), ("base", "laser", FIXED), ("bumper", "laser", FIXED), ("base", "bumper", FIXED)],
-            "tf places laser in base and in bumper; taken the former: pass --sensor-pose if it is wrong",
+            "tf places laser in base and in bumper; the former is used: pass --sensor-pose if it is wrong",
         ),
         (
             [("odom", "base"), ("dock", "base", FIXED), ("base", "laser", FIXED)],
-            "tf places base in odom and in dock; taken the former: pass --odom-frame if it is wrong",
+            "tf places base in odom and in dock; the former is used: pass --odom-frame if it is wrong",
         ),
     ],
 )

@@ -114,7 +114,7 @@ def test_missing_odometry_is_told_with_its_time():
     bench.scan(0.5)
     list(bench.pairing.rest())
     (incident,) = bench.counts.incidents
-    assert incident.text(1.0) == "at 0.3 s: no odometry: scan matching alone estimates the motion, for 3.5 s"
+    assert incident.text(1.0) == "at 0.3 s: no odometry, for 3.5 s: scan matching alone estimates the motion"
     assert bench.counts.dropped == {"before_odometry": 1}
 
 

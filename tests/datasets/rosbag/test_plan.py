@@ -29,7 +29,7 @@ def test_two_robots_on_one_topic_are_refused_in_one_line(script, tmp_path):
     for k in range(60):
         script.scan(100.5 + 0.1 * k, rooms[k % 2] + random.normal(0.0, 0.01, 180), step=0.02)
     bag = script.in_time_order().write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"run\.bag: two lasers or robots share /scan, every other scan is of"):
+    with pytest.raises(DatasetError, match=r"run\.bag: two lasers or robots share /scan, their scans alternate"):
         open_recording([bag])
 
 
@@ -74,8 +74,8 @@ def test_the_laser_that_sees_something_is_taken(script, tmp_path, caplog):
     assert recording.counts.dropped == {"other_frame": 90}
     chosen = next(record.getMessage() for record in caplog.records if "--laser-frame" in record.getMessage())
     assert "/scan holds scans of several lasers: blind (0 of 41 at the beginning hold hits), front (40 of 40" in chosen
-    assert chosen.endswith("taken front: pass --laser-frame for another")
-    assert "90 scans of other lasers than front are left out" in caplog.text
+    assert chosen.endswith("front is used: pass --laser-frame for another")
+    assert "90 scans of lasers other than front are ignored" in caplog.text
 
 
 def test_the_laser_that_is_asked_for_is_taken(script, tmp_path, caplog):
@@ -86,11 +86,11 @@ def test_the_laser_that_is_asked_for_is_taken(script, tmp_path, caplog):
     readings, recording = read(path, laser_frame="late")
     assert len(readings) == 9
     assert recording.description["sensor_frame"] == "late"
-    assert "81 scans of other lasers than late are left out" in caplog.text
+    assert "81 scans of lasers other than late are ignored" in caplog.text
     assert "pass --laser-frame" not in caplog.text
     caplog.clear()
     assert read(path)[1].counts.dropped == {"other_frame": 9}
-    assert "9 scans of other lasers than laser are left out" in caplog.text
+    assert "9 scans of lasers other than laser are ignored" in caplog.text
 
 
 def test_a_laser_that_is_not_there_is_one_line_with_those_that_are(script, tmp_path):
@@ -108,11 +108,11 @@ def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
     script.tf(99.0, "base_link", "laser", SE2(away, 0.0, 0.0), topic="/tf_static").drive(100.0, 103.0).scan(101.0)
     path = script.write(tmp_path / "run.bag")
     if refused:
-        with pytest.raises(DatasetError, match=r"tf says that the laser sits 1e\+06 m from .*pass --sensor-pose"):
+        with pytest.raises(DatasetError, match=r"in tf the laser is mounted 1e\+06 m from .*pass --sensor-pose"):
             open_recording([path])
     else:
         _, recording = read(path)
         # A place that is not on earth is no transform at all.
-        far = "the laser sits 30 m from the robot's centre" in caplog.text
+        far = "the laser is mounted 30 m from the robot's centre" in caplog.text
         assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
         assert recording.description["sensor_pose_known"] is far

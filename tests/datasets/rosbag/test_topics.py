@@ -211,9 +211,9 @@ def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_p
     readings = list(choose(bag))
     assert len(readings) == 60
     assert {reading.T_odom_robot for reading in readings} == {None}
-    assert "poses of /odom are no poses (quaternions of zeros, or not a number); going on without" in caplog.text
+    assert "poses of /odom are no poses (quaternions of zeros, or not a number); continuing without" in caplog.text
     with pytest.raises(
-        DatasetError, match=r"/odom are no motions .*: choose another with --odometry-topic, or pass --od"
+        DatasetError, match=r"/odom are no poses .*: choose another with --odometry-topic, or pass --od"
     ):
         choose(bag, odometry="topic")
 

@@ -126,4 +126,4 @@ def test_a_file_that_is_cut_off_is_told_apart(written, caplog):
     path.write_bytes(content[: len(content) // 2])
     assert 0 < len(list(open_recording([path]))) < SCANS
     assert "the bag is damaged" in caplog.text
-    assert "ends too soon" in caplog.text
+    assert "it is cut off" in caplog.text

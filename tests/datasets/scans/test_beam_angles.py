@@ -34,4 +34,4 @@ def test_degrees_are_said():
 def test_more_than_a_turn_is_said():
     warning = angle_warning(360, math.radians(1.03))
     assert warning is not None
-    assert warning.endswith("more than a turn: if they go once round, pass --angle-step-deg 1")
+    assert warning.endswith("more than a turn: if they span one turn, pass --angle-step-deg 1")

@@ -92,7 +92,7 @@ def test_faults_are_named(mass, fault):
 
 @pytest.mark.parametrize("shape", [(3, 4), (4, 3, 4), (3, 4, 3)])
 def test_masses_of_another_shape_are_refused(shape):
-    with pytest.raises(ValueError, match=r"masses must have shape \(3, 4, 4\) as the geometry says, got"):
+    with pytest.raises(ValueError, match=r"masses must have the shape \(3, 4, 4\) of the geometry, got"):
         TbmGrid(GEOMETRY, np.zeros(shape, dtype=np.float32))
 
 

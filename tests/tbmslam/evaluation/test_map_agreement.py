@@ -88,5 +88,7 @@ def test_a_part_of_a_world_is_laid_on_the_whole(guess_error):
 def test_a_map_without_walls():
     geometry = GridGeometry(0.05, 0.0, 0.0, 4, 4)
     nothing = np.full((4, 4), UNKNOWN, dtype=np.uint8)
-    with pytest.raises(MapRefinementError, match="one of the maps has no occupied cell to refine the transform by"):
+    with pytest.raises(
+        MapRefinementError, match="one of the maps has no occupied cell, so the transform cannot be refined"
+    ):
         refine_map_transform(nothing, geometry, nothing, geometry, SE2.identity())

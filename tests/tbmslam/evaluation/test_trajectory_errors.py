@@ -186,7 +186,7 @@ def test_wrong_steps(step, message):
 
 
 def test_a_drive_shorter_than_a_step():
-    with pytest.raises(TrajectoryAlignmentError, match=r"300 poses .* reach over 20.9 m, less than a step of 50 m"):
+    with pytest.raises(TrajectoryAlignmentError, match=r"300 common poses .* span 20.9 m, less than a step of 50 m"):
         relative_errors(winding(), winding(), distance=50.0)
     with pytest.raises(TrajectoryAlignmentError, match=r"the 0 common poses of the trajectories span 0 s"):
         relative_errors(winding(), Trajectory(np.zeros(1), np.zeros((1, 3))), seconds=1.0)

@@ -64,14 +64,14 @@ def test_wean_hall():
     [
         ("resolution ", "revolution ", "lacks the resolution or global_map"),
         ("global_map[0]: 2 3", "global_map[0]: 2", "lacks the resolution or global_map"),
-        ("global_map[0]: 2 3", "global_map[0]: 99999 99999", "more than the 400000000"),
+        ("global_map[0]: 2 3", "global_map[0]: 99999 99999", "more than the limit of 400000000"),
         ("resolution                       10", "resolution 0", "resolution must be positive"),
         ("resolution                       10", "resolution ten", "no number"),
         ("0.790", "much", "no number"),
         ("0.790", "nan", "must hold 2 x 3 probabilities"),
         ("0.790", "7.90", "must hold 2 x 3 probabilities"),
         ("0.210", "", "it has 5 numbers"),
-        ("0.210", "\u00e9", "no text of a Beesoft map"),
+        ("0.210", "\u00e9", "not the text of a Beesoft map"),
     ],
 )
 def test_what_is_no_such_map_is_refused(dat, old, new, message):
@@ -83,7 +83,7 @@ def test_what_is_no_such_map_is_refused(dat, old, new, message):
 
 def test_a_cut_off_archive_is_refused(dat):
     dat.write_bytes(gzip.compress(TEXT.encode())[:-10])
-    with pytest.raises(MapFileError, match="no text of a Beesoft map"):
+    with pytest.raises(MapFileError, match="not the text of a Beesoft map"):
         read_beesoft_map(dat)
 
 

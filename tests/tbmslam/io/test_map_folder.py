@@ -157,8 +157,8 @@ def test_evo_takes_the_folder(tmp_path):
     [
         ("nowhere", "nowhere: does not exist"),
         ("empty", r"empty: holds no map\.npz or map\.yaml"),
-        ("map.pgm", r"map\.pgm: is a picture.* give the yaml file beside it"),
-        ("notes.txt", r"notes\.txt: is no map this reads"),
+        ("map.pgm", r"map\.pgm: is a picture.* give its yaml file"),
+        ("notes.txt", r"notes\.txt: has an unknown format"),
     ],
 )
 def test_what_is_no_map_is_refused(tmp_path, name, message):

@@ -194,7 +194,7 @@ def moved(name, column, value):
         (set_value("provenance", "{"), "Expecting property name"),
         (set_value("provenance", "[1]"), "provenance is no JSON object"),
         (set_value("provenance", "[" * 200_000), "recursion"),
-        (set_value("masses", np.zeros((0, 9, 4), np.float32)), "0 x 9 cells holds nothing"),
+        (set_value("masses", np.zeros((0, 9, 4), np.float32)), "0 x 9 cells is empty"),
     ],
 )
 def test_what_cannot_be_a_map_is_told_in_one_line(tbm_map, tmp_path, damage, message):

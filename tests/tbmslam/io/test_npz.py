@@ -162,7 +162,7 @@ def test_text_of_no_characters_is_refused(path):
 
 def test_other_ways_of_packing_are_refused(path):
     replaced(path, "numbers", entry(path, "numbers"), zipfile.ZIP_LZMA)
-    with ArrayZip(path) as arrays, pytest.raises(NpzError, match="packed in a way that numpy does not use"):
+    with ArrayZip(path) as arrays, pytest.raises(NpzError, match="a compression that numpy does not use"):
         arrays.read("numbers", np.float64, (3, 4))
 
 

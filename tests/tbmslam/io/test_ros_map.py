@@ -312,7 +312,7 @@ def test_alpha_hides_cells(tmp_path, mode, caplog):
         f"occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: {mode}\n"
     )
     masses = read_ros_map(tmp_path / "map.yaml").masses
-    assert "map.yaml: 67 % of the picture is not opaque: taken as unknown" in caplog.text
+    assert "map.yaml: 67 % of the picture is not opaque: read as unknown" in caplog.text
     np.testing.assert_allclose(masses[0, :, OCCUPIED], [0.9, 0.0, 0.0], atol=1e-6)
     np.testing.assert_array_equal(masses[0, 1:, UNKNOWN], [1.0, 1.0])
 
@@ -340,7 +340,7 @@ def test_transparent_walls_are_named(tmp_path, caplog, alpha, told):
         "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     read_ros_map(tmp_path / "map.yaml")
-    assert ("map.yaml: holds no wall, since all of its walls are transparent" in caplog.text) is told
+    assert ("map.yaml: holds no wall, because all of its walls are transparent" in caplog.text) is told
 
 
 def test_a_missing_image_is_named(tmp_path):
@@ -354,7 +354,7 @@ def test_a_coordinate_beyond_numbers_is_refused(tmp_path):
     turned(tmp_path, 0.3)
     text = (tmp_path / "map.yaml").read_text().replace("resolution: 0.1", "resolution: 1e308")
     (tmp_path / "map.yaml").write_text(text)
-    with pytest.raises(MapFileError, match=r"map\.yaml: cells of 1e\+308 m show no walls"):
+    with pytest.raises(MapFileError, match=r"map\.yaml: cells of 1e\+308 m are too large for walls"):
         read_ros_map(tmp_path / "map.yaml")
 
 
@@ -380,7 +380,7 @@ def test_only_a_map_saver_s_unknown_outweighs_the_threshold(tmp_path, caplog, pi
         "\n".join(["image: map.png", "resolution: 0.05", "origin: [0, 0, 0]", "occupied_thresh: 0.65", *lines])
     )
     read_ros_map(tmp_path / "map.yaml")
-    assert ("taken as unknown" in caplog.text) is kept
+    assert ("read as unknown" in caplog.text) is kept
 
 
 def test_a_coloured_picture_of_a_map_saver_keeps_its_unknown(tmp_path):

@@ -48,9 +48,9 @@ def test_a_square_kilometre_in_cells_of_5_cm_is_believed(monkeypatch):
         ({"resolution": 1e5}, "cells of 100000 m are not within 0.001 to 100 m"),
         ({"resolution": 100.0, "origin_x": 9.9e7}, "the map would reach to 1.01e.08 m, more than the 1e.08 m"),
         ({"origin_x": -1e9}, "the map would reach to 1e.09 m"),
-        ({"rows": 0}, "0 x 20000 cells holds nothing"),
+        ({"rows": 0}, "0 x 20000 cells is empty"),
         ({"rows": -20000, "cols": -20000}, "holds nothing"),
-        ({"rows": 20001}, "20001 x 20000 cells are more than the 400000000"),
+        ({"rows": 20001}, "20001 x 20000 cells are more than the limit of 400000000"),
     ],
 )
 def test_others_are_not(change, message):
@@ -67,6 +67,6 @@ def test_a_map_too_large_for_the_machine_is_refused(monkeypatch):
     monkeypatch.setattr(map_check, "machine_memory", lambda: 1_900_000_000)
     check_size("m.yaml", 9000, 10000)
     with pytest.raises(
-        MapFileError, match=r"^m\.yaml: 10000 x 10000 cells take 2\.0 GB of memory, and there are 1\.9: "
+        MapFileError, match=r"^m\.yaml: 10000 x 10000 cells take 2\.0 GB of memory, and 1\.9 GB are available: "
     ):
         check_size("m.yaml", 10000, 10000)

@@ -70,7 +70,7 @@ PNG = cv2.imencode(".png", PIXELS)[1].tobytes()
     ("content", "message"),
     [
         (b"", "the map.s image is empty: name a picture"),
-        (b"no picture", "is no picture that can be read"),
+        (b"no picture", "cannot be decoded"),
         (b"P5\n3 2\n", "has no PGM header"),
         (b"P5\n3 x\n255\n", "has no PGM header"),
         (b"P5\n3 2\n0\n\0\0\0\0\0\0", "maximum must be 1 to 65535, it says 0"),
@@ -80,7 +80,7 @@ PNG = cv2.imencode(".png", PIXELS)[1].tobytes()
         (b"P2\n3 2\n255\n0 1 2 3 4", "ends after 5 of 6 pixels"),
         (b"P2\n3 2\n255\n0 1 2 3 4 five", "holds text that is no number"),
         (b"P2\n3 2\n255\n0 1 2 3 4 -5", "holds text that is no number"),
-        (b"P5\n0 2\n255\n", "2 x 0 cells holds nothing"),
+        (b"P5\n0 2\n255\n", "2 x 0 cells is empty"),
         (b"P5\n60000 60000\n255\n\0", "60000 x 60000 cells are more than"),
         (PNG[:45] + b"x" + PNG[46:], "is damaged or cut off"),
         (PNG[:-7], "is damaged or cut off"),
@@ -109,7 +109,7 @@ def test_a_device_in_the_place_of_a_picture_is_not_read(tmp_path):
     for name, target in (("endless.pgm", Path("/dev/zero")), ("folder.pgm", tmp_path)):
         (tmp_path / name).symlink_to(target)
         with pytest.raises(
-            MapFileError, match=r"the map's image is no file but a (folder|device or a pipe): name a picture"
+            MapFileError, match=r"the map's image is (no file but a folder|a device or a pipe): name a picture"
         ):
             read_image(tmp_path / name)
 

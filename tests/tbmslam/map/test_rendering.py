@@ -56,7 +56,7 @@ def test_a_grid_beyond_the_limit_is_drawn_coarser(drive, caplog):
     assert times == pytest.approx(round(times))
     assert np.asarray(coarse.geometry.bounds()) == pytest.approx(fine.geometry.bounds(), abs=coarse.geometry.resolution)
     (warning,) = caplog.messages
-    assert warning.endswith("instead of 0.05 m to keep within the 1000 cells of map.max_cells")
+    assert warning.endswith("instead of 0.05 m, to stay within the 1000 cells of map.max_cells")
 
 
 def test_one_that_grows_beam_by_beam_is_refused_there(drive):
@@ -89,7 +89,7 @@ def test_few_scans_far_apart_are_refused_where_memory_is_short(monkeypatch):
     scans = [LaserScan(float(k), -1.5, 0.1, 0.1, 30.0, np.full(30, 5.0)) for k in range(60)]
     drive = Keyframes.from_scans(scans, poses, [SE2.identity()] * 60)
     monkeypatch.setattr("tbmslam.map.rendering.machine_memory", lambda: 1_000_000_000)
-    said = r"the map spans \d+ x \d+ m and takes 1\.\d GB to draw, more than the 1\.0 GB there are: use a smaller"
+    said = r"the map spans \d+ x \d+ m and takes 1\.\d GB to render, more than the 1\.0 GB available: use a smaller"
     with pytest.raises(GridTooLargeError, match=said):
         render([drive], MapConfig())
     assert render([drive], MapConfig(max_cells=30_000_000)).is_known().any()

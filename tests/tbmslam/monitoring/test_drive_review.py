@@ -150,7 +150,7 @@ def test_a_knocked_laser_is_told_with_its_time_and_what_mends_it():
     assert "turned by 15 degrees to the left" in first.what
     assert "--interval 0.0 55.0" in first.what
     assert "--interval 55.0 105.0 with --sensor-pose 0.30 0.00 21" in first.what
-    assert "--interval 55.0 105.0, and one" in second.what
+    assert "--interval 55.0 105.0, and the second" in second.what
     assert "--interval 105.0 154.6 with --sensor-pose 0.30 0.00 36" in second.what
     assert not first.all_along
     assert drive_review_said(MountCheckConfig(enabled=False), knocked=(100,)) == []
@@ -160,7 +160,7 @@ def test_a_wrong_scale_is_told_with_what_it_was_multiplied_by():
     (warning,) = drive_review_said(scale=2.0)
     assert warning.subject == "scale"
     assert warning.all_along
-    assert "--odometry-scale 0.25 mends it" in warning.what
+    assert "--odometry-scale 0.25" in warning.what
     assert drive_review_said(scale=2.0, information=np.diag([1.0, 1.0, 1.0])) == []
 
 

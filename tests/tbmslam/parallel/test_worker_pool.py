@@ -185,7 +185,7 @@ def test_work_is_done_in_other_processes():
 
 
 def test_a_process_that_dies_is_told_in_one_line():
-    with pytest.raises(WorkerDiedError, match=r"a worker process died: .*fewer --workers"), worker_pool(1) as pool:
+    with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer --workers"), worker_pool(1) as pool:
         pool.submit(os._exit, 3).result()
 
 

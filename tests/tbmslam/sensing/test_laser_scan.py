@@ -88,7 +88,7 @@ def test_stamps_and_angles_that_are_no_numbers_are_refused(numbers):
 @pytest.mark.parametrize("wrong", [-1.5, -math.inf])
 def test_negative_ranges_are_refused(wrong):
     bad = LaserScan(0.0, 0.0, 0.1, 0.1, 30.0, np.array([1.0, math.nan, math.inf, wrong]))
-    with pytest.raises(ValueError, match=f"ranges must not be negative, got {wrong}: nan stands for nothing known"):
+    with pytest.raises(ValueError, match=f"ranges must not be negative, got {wrong}: nan means unknown"):
         Slam().process(Reading(bad, None))
 
 

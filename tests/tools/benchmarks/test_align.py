@@ -100,7 +100,7 @@ def test_another_file_is_no_pair(tmp_path):
         ({"T_ab": np.eye(2)}, "T_ab is no finite matrix"),
         ({"occ_a": np.full((5, 5), 120, np.int8)}, "a mass is -"),
         ({"resolution": np.array(np.nan)}, "resolution must be positive"),
-        ({"occ_b": np.zeros((0, 5), np.int8)}, "0 x 5 cells holds nothing"),
+        ({"occ_b": np.zeros((0, 5), np.int8)}, "0 x 5 cells is empty"),
     ],
 )
 def test_a_pair_that_cannot_be_is_refused(folder, tmp_path, changes, said):

@@ -36,7 +36,7 @@ def test_a_worker_that_dies_costs_its_robot_only(monkeypatch):
     def work():
         done.extend(task.name for task, made in map_all(tasks, Shelf(), Executor(2)) if made.run)
 
-    said = r"^1 of 3 robots failed \(robot_1\), the others are kept.*; the first: a worker process died: .*--workers$"
+    said = r"^1 of 3 robots failed \(robot_1\), the others are kept.*; the first: a worker process died, .*--workers$"
     with pytest.raises(MappingError, match=said):
         work()
     assert done == ["robot_0", "robot_2"]
@@ -160,7 +160,7 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     given = (bags / "robot_0.bag", bad, bags / "robot_2.bag", "--separate", "-o", tmp_path / "out")
     assert run(*given) == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("build_maps: 1 of 3 robots failed (bad), the others are kept; mend or leave out their ")
+    assert error.startswith("build_maps: 1 of 3 robots failed (bad), the others are kept; correct or omit their ")
     assert str(bad) in error
     for name in ("robot_0", "robot_2"):
         assert results(tmp_path / "out" / name) == results(mapped / name)
@@ -174,7 +174,7 @@ def test_where_all_recordings_are_bad_nothing_is_said_of_others(tmp_path, capsys
         (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
     assert run(tmp_path, "--separate", "-o", tmp_path / "out") == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("build_maps: 2 of 2 robots failed (a, b); mend or leave out their recordings")
+    assert error.startswith("build_maps: 2 of 2 robots failed (a, b); correct or omit their recordings")
 
 
 def test_where_a_recording_is_bad_the_others_keep_their_own_truth(bags, mapped, tmp_path):
@@ -205,4 +205,4 @@ def test_wrong_numbers_of_workers(words, capsys):
     with pytest.raises(SystemExit) as left:
         run("x.bag", *words)
     assert left.value.code == 2
-    assert "--workers must be at least 1, and a --scheduler has workers of its own" in capsys.readouterr().err
+    assert "--workers must be at least 1, and a --scheduler has its own workers" in capsys.readouterr().err

@@ -108,7 +108,7 @@ def test_a_place_outside_the_walls_says_nothing():
 
 def test_cells_too_far_from_a_world_are_refused():
     world = World("hall", 0, BOX, np.zeros((1, 2)))
-    with pytest.raises(WorldError, match=r"reach together over .* say where the map lies in it"):
+    with pytest.raises(WorldError, match=r"reach together over .* give the pose of the map in it"):
         world.occupancy(world.grid(0.05), SE2(1e8, 1e8, 0.0))
 
 
