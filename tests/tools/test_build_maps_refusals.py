@@ -142,7 +142,8 @@ def test_a_file_where_a_robot_goes_is_kept(bag, tmp_path, capsys):
 def test_scans_that_show_nothing_are_one_line(bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path / "out", "--range-max", "1e-6") == 1
     assert capsys.readouterr().err == (
-        "build_maps: robot_0: nothing was measured in 80 scans (beams: 100% no_return): check --range-max and --range-min, "
+        "build_maps: robot_0: nothing was measured in 80 scans (beams: 100% no_return): check --range-max and "
+        "--range-min, "
         "or choose another --scan-topic\n"
     )
     assert not (tmp_path / "out").exists()
