@@ -155,7 +155,7 @@ class ReadingCounts:
 
     def incidents_in(self, span: Span | None) -> list[Incident]:
         """Return the incidents in a part of the recording; None: in all of it."""
-        return [one for one in self.incidents if span is None or span.meets(one.stamp, one.seconds)]
+        return [incident for incident in self.incidents if span is None or span.meets(incident.stamp, incident.seconds)]
 
     def pauses_in(self, span: Span | None) -> list[float]:
         """Return how long the gaps in a part of the recording lasted [s]; None: in all of it."""

@@ -281,9 +281,9 @@ def known_recording(name: str) -> KnownRecording:
     """
     known = known_recordings()
     if name not in known:
-        last = {one.rpartition("/")[2]: one for one in known}
+        last = {full.rpartition("/")[2]: full for full in known}
         near = difflib.get_close_matches(name, known, n=1) or [
-            last[one] for one in difflib.get_close_matches(name, last, n=1)
+            last[full] for full in difflib.get_close_matches(name, last, n=1)
         ]
         meant = f"did you mean {near[0]}?" if near else "see --list"
         raise DatasetError(f"there is no known recording {name!r}: {meant}")

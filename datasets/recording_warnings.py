@@ -35,11 +35,11 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     if recording.description.get("sensor_pose_known") is False:
         warnings.append("the mount of the laser on the robot is not recorded: a default was used")
     frames = recording.description.get("frame_warnings")
-    warnings += [str(one) for one in frames] if isinstance(frames, list) else []
+    warnings += [str(warning) for warning in frames] if isinstance(frames, list) else []
     first_scan = recording.description.get("first_scan")
     is_given = recording.description.get("angle_step_deg") is not None  # then the stated angle is not used
     angle = first_scan.get("angle_warning") if isinstance(first_scan, dict) and not is_given else None
-    return warnings + [str(one) for one in (recording.description.get("clock_warning"), angle) if one]
+    return warnings + [str(warning) for warning in (recording.description.get("clock_warning"), angle) if warning]
 
 
 def _counted(counts: ReadingCounts) -> list[str]:

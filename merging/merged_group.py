@@ -77,7 +77,7 @@ def _may_be_drawn(joint: JointRefinement, config: MergeConfig) -> bool:
 def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
     """Render the scans of all drives into one grid, as if one robot had taken them."""
     maps = list(joint.maps.values())
-    drawn = redraw([drive.keyframes for one in maps for drive in one.drives], maps[0])
+    drawn = redraw([drive.keyframes for tbm_map in maps for drive in tbm_map.drives], maps[0])
     return resample(drawn, SE2.identity(), canvas)
 
 
@@ -92,11 +92,11 @@ def _merged(
     moved = {
         name: maps[name].moved(pose, fusion.grid) if joint is None else joint.maps[name] for name, pose in poses.items()
     }
-    names = [drive.name for one in moved.values() for drive in one.drives]
+    names = [drive.name for tbm_map in moved.values() for drive in tbm_map.drives]
     drives = tuple(
         replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
-        for name, one in moved.items()
-        for drive in one.drives
+        for name, tbm_map in moved.items()
+        for drive in tbm_map.drives
     )
     provenance = {
         "merged_from": {
@@ -171,7 +171,7 @@ def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[s
     if len(names) == 1:
         return names
     grids = {name: maps[name].grid for name in names}
-    known_m2 = {name: np.count_nonzero(one.is_known()) * one.geometry.resolution**2 for name, one in grids.items()}
+    known_m2 = {name: np.count_nonzero(grid.is_known()) * grid.geometry.resolution**2 for name, grid in grids.items()}
     return sorted(names, key=lambda name: -known_m2[name])
 
 

@@ -150,7 +150,7 @@ def _judged(
     """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
     limits = config.verification
     likely, decoys = score_hypotheses(*maps, [evidence for _, evidence in candidates], config)
-    ranked = sorted(zip(likely, candidates, strict=True), key=lambda one: -one[0])
+    ranked = sorted(zip(likely, candidates, strict=True), key=lambda ranked_pair: -ranked_pair[0])
     confidence, (motion, evidence) = ranked[0]
     others = [
         PoseHypothesis(other, p, e.agreed_wall_m, covariance_of(*maps, other, limits.limits(), config.covariance))

@@ -99,11 +99,11 @@ def _run(args: argparse.Namespace) -> None:
         print(f"{folder}, buildings left out of the fit\n{worth(list(islice(in_order, len(its))))}\n")
     model = fit_model(trials)
     for folder, its in asked.items():
-        others = [one.judged(model) for one in its]
+        others = [pair.judged(model) for pair in its]
         print(f"{folder}, no part in the fit\n{worth(others)}\n\n{calibration_table(others, BINS)}\n")
     print(f"all that were left out\n{calibration_table(judged, BINS)}")
     if args.plot:
-        write_bytes(args.plot, draw_calibration([(one.confidence, one.right) for one in judged], BINS))
+        write_bytes(args.plot, draw_calibration([(pair.confidence, pair.right) for pair in judged], BINS))
     if args.out:
         write_text(args.out, model.as_json())
 
@@ -124,7 +124,7 @@ def trials_of(
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
     try_it = partial(_trial_of, config=config, weight=weight, bent=bent)
-    return [one for one in pool.map(try_it, paths) if one is not None]
+    return [pair for pair in pool.map(try_it, paths) if pair is not None]
 
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
@@ -140,7 +140,7 @@ def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Tr
     """Return the candidates of so many pairs that do not belong together."""
     near = 24  # of these many share a building
     found = pool.map(partial(_stranger, config=config), range(count), chunksize=near)
-    return [one for one in found if one is not None]
+    return [pair for pair in found if pair is not None]
 
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":

@@ -147,7 +147,7 @@ def _read_edits(path: Path) -> list[tuple[str, tuple[float, ...]]]:
 
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))["edit"]
-        return [(str(one["kind"]), tuple(float(value) for value in one["values"])) for one in tables]
+        return [(str(table["kind"]), tuple(float(value) for value in table["values"])) for table in tables]
     except OSError as error:
         raise EditError(f"{path}: cannot be read: {error.strerror}: name the {EDITS} of an edited map") from error
     except (ValueError, KeyError, TypeError) as error:

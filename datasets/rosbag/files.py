@@ -37,27 +37,27 @@ def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
         Two of them are of two robots.
     """
     holding = [source for source in sources if any(c.topic == topic and c.msgcount for c in source.connections)]
-    for one, other in combinations(holding, 2):
-        if _overlap(one, other) and not _alike(one, other, topic):
+    for bag, other in combinations(holding, 2):
+        if _overlap(bag, other) and not _alike(bag, other, topic):
             raise DatasetError(
-                f"{one.path} and {other.path} hold different scans of {topic} from the same time: "
+                f"{bag.path} and {other.path} hold different scans of {topic} from the same time: "
                 "if they are of two robots, pass --separate, else give one of them"
             )
 
 
-def _overlap(one: BagSource, other: BagSource) -> bool:
+def _overlap(bag: BagSource, other: BagSource) -> bool:
     """Return whether most of a bag's time overlaps with another's; False if unknown."""
-    if one.span is None or other.span is None:
+    if bag.span is None or other.span is None:
         return False
-    common = min(one.span[1], other.span[1]) - max(one.span[0], other.span[0])
-    return common > _MOST * min(last - first for first, last in (one.span, other.span))
+    common = min(bag.span[1], other.span[1]) - max(bag.span[0], other.span[0])
+    return common > _MOST * min(last - first for first, last in (bag.span, other.span))
 
 
-def _alike(one: BagSource, other: BagSource, topic: str) -> bool:
+def _alike(bag: BagSource, other: BagSource, topic: str) -> bool:
     """Return whether most of the scans of one bag are in another, too."""
     held = [
         {hashlib.blake2b(message.data, digest_size=16).digest() for message in source.messages([topic], topic)}
-        for source in (one, other)
+        for source in (bag, other)
     ]
     return len(held[0] & held[1]) > _MOST * min(map(len, held))
 

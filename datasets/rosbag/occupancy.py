@@ -123,7 +123,11 @@ def read_occupancy_bag(path: Path) -> TbmGrid:
         If the message holds no map.
     """
     source = BagSource(path)
-    topics = {one.topic: one.msgcount for one in source.connections if one.msgtype == _TYPE and one.msgcount}
+    topics = {
+        connection.topic: connection.msgcount
+        for connection in source.connections
+        if connection.msgtype == _TYPE and connection.msgcount
+    }
     if len(topics) != 1:
         raise DatasetError(f"{path}: holds {', '.join(topics) or 'no'} OccupancyGrid topics: it must hold exactly one")
     (topic,) = topics

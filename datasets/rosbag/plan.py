@@ -280,8 +280,10 @@ def _delivery(files: BagFiles, scan_topic: str) -> float:
     delays = []
     for other in files.of_type(SCAN_TYPE):
         if other.messages and other.name != scan_topic:
-            some = islice(files.messages([other.name], other.name), _SCANS_FOR_DELAY)
-            lags = [m.bag_time - m.content.stamped(math.nan).stamp for m in some if isinstance(m.content, FramedScan)]
+            messages = islice(files.messages([other.name], other.name), _SCANS_FOR_DELAY)
+            lags = [
+                m.bag_time - m.content.stamped(math.nan).stamp for m in messages if isinstance(m.content, FramedScan)
+            ]
             delays.append(float(np.median(lags)) if lags else math.nan)
     return min((delay for delay in delays if 0.0 < delay < LATENCY_LIMIT_S), default=0.0)
 

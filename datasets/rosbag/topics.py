@@ -40,8 +40,8 @@ def nearness_to(scan: str) -> Callable[[str], int]:
 
     def shared(name: str) -> int:
         common = 0
-        for one, other in zip(_namespace(name), home, strict=False):
-            if one != other:
+        for part, other in zip(_namespace(name), home, strict=False):
+            if part != other:
                 break
             common += 1
         return common

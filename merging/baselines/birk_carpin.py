@@ -73,7 +73,9 @@ class _Likeness:
 
     @classmethod
     def of(cls, target: CellStates, source: CellStates, placing: Placing, how: BirkCarpinConfig) -> "_Likeness":
-        states = [state for state in (IS_FREE, IS_WALL) if all((one.states == state).any() for one in (target, source))]
+        states = [
+            state for state in (IS_FREE, IS_WALL) if all((cells.states == state).any() for cells in (target, source))
+        ]
         sides = [(_Side.of(target, state, how.sample), _Side.of(source, state, how.sample)) for state in states]
         return cls((target, source), placing, sides, how)
 

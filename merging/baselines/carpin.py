@@ -30,7 +30,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Find where a source grid lies in a target's frame; both have known cells."""
     how = config.baselines.carpin
     maps = CellStates.of(target), CellStates.of(source)
-    walls = [one.some(one.states == IS_WALL) for one in maps]
+    walls = [cells.some(cells.states == IS_WALL) for cells in maps]
     if min(len(points) for points in walls) == 0:
         return Alignment("carpin", accepted=False, reason="a map has no walls")
     placing = Placing.of(*maps)
@@ -61,7 +61,8 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:
     """Return shifts (peaks^2,) at which the walls' counts along x and those along y correlate most."""
     along = [
-        _shifts_along(one, other, cell, peaks) for one, other in ((fixed.real, moving.real), (fixed.imag, moving.imag))
+        _shifts_along(axis, other, cell, peaks)
+        for axis, other in ((fixed.real, moving.real), (fixed.imag, moving.imag))
     ]
     return np.array([complex(x, y) for x, y in itertools.product(*along)])
 
@@ -69,8 +70,10 @@ def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:
 def _shifts_along(fixed: Reals, moving: Reals, cell: float, peaks: int) -> FloatArray:
     low = float(min(fixed.min(), moving.min()))
     size = round((max(fixed.max(), moving.max()) - low) / cell) + 2
-    counts = [np.bincount(np.floor((one - low) / cell).astype(np.intp), minlength=size) for one in (fixed, moving)]
-    spectra = [np.fft.rfft(one - one.mean(), 2 * size) for one in counts]
+    counts = [
+        np.bincount(np.floor((values - low) / cell).astype(np.intp), minlength=size) for values in (fixed, moving)
+    ]
+    spectra = [np.fft.rfft(count - count.mean(), 2 * size) for count in counts]
     likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), 2 * size)
     around = np.stack([np.roll(likeness, step) for step in range(-4, 5)])
     maxima = np.flatnonzero(likeness == around.max(axis=0))

@@ -45,12 +45,12 @@ def align(encounters: Sequence[Encounter]) -> Alignment:
     """Find where a source lies in a target's frame from what the robots measured."""
     if not encounters:
         return Alignment("howard", accepted=False, reason="the robots never met")
-    met = [one.T_target_robot @ one.T_robot_other for one in encounters]
-    motions = [there @ one.T_source_other.inverse() for there, one in zip(met, encounters, strict=True)]
+    met = [encounter.T_target_robot @ encounter.T_robot_other for encounter in encounters]
+    motions = [there @ encounter.T_source_other.inverse() for there, encounter in zip(met, encounters, strict=True)]
     theta = cmath.phase(sum(cmath.exp(1j * motion.theta) for motion in motions))
     rotation = SE2(0.0, 0.0, theta)
     # About the places where they met: a turn moves what is far from them, not what is near.
-    places = rotation.apply([(one.T_source_other.x, one.T_source_other.y) for one in encounters])
+    places = rotation.apply([(encounter.T_source_other.x, encounter.T_source_other.y) for encounter in encounters])
     x, y = np.mean([(there.x, there.y) for there in met] - places, axis=0)
     reason = f"the robots met {len(encounters)} time{'s' if len(encounters) > 1 else ''}"
     return Alignment("howard", accepted=True, reason=reason, T_target_source=SE2(float(x), float(y), theta))

@@ -125,7 +125,7 @@ def answer(
     target, source = maps
     agreement = Agreement.of(target, source, placing, place[None])
     both = float(agreement.agreeing[0] + agreement.disagreeing[0])
-    cells = [int(np.count_nonzero(one.states != IS_UNKNOWN)) for one in maps]
+    cells = [int(np.count_nonzero(side.states != IS_UNKNOWN)) for side in maps]
     share, needed = both * cells[1] / min(cells), config.baselines.min_overlap_share
     words, good = measure
     reason = words if share >= needed else f"the maps overlap by {share:.0%}, under {needed:.0%}"

@@ -80,7 +80,9 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     diagrams = [
         VoronoiDiagram.of(grid, states, how.min_apart_m) for grid, states in zip((target, source), maps, strict=True)
     ]
-    if min(len(diagram.points) for diagram in diagrams) == 0 or not all((one.states == IS_WALL).any() for one in maps):
+    if min(len(diagram.points) for diagram in diagrams) == 0 or not all(
+        (side.states == IS_WALL).any() for side in maps
+    ):
         return Alignment("saeedi", accepted=False, reason="a map has no walls that face each other")
     places = _proposals(diagrams[0], diagrams[1], placing, how)
     fields = _fields(diagrams[0], target.geometry, how.cell_m)

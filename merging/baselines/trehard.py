@@ -45,7 +45,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     places = _proposals(sides, placing, how)
     places = climb(lambda places: sums(places)[0], places, 0.2, np.pi / how.turns)
     place = places[sums(places)[0].argmax()]
-    agreed, possible = (float(one[0]) for one in sums(place[None]))
+    agreed, possible = (float(sums_of_both[0]) for sums_of_both in sums(place[None]))
     consistency = agreed / possible if possible > 0.0 else 0.0
     words = f"consistency {consistency:.2f}, to be {how.min_consistency:g}"
     return answer("trehard", maps, placing, place, (words, consistency >= how.min_consistency), config)

@@ -70,7 +70,7 @@ class Study:
     found: dict[int, npt.NDArray[np.int64]] = field(default_factory=dict)
 
 
-_Looks = tuple[FloatArray, dict[str, npt.NDArray[np.uint8]]]
+_Keypoints = tuple[FloatArray, dict[str, npt.NDArray[np.uint8]]]
 
 
 def compare_modifications(
@@ -93,25 +93,25 @@ def compare_modifications(
     studies = {variant: Study() for variant in variants}
     for count in keypoints:
         say(f"{count} keypoints")
-        looks: dict[str, _Looks] = {}
+        found_by_name: dict[str, _Keypoints] = {}
         for pair in pairs:
             for name, grid in ((pair.target_name, pair.target), (pair.source_name, pair.source)):
-                if name not in looks:
-                    looks[name] = _looks_of(grid, count)
+                if name not in found_by_name:
+                    found_by_name[name] = _keypoints_of(grid, count)
         for variant, study in studies.items():
-            shares, matches = _measured(pairs, looks, variant, ratios, tolerance_m)
+            shares, matches = _measured(pairs, found_by_name, variant, ratios, tolerance_m)
             for (ratio, letter), values in shares.items():
                 setting = Setting(count, ratio, letter)
                 study.shares[setting] = np.array(values)
                 study.matches[setting] = np.array(matches[ratio, letter])
-            sides = [len(looks[name][0]) for pair in pairs for name in (pair.target_name, pair.source_name)]
+            sides = [len(found_by_name[name][0]) for pair in pairs for name in (pair.target_name, pair.source_name)]
             study.found[count] = np.array(sides)
     return studies
 
 
 def _measured(
     pairs: Sequence[MapPair],
-    looks: Mapping[str, _Looks],
+    found_by_name: Mapping[str, _Keypoints],
     variant: Variant,
     ratios: Sequence[float],
     tolerance_m: float,
@@ -120,7 +120,9 @@ def _measured(
     counts: dict[tuple[float, str], list[int]] = {(r, m): [] for r in ratios for m in MODIFICATIONS}
     for pair in pairs:
         for letter, how in MODIFICATIONS.items():
-            target, source = (_described(looks[name], how, variant) for name in (pair.target_name, pair.source_name))
+            target, source = (
+                _described(found_by_name[name], how, variant) for name in (pair.target_name, pair.source_name)
+            )
             everything = match_all(target, source)
             for ratio in ratios:
                 kept = everything.clearer_than(ratio)
@@ -129,7 +131,7 @@ def _measured(
     return shares, counts
 
 
-def _looks_of(grid: TbmGrid, count: int) -> _Looks:
+def _keypoints_of(grid: TbmGrid, count: int) -> _Keypoints:
     """Return the keypoints of a grid [m] and their descriptors in each image."""
     channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
     images = {
@@ -148,8 +150,8 @@ def _looks_of(grid: TbmGrid, count: int) -> _Looks:
     return points, {name: np.asarray(found, dtype=np.uint8) for name, (_, found) in described.items()}
 
 
-def _described(looks: _Looks, how: Descriptor, variant: Variant) -> Described:
-    points, found = looks
+def _described(keypoints: _Keypoints, how: Descriptor, variant: Variant) -> Described:
+    points, found = keypoints
     names = ["pignistic"] if how == "pignistic" else ["occupied", "free", variant.unknown]
     # ORB's tests are sorted by their information beyond the tests before: the first are the best (Rublee 2011).
     return Described(points, joined([found[name][:, : variant.bits // 8] for name in names], how))

@@ -72,7 +72,7 @@ def half_width(deviation: float, count: int, level: float = LEVEL) -> float:
 def _rejected(p_values: Mapping[str, float], alpha: float) -> set[str]:
     """Return the hypotheses that Holm's procedure rejects (1979)."""
     rejected: set[str] = set()
-    for rank, name in enumerate(sorted(p_values, key=lambda one: p_values[one])):
+    for rank, name in enumerate(sorted(p_values, key=lambda name: p_values[name])):
         if p_values[name] > alpha / (len(p_values) - rank):
             break
         rejected.add(name)

@@ -124,7 +124,7 @@ class WallMap:
 
 def without_walls(target: WallMap, source: WallMap) -> str | None:
     """Return in words which of two maps holds no wall, so that their relative pose is unknown; None where both do."""
-    bare = [name for name, one in (("target", target), ("source", source)) if not len(one.points)]
+    bare = [name for name, walls in (("target", target), ("source", source)) if not len(walls.points)]
     if not bare:
         return None
     return "neither map holds a wall" if len(bare) == 2 else f"the {bare[0]} map holds no wall"

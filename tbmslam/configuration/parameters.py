@@ -113,11 +113,11 @@ def _check_kinds(given: object, made: object, place: tuple[str, ...], source: st
     """Refuse booleans and texts for numbers, and numbers for booleans, anywhere in a table."""
     if isinstance(given, Mapping):
         values = fields_of(made) if is_table(made) else cast("Mapping[str, object]", made)
-        for key, one in given.items():
-            _check_kinds(one, values[key], (*place, key), source)
+        for key, item in given.items():
+            _check_kinds(item, values[key], (*place, key), source)
     elif isinstance(given, list | tuple) and isinstance(made, list | tuple):
-        for one, other in zip(given, made, strict=False):
-            _check_kinds(one, other, place, source)
+        for item, other in zip(given, made, strict=False):
+            _check_kinds(item, other, place, source)
     else:
         _check_kind(given, made, place, source)
 

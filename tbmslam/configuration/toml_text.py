@@ -127,7 +127,7 @@ def _plain(value: object) -> object:
         table = tomlkit.inline_table()
         table.update(value)
         return table
-    return [_plain(one) for one in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+    return [_plain(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
 
 
 def _limits(table: object) -> dict[str, str]:

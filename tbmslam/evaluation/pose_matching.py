@@ -45,7 +45,7 @@ def matching_poses(
     if len(first) < 2 or (np.diff(first) > 0.0).all():
         return matching_stamps(first, second, tolerance)
     like = _alike(first, second, tolerance)
-    matched = np.flatnonzero([len(some) > 0 for some in like])
+    matched = np.flatnonzero([len(candidates) > 0 for candidates in like])
     costs: list[list[_Cost]] = []
     origins: list[list[int]] = []
     runs, own_runs = _runs(first).tolist(), _runs(second).tolist()
@@ -54,17 +54,17 @@ def matching_poses(
         passed = own_runs[index] - own_runs[before]
         costs.append([])
         origins.append([])
-        for one in like[index].tolist():
+        for candidate in like[index].tolist():
             paths = (
                 [
-                    (cost[0] + abs(runs[one] - runs[other] - passed), cost[1], origin)
+                    (cost[0] + abs(runs[candidate] - runs[other] - passed), cost[1], origin)
                     for origin, (cost, other) in enumerate(zip(costs[-2], like[before].tolist(), strict=True))
                 ]
                 if number
                 else [(0, 0.0, 0)]
             )
             breaks, apart, origin = min(paths)
-            costs[-1].append((breaks, apart + abs(float(first[one] - second[index]))))
+            costs[-1].append((breaks, apart + abs(float(first[candidate] - second[index]))))
             origins[-1].append(origin)
     return _traced(like, matched, costs, origins), matched
 

@@ -76,7 +76,7 @@ class MapEdit:
 def without_scans(tbm_map: TbmMap) -> TbmMap:
     """Return a map whose drives keep their trajectories only: a merge would draw it from scans again, unedited."""
     nothing = Keyframes.from_scans([], [], [])
-    return replace(tbm_map, drives=tuple(Drive(one.name, one.trajectory, nothing) for one in tbm_map.drives))
+    return replace(tbm_map, drives=tuple(Drive(drive.name, drive.trajectory, nothing) for drive in tbm_map.drives))
 
 
 def angle_to_axes(grid: TbmGrid) -> float:

@@ -104,16 +104,16 @@ class Keyframes:
 
     def part(self, first: int, last: int) -> "Keyframes":
         """Return the keyframes from one up to, not including, another."""
-        some, begin, end = slice(first, last), int(self.offsets[first]), int(self.offsets[last])
+        part, begin, end = slice(first, last), int(self.offsets[first]), int(self.offsets[last])
         return Keyframes(
-            stamps=self.stamps[some],
-            poses=self.poses[some],
-            sensor_poses=self.sensor_poses[some],
-            beams=self.beams[some],
+            stamps=self.stamps[part],
+            poses=self.poses[part],
+            sensor_poses=self.sensor_poses[part],
+            beams=self.beams[part],
             offsets=self.offsets[first : last + 1] - begin,
             ranges=self.ranges[begin:end],
-            beam_steps=self.beam_steps[some],
-            indices=self.indices[some],
+            beam_steps=self.beam_steps[part],
+            indices=self.indices[part],
         )
 
     def pose(self, index: int) -> SE2:

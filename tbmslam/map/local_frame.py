@@ -49,11 +49,11 @@ class LocalFrame:
         """Return a pose in the far frame."""
         return self.T_far_near @ T_near_robot if self.is_far else T_near_robot
 
-    def map_there(self, one: TbmMap) -> TbmMap:
+    def map_there(self, tbm_map: TbmMap) -> TbmMap:
         """Return a map in the far frame, with the same cells."""
         if not self.is_far:
-            return one
-        cells = one.grid.geometry
+            return tbm_map
+        cells = tbm_map.grid.geometry
         origin_x, origin_y = cells.origin_x + self.T_far_near.x, cells.origin_y + self.T_far_near.y
-        grid = TbmGrid(cells._replace(origin_x=origin_x, origin_y=origin_y), one.grid.masses)
-        return one.moved(self.T_far_near, grid)
+        grid = TbmGrid(cells._replace(origin_x=origin_x, origin_y=origin_y), tbm_map.grid.masses)
+        return tbm_map.moved(self.T_far_near, grid)

@@ -120,19 +120,19 @@ def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iter
     """Yield the scans that speak of any cell, some at a time: the ends of all beams would take much memory."""
     limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
     for first in range(0, len(keyframes), _SCANS_AT_ONCE):
-        some = slice(first, first + _SCANS_AT_ONCE)
+        scans = slice(first, first + _SCANS_AT_ONCE)
         offsets = keyframes.offsets[first : first + _SCANS_AT_ONCE + 1]
         ends, is_hit, begins = beam_ends(
             keyframes.ranges[offsets[0] : offsets[-1]],
             offsets - offsets[0],
-            keyframes.beams[some],
-            keyframes.beam_steps[some],
-            lasers[some],
+            keyframes.beams[scans],
+            keyframes.beam_steps[scans],
+            lasers[scans],
             limit,
             clears,
         )
         if len(ends):
-            yield _Block(lasers[some], ends, is_hit, begins)
+            yield _Block(lasers[scans], ends, is_hit, begins)
 
 
 def _corners(block: _Block) -> FloatArray:
@@ -181,7 +181,7 @@ def _masses(
     factors = beam_factors(config.sensor_model, resolution, 1.0)
     hit, miss = (
         # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
-        np.maximum(one[None, :] ** -np.arange(most + 1.0)[:, None], 1e-150)
-        for one, most in zip((factors.hit, factors.miss), most_counted(counts), strict=True)
+        np.maximum(factor[None, :] ** -np.arange(most + 1.0)[:, None], 1e-150)
+        for factor, most in zip((factors.hit, factors.miss), most_counted(counts), strict=True)
     )
     return count_masses(counts, hit, miss, config.keep_conflict)

@@ -76,7 +76,7 @@ def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> 
     turned = (angles - after.angle_min) * np.sign(step) + 0.5 * abs(step)
     beam = (np.remainder(turned, 2.0 * np.pi) / abs(step)).astype(np.int64)
     there = np.where(beam < beams, after.ranges[np.minimum(beam, beams - 1)], np.nan)
-    told = ~np.isnan(there)
-    if np.count_nonzero(told) < _FEWEST:
+    known = ~np.isnan(there)
+    if np.count_nonzero(known) < _FEWEST:
         return 1.0
-    return float(np.mean(np.abs(there[told] - ranges[told]) <= _NEAR + _NEAR_SHARE * ranges[told]))
+    return float(np.mean(np.abs(there[known] - ranges[known]) <= _NEAR + _NEAR_SHARE * ranges[known]))

@@ -105,7 +105,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     print(machine_line(machine))
     write_tables(args.table, machine, {"methods": table})
     if args.json:
-        pairs = {method: [asdict(one) for one in found] for method, found in results.items()}
+        pairs = {method: [asdict(outcome) for outcome in found] for method, found in results.items()}
         record = {"machine": machine, "methods": pairs}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
     if args.plot:

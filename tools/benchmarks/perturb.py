@@ -62,8 +62,8 @@ def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveError
 def poses_of(tbm_map: TbmMap, perturbation: Perturbation) -> Trajectory:
     """Return the poses of all drives of a map, as the robot is in the unperturbed recording."""
     trajectories = [drive.trajectory for drive in tbm_map.drives]
-    stamps = np.concatenate([np.zeros(0), *(one.stamps for one in trajectories)])
-    poses = np.concatenate([np.zeros((0, 3)), *(one.poses for one in trajectories)])
+    stamps = np.concatenate([np.zeros(0), *(trajectory.stamps for trajectory in trajectories)])
+    poses = np.concatenate([np.zeros((0, 3)), *(trajectory.poses for trajectory in trajectories)])
     return Trajectory(stamps, compose(poses, np.broadcast_to(perturbation.T_stated_true, poses.shape)))
 
 
@@ -192,9 +192,9 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
 
 def summary(scores: Sequence[Score]) -> str:
     """Return one line on how many perturbations did too much."""
-    perturbed = [one for one in scores if one.verdict != "-"]
-    misses = [one for one in perturbed if one.is_miss()]
-    lost = sum(one.verdict != "MISS" for one in misses)
+    perturbed = [row for row in scores if row.verdict != "-"]
+    misses = [row for row in perturbed if row.is_miss()]
+    lost = sum(row.verdict != "MISS" for row in misses)
     return f"{len(perturbed)} perturbed runs, {len(misses)} misses, {lost} of them lost or failed"
 
 
@@ -202,15 +202,15 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
     unperturbed = answers[0]
     if isinstance(unperturbed, MeasurementError):
         raise unperturbed
-    return [score(one, errors, unperturbed) for one, errors in zip(chosen, answers, strict=True)]
+    return [score(row, errors, unperturbed) for row, errors in zip(chosen, answers, strict=True)]
 
 
 def _overview(name: str, scores: Sequence[Score]) -> list[str]:
     """Return a row on a recording: its error as it is, and what became of it perturbed."""
-    perturbed = [one for one in scores if one.verdict != "-"]
-    misses = [one for one in perturbed if one.is_miss()]
-    lost = sum(one.verdict != "MISS" for one in misses)
-    worst = max((one.ratio for one in perturbed if one.ratio is not None), default=None)
+    perturbed = [row for row in scores if row.verdict != "-"]
+    misses = [row for row in perturbed if row.is_miss()]
+    lost = sum(row.verdict != "MISS" for row in misses)
+    worst = max((row.ratio for row in perturbed if row.ratio is not None), default=None)
     counts = (len(perturbed), len(misses), lost)
     return [name, number(scores[0].error_m, 4), *map(str, counts), number(worst, 2)]
 
@@ -219,14 +219,14 @@ def _table(scores: Sequence[Score], measure: str) -> ResultTable:
     head = ("perturbation", measure, "mean error deg", "unscored", "left out", "ratio", "verdict")
     rows = [
         [
-            one.perturbation,
-            number(one.error_m, 4),
-            number(one.error_deg, 3),
-            str(one.unscored),
-            str(one.left_out),
-            number(one.ratio, 2),
-            one.verdict,
+            row.perturbation,
+            number(row.error_m, 4),
+            number(row.error_deg, 3),
+            str(row.unscored),
+            str(row.left_out),
+            number(row.ratio, 2),
+            row.verdict,
         ]
-        for one in scores
+        for row in scores
     ]
     return ResultTable(head, rows)

@@ -20,7 +20,7 @@ def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str,
 
 def maps_by_name(placed: Mapping[str, PlacedMap]) -> dict[str, TbmMap]:
     """Return the maps themselves."""
-    return {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
+    return {name: TbmMap(grid_of(placed_map.occupancy, placed_map.resolution)) for name, placed_map in placed.items()}
 
 
 def known_pair(pair: Pair, placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> KnownPair:

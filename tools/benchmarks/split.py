@@ -191,9 +191,9 @@ def _judged(
 
 def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
     """Return the free space that two maps share, as a share of that of the map that has less."""
-    free = [cell_labels(one.grid) == FREE for one in (first, second)]
+    free = [cell_labels(tbm_map.grid) == FREE for tbm_map in (first, second)]
     there = cell_labels(resample(second.grid, T_first_second, first.grid.geometry)) == FREE
-    areas = [float(one.sum()) * m.grid.geometry.resolution**2 for one, m in zip(free, (first, second), strict=True)]
+    areas = [float(cells.sum()) * m.grid.geometry.resolution**2 for cells, m in zip(free, (first, second), strict=True)]
     return float((free[0] & there).sum()) * first.grid.geometry.resolution**2 / max(min(areas), 1e-9)
 
 

@@ -78,18 +78,18 @@ def benchmark_sets(args: argparse.Namespace) -> None:
     met = list(tqdm(_meet_all(args.sets, args.seed, args.workers), total=args.sets, disable=None))
     table = summary(met)
     print(text_table(*table))
-    for one in met:
-        if one.joined:
-            how = "an accepted pair" if set(one.accepted) & set(one.joined) else "refused pairs that agree"
-            names = sorted(set(itertools.chain.from_iterable(one.joined)))
-            print(f"wrongly joined: {', '.join(names)} of set {one.number}, {one.kind}, by {how}")
+    for outcome in met:
+        if outcome.joined:
+            how = "an accepted pair" if set(outcome.accepted) & set(outcome.joined) else "refused pairs that agree"
+            names = sorted(set(itertools.chain.from_iterable(outcome.joined)))
+            print(f"wrongly joined: {', '.join(names)} of set {outcome.number}, {outcome.kind}, by {how}")
     print(machine_line(machine))
     write_tables(args.table, machine, {"sets": table})
 
 
 def summary(met: list[StrangerSet]) -> ResultTable:
     """Return the table."""
-    rows = [_row(kind, about, [one for one in met if one.kind == kind]) for kind, about in KINDS.items()]
+    rows = [_row(kind, about, [outcome for outcome in met if outcome.kind == kind]) for kind, about in KINDS.items()]
     return ResultTable(HEAD, [*rows, _row("all", "", met)])
 
 
@@ -105,7 +105,11 @@ def meet_set(number_of_set: int, seed: int) -> StrangerSet:
     return StrangerSet(
         kind_of(number_of_set),
         number_of_set,
-        tuple(pair for pair, one in found.items() if one.accepted and not is_right(pairs[pair], one.T_target_source)),
+        tuple(
+            pair
+            for pair, outcome in found.items()
+            if outcome.accepted and not is_right(pairs[pair], outcome.T_target_source)
+        ),
         tuple(pair for pair in joined if pair not in right),
         len(right),
         sum(known.T_target_source is not None for known in pairs.values()),
@@ -123,9 +127,9 @@ def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
     first = seed * _SEEDS_APART + number_of_set * _SETS_APART
     kind, half = kind_of(number_of_set), MAPS // 2
     if kind == "six buildings":
-        placed = [one for index in range(MAPS) for one in maps_of(_building(first + index, rng), 1, rng)]
+        placed = [outcome for index in range(MAPS) for outcome in maps_of(_building(first + index, rng), 1, rng)]
     elif kind == "two buildings":
-        placed = [one for index in range(2) for one in maps_of(_building(first + index, rng), half, rng)]
+        placed = [outcome for index in range(2) for outcome in maps_of(_building(first + index, rng), half, rng)]
     else:
         both = maps_of_mirrored if kind == "mirrored" else maps_of_far_ends
         placed = list(both(_building(first, rng), half, rng))
@@ -137,13 +141,13 @@ def _building(number_of_building: int, rng: np.random.Generator) -> Building:
 
 
 def _row(kind: str, about: str, met: list[StrangerSet]) -> list[str]:
-    tried, wrong = len(met), sum(bool(one.joined) for one in met)
+    tried, wrong = len(met), sum(bool(outcome.joined) for outcome in met)
     if not tried:
         return [kind, about, "0", "0", "0", "-", "-", "-"]
     interval = binomtest(wrong, tried).proportion_ci(0.95)  # Clopper and Pearson 1934
     bounds = f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"
-    accepted = sum(len(one.accepted) for one in met)
-    right, possible = sum(one.right for one in met), sum(one.possible for one in met)
+    accepted = sum(len(outcome.accepted) for outcome in met)
+    right, possible = sum(outcome.right for outcome in met), sum(outcome.possible for outcome in met)
     rightly = f"{right} of {possible}" if possible else "-"
     return [kind, about, str(tried), str(accepted), str(wrong), number(100.0 * wrong / tried, 2), bounds, rightly]
 

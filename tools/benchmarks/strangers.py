@@ -90,20 +90,23 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     tasks = [(kinds[index % len(KINDS)], index // len(KINDS), args.seed) for index in range(args.pairs)]
     left = [task for task in tasks if task[:2] not in done]
     machine = describe_machine()
-    for met, one in enumerate(tqdm(_meet_all(left, args.workers), total=len(left), disable=None), start=1):
-        done[one.kind, one.number] = one
+    for met, encounter in enumerate(tqdm(_meet_all(left, args.workers), total=len(left), disable=None), start=1):
+        done[encounter.kind, encounter.number] = encounter
         if args.json and (met % _SAVED_EVERY == 0 or met == len(left)):
             write_text(
                 args.json,
                 json.dumps({"machine": machine, **what, "encounters": [*map(dataclasses.asdict, done.values())]}),
             )
-    encounters = sorted((done[task[:2]] for task in tasks), key=lambda one: (one.kind, one.number))
-    rows = [_row(kind, about, [one for one in encounters if one.kind == kind]) for kind, about in KINDS.items()]
+    encounters = sorted((done[task[:2]] for task in tasks), key=lambda encounter: (encounter.kind, encounter.number))
+    rows = [
+        _row(kind, about, [encounter for encounter in encounters if encounter.kind == kind])
+        for kind, about in KINDS.items()
+    ]
     rows.append(_row("all", "", encounters))
     print(text_table(HEAD, rows))
-    for one in encounters:
-        if one.is_wrong:
-            print(f"wrongly accepted: {one.name}, confidence {one.confidence:.3f}")
+    for encounter in encounters:
+        if encounter.is_wrong:
+            print(f"wrongly accepted: {encounter.name}, confidence {encounter.confidence:.3f}")
     print(machine_line(machine))
     write_tables(args.table, machine, {"pairs": ResultTable(HEAD, rows)})
 
@@ -142,7 +145,7 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
         raise EarlierRunError(f"{path}: {why}: name another file or remove it")
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        found = [Encounter(**one) for one in record["encounters"]]
+        found = [Encounter(**encounter) for encounter in record["encounters"]]
         same = all(record[key] == value for key, value in what.items())
     except (OSError, ValueError, TypeError, KeyError):
         same = False
@@ -150,7 +153,7 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
         raise EarlierRunError(
             f"{path}: is no earlier run with this seed and this judge: name another file or remove it"
         )
-    return {(one.kind, one.number): one for one in found}
+    return {(encounter.kind, encounter.number): encounter for encounter in found}
 
 
 def _meet_all(tasks: list[tuple[str, int, int]], workers: int) -> Iterator[Encounter]:
@@ -196,7 +199,7 @@ def _building(world: str, seed: int) -> Building:
 
 
 def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
-    tried, wrong = len(encounters), sum(one.is_wrong for one in encounters)
+    tried, wrong = len(encounters), sum(encounter.is_wrong for encounter in encounters)
     if not tried:
         return [kind, about, "0", "0", "-", "-", "0"]
     interval = binomtest(wrong, tried).proportion_ci(0.95)  # Clopper and Pearson 1934
@@ -207,5 +210,5 @@ def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
         str(wrong),
         number(100.0 * wrong / tried, 2),
         f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}",
-        str(sum(one.is_ambiguous for one in encounters)),
+        str(sum(encounter.is_ambiguous for encounter in encounters)),
     ]

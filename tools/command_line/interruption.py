@@ -103,7 +103,7 @@ class Interruption:
 def heard_interruption() -> Interruption | None:
     """Return how this program hears what ends it; None if it does as Python does."""
     hearing = (signal.getsignal(number) for number in _HEARD)
-    return next((one for one in hearing if isinstance(one, Interruption)), None)
+    return next((handler for handler in hearing if isinstance(handler, Interruption)), None)
 
 
 def hear_interruption(program: str) -> Interruption:

@@ -162,7 +162,7 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
             near.append((place, probability))
         else:
             far += probability
-    best, probability = max(near, key=lambda one: one[1], default=(guess, 0.0))
+    best, probability = max(near, key=lambda candidate: candidate[1], default=(guess, 0.0))
     confidence = probability / max(1.0 - far, probability, 1e-9)  # the map does not lie in the other places
     if confidence < MergeConfig().verification.min_confidence:
         x, y, theta = found.T_target_source

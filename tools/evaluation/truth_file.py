@@ -65,7 +65,7 @@ def read_truth_file(path: Path) -> TruthFile:
         if source not in {"", OWN_MAP, GIVEN}:
             raise TruthFileError(f"{path} is {source!r} and no place of maps: name the folder that build_maps wrote")
         poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in said["robots"].items()}
-        warnings = tuple(dict(one) for one in said.get("warnings", ()))
+        warnings = tuple(dict(warning) for warning in said.get("warnings", ()))
         return TruthFile(poses, source, warnings)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise TruthFileError(

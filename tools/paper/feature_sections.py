@@ -118,11 +118,11 @@ def conclusions(results: PaperResults) -> list[str]:
     return said
 
 
-def _wins(study: Study, one: str, other: str) -> tuple[int, int, int]:
+def _wins(study: Study, first: str, other: str) -> tuple[int, int, int]:
     """Return in how many settings one modification is above another, in how many of them surely, and of how many."""
     higher = sure = total = 0
     for keypoints, ratio in dict.fromkeys((s.keypoints, s.ratio) for s in study.shares):
-        mine, theirs = (study.shares[Setting(keypoints, ratio, letter)] for letter in (one, other))
+        mine, theirs = (study.shares[Setting(keypoints, ratio, letter)] for letter in (first, other))
         total += 1
         if _mean(mine) > _mean(theirs):
             higher += 1

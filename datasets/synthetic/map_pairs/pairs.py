@@ -76,7 +76,7 @@ class MapPair:
     @property
     def known_m2(self) -> float:
         """What both maps know, together [m^2]."""
-        return float(sum(np.count_nonzero(one >= 0) for one in (self.occ_a, self.occ_b)) * self.resolution**2)
+        return float(sum(np.count_nonzero(cells >= 0) for cells in (self.occ_a, self.occ_b)) * self.resolution**2)
 
     def save(self, folder: Path) -> Path:
         """Write `<name>.npz`, whole or not at all, and return its path.
@@ -183,7 +183,7 @@ def _spoilt_pair(
     a, b = spoilt
     T_a_b = a.T_map_building @ b.T_map_building.inverse()
     common = np.argwhere((parts[0] >= 0) & (parts[1] >= 0))
-    if max(one.bend_m for one in distortions) > _STRAIGHT_M and len(common):
+    if max(distortion.bend_m for distortion in distortions) > _STRAIGHT_M and len(common):
         points = (common[:, ::-1].astype(np.float64) + 0.5) * building.resolution
         T_a_b = fit_rigid(a.laid(points), b.laid(points))[0]
     return MapPair(name, a.occupancy, b.occupancy, building.resolution, T_a_b, overlap)
@@ -194,11 +194,11 @@ def explored_parts(building: Building, overlap: float, rng: np.random.Generator)
     distances_a, distances_b = _distances_from_far_ends(building.occupancy == 0, rng)
     free = np.isfinite(distances_a)  # where a robot can get to
     lengths = [distances[free] for distances in (distances_a, distances_b)]
-    ranked = [np.sort(one) for one in lengths]
+    ranked = [np.sort(values) for values in lengths]
     low, high = 0.0, 1.0
     for _ in range(25):
         share = (low + high) / 2.0
-        a, b = (one <= _quantile(order, share) for one, order in zip(lengths, ranked, strict=True))
+        a, b = (values <= _quantile(order, share) for values, order in zip(lengths, ranked, strict=True))
         common = np.count_nonzero(a & b) / max(min(int(np.count_nonzero(a)), int(np.count_nonzero(b))), 1)
         low, high = (low, share) if common > overlap else (share, high)
     share = low if overlap < 1.0 else 1.0
