@@ -1,4 +1,4 @@
-"""Two maps, and where one lies in the other's frame."""
+"""Alignment of two maps."""
 
 from merging.alignment import Alignment
 from merging.config import MergeConfig
@@ -8,21 +8,21 @@ from tbmslam.map.tbm_map import TbmMap
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
-    """Find where a source map lies in a target map's frame, without any initial guess.
+    """Estimate the pose of a source map in the frame of a target map, without an initial guess.
 
-    The maps are laid onto each other as they are; where they fit nowhere so, they are looked at once more, one of them
-    bent. `merging.merge` looks once more at maps that carry keyframes, too.
+    The maps are aligned rigidly; if that is refused, one of them may be deformed. `merging.merge` also aligns maps with
+    keyframes again by short ranges.
 
     Parameters
     ----------
     target, source
         The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size.
     config
-        How; the defaults where None.
+        The parameters; None for the defaults.
 
     Returns
     -------
-    The alignment; where there is none that can be believed, a refusal that says why.
+    The alignment; a refused one has a reason.
 
     Raises
     ------

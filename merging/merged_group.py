@@ -1,4 +1,4 @@
-"""Maps whose relative poses are known become one: their drives straightened together, their cells fused."""
+"""Merges the maps of a group, whose relative poses are known: drives are optimised jointly, cells are fused."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -24,18 +24,18 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class MergedGroup:
-    """One map of several.
+    """The merged map of a group.
 
     Parameters
     ----------
     merged
-        The map, in the frame of the first that went into it.
+        The map, in the frame of its first map.
     poses
-        T_merged_map of every map that went into it.
+        T_merged_map of every map.
     fusion
-        The merged cells; and their conflict and how many saw them, which the maps' own cells say.
+        The merged cells; conflict and counts are those of the maps' own cells.
     joint
-        What straightening the drives together did; None if the maps stayed as they were.
+        The joint optimisation of the drives; None if the maps stayed rigid.
     """
 
     merged: TbmMap
@@ -45,7 +45,7 @@ class MergedGroup:
 
 
 def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
-    """Make one map of a group's maps."""
+    """Merge the maps of a group."""
     with progress.during("straightening"):
         joint = refine_jointly(maps, group.poses, config.joint, progress) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
@@ -69,13 +69,13 @@ def _fused(
 
 
 def _may_be_drawn(joint: JointRefinement, config: MergeConfig) -> bool:
-    """Return whether all scans may go into one grid: nothing else is asked for, and the maps were rendered alike."""
+    """Return whether all scans may be rendered into one grid: by default, if the maps were rendered alike."""
     asked = config.rule is not None or config.coverage != "union" or any(t < 1.0 for t in config.reliability.values())
     return not asked and drawn_alike(list(joint.maps.values()))
 
 
 def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
-    """Render the scans of all drives into one grid, as if one robot had taken them."""
+    """Render the scans of all drives into one grid."""
     maps = list(joint.maps.values())
     drawn = redraw([drive.keyframes for tbm_map in maps for drive in tbm_map.drives], maps[0])
     return resample(drawn, SE2.identity(), canvas)
@@ -88,7 +88,7 @@ def _merged(
     fusion: Fusion,
     config: MergeConfig,
 ) -> TbmMap:
-    """Return the fused grid with everybody's drives and where they came from."""
+    """Return the fused grid with all drives and their provenance."""
     moved = {
         name: maps[name].moved(pose, fusion.grid) if joint is None else joint.maps[name] for name, pose in poses.items()
     }

@@ -1,4 +1,4 @@
-"""Two maps as wholes, and where one lies in the other's frame."""
+"""Rigid alignment of two maps: hypotheses, their evidence and confidence, and the verdict."""
 
 from dataclasses import dataclass, replace
 
@@ -20,21 +20,21 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 
 _ALTERNATIVES = 4
-"""Other places that an answer lists at the most."""
+"""Largest number of alternatives."""
 _WORTH_NAMING = 0.01
-"""Places less likely than this are not worth listing."""
+"""Least confidence of an alternative."""
 
 
 @dataclass(frozen=True)
 class PreparedMap:
-    """One map as the aligner looks at it, so that a map met by many others is looked at once.
+    """One map, prepared once for alignments with many others.
 
     Parameters
     ----------
     structure
         Its walls and free space.
     features
-        Its keypoints; none where the method has no use for them.
+        Its keypoints; none if the method does not use them.
     grid
         The grid itself, for the related work's methods; None for others.
     """
@@ -45,7 +45,7 @@ class PreparedMap:
 
 
 def prepared(grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
-    """Look at a grid in cells of the given size [m]; None if nothing in it is known."""
+    """Prepare a grid at a cell size [m]; None for an empty grid."""
     if not grid.is_known().any():
         return None
     seen = at_resolution(grid, resolution)
@@ -63,24 +63,7 @@ def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
 
 
 def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
-    """Find where a source map lies in a target map's frame as a whole; see `merging.map_pair.align`.
-
-    Parameters
-    ----------
-    target, source
-        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size.
-    config
-        How; the defaults where None.
-
-    Returns
-    -------
-    The alignment; where there is none that can be believed, a refusal that says why.
-
-    Raises
-    ------
-    CellSizeError
-        If the maps cannot be brought into cells of one size.
-    """
+    """Estimate the pose of a source map in the frame of a target map rigidly; see `merging.map_pair.align`."""
     config = config or MergeConfig()
     resolution = comparison_resolution([target.grid, source.grid], config)
     if config.method in BASELINES:
@@ -89,7 +72,7 @@ def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = Non
 
 
 def align_prepared(target: PreparedMap | None, source: PreparedMap | None, config: MergeConfig) -> Alignment:
-    """Find where the source lies in the target's frame; see `align`."""
+    """Align two prepared maps; see `merging.map_pair.align`."""
     if target is None or source is None:
         empty = "target" if target is None else "source"
         return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it is known")
@@ -103,7 +86,7 @@ def align_prepared(target: PreparedMap | None, source: PreparedMap | None, confi
 
 
 def _by_features(target: PreparedMap, source: PreparedMap, config: MergeConfig) -> Alignment:
-    """Align by keypoints (the paper, section IV), then let the walls confirm it."""
+    """Align by keypoints (the paper, section IV), then verify by walls."""
     matches = match(target.features, source.features, config.features)
     consensus = find_consensus(matches, config.consensus)
     among = f"{len(matches)} matches of {len(target.features)} and {len(source.features)} keypoints"
@@ -132,8 +115,8 @@ def _by_features(target: PreparedMap, source: PreparedMap, config: MergeConfig) 
 
 
 def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Alignment:
-    """Align by the most likely of all rotations and shifts."""
-    if source.wall_m > target.wall_m:  # the search is not the same both ways; who is named first must not matter
+    """Align by correlation over all rotations and translations."""
+    if source.wall_m > target.wall_m:  # the search is not symmetric, but the order of the maps must not matter
         return _by_correlation(source, target, config).reversed()
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
@@ -147,7 +130,7 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
 def _judged(
     found: Alignment, candidates: list[Candidate], maps: tuple[WallMap, WallMap], config: MergeConfig
 ) -> Alignment:
-    """Accept the most likely candidate where it is likely enough; where it is not, say what the matter is."""
+    """Accept or refuse the most likely candidate, with the reason."""
     limits = config.verification
     likely, decoys = score_hypotheses(*maps, [evidence for _, evidence in candidates], config)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda ranked_pair: -ranked_pair[0])
@@ -174,7 +157,7 @@ def _judged(
 
 
 def _mirrored(confidence: float) -> str:
-    """Ask what makes a map fit as its own mirror image, which is no place of it."""
+    """Return the remark for a map that fits as its own mirror image."""
     return (
         f"; mirrored it would fit, with confidence {format_confidence(confidence)}: "
         "is one map's picture flipped, or was a laser mounted upside down?"
@@ -184,7 +167,7 @@ def _mirrored(confidence: float) -> str:
 def _is_ambiguous(
     confidence: float, evidence: Evidence, others: list[PoseHypothesis], config: VerificationConfig
 ) -> bool:
-    """Return whether the maps fit well, and elsewhere nearly as well."""
+    """Return whether the maps fit well at several poses."""
     fits = (
         evidence.agreed_wall_m >= config.min_ambiguous_wall_m and evidence.agreement >= config.min_ambiguous_agreement
     )
@@ -194,7 +177,7 @@ def _is_ambiguous(
 def _reason(
     found: Alignment, confidence: float, evidence: Evidence, rivals: list[PoseHypothesis], config: VerificationConfig
 ) -> str:
-    """Say in a sentence, with the numbers, why an alignment is accepted or refused."""
+    """Return the reason of a verdict, with the numbers."""
     before = f"{found.reason}; " if found.method == "features" else ""
     facts = format_evidence(evidence)
     if evidence.overlap_m2 < config.min_overlap_m2:
