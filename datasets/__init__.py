@@ -1,4 +1,4 @@
-"""Where readings come from: bags, logs and simulated worlds, one module a format."""
+"""The sources of readings: bags, logs and simulated worlds."""
 
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError

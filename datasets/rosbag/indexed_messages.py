@@ -29,7 +29,7 @@ _Entry: TypeAlias = tuple[IndexData, BagConnection]
 
 
 class RawMessage(NamedTuple):
-    """One message as it lies in the bag."""
+    """One message with its bytes."""
 
     connection: BagConnection
     time: int
@@ -164,5 +164,5 @@ def _time_of(listed: _Entry) -> int:
 
 
 def _place_of(listed: _Entry) -> tuple[int, int]:
-    """Return where a message lies: its chunk, and where in there."""
+    """Return the place of a message: its chunk and its offset there."""
     return _PLACE(listed[0])

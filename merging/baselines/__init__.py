@@ -1,4 +1,4 @@
-"""The related work's ways of finding where one map lies in another, one method a file, named after its authors.
+"""Methods of the related work that align two maps: one method a file, named after its authors.
 
 They serve comparison under equal conditions: the same pairs, processor and interface, `align(target, source, config)`.
 None published its code; each file says what is its authors' idea and what was chosen here.
@@ -24,7 +24,7 @@ BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = 
 
 
 def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame by the related work's method that the config names.
+    """Estimate the pose of a source grid in the target's frame by the configured method of the related work.
 
     Accepted alignments have confidence 0 all the same: these methods give no probability.
 

@@ -28,7 +28,7 @@ from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame; both have known cells."""
+    """Estimate the pose of a source grid in the target's frame; both have known cells."""
     how = config.baselines.birk_carpin
     maps = CellStates.of(target), CellStates.of(source)
     placing = Placing.of(*maps)
@@ -90,7 +90,7 @@ class _Likeness:
 
 
 def _walk(likeness: _Likeness, placing: Placing, how: BirkCarpinConfig) -> FloatArray:
-    """Return the best place that the walks come by."""
+    """Return the best pose of the random walks."""
     rng = np.random.default_rng(how.seed)
     radius = 0.5 * placing.reach_m * np.sqrt(rng.random(how.walkers))
     angle = 2.0 * np.pi * rng.random(how.walkers)

@@ -27,7 +27,7 @@ _BEST = 8
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame; both have known cells."""
+    """Estimate the pose of a source grid in the target's frame; both have known cells."""
     how = config.baselines.carpin
     maps = CellStates.of(target), CellStates.of(source)
     walls = [cells.some(cells.states == IS_WALL) for cells in maps]

@@ -19,7 +19,7 @@ _ENOUGH = 3
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame."""
+    """Estimate the pose of a source grid in the target's frame."""
     features = describe_all([target, source], config.features)
     matches = match(features[0], features[1], config.features)
     rigid = config.consensus.model_copy(update={"min_inliers": _ENOUGH})

@@ -42,7 +42,7 @@ class Encounter(NamedTuple):
 
 
 def align(encounters: Sequence[Encounter]) -> Alignment:
-    """Find where a source lies in a target's frame from what the robots measured."""
+    """Estimate the pose of a source in the target's frame from the encounters of the robots."""
     if not encounters:
         return Alignment("howard", accepted=False, reason="the robots never met")
     met = [encounter.T_target_robot @ encounter.T_robot_other for encounter in encounters]

@@ -27,7 +27,7 @@ from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame; both have known cells."""
+    """Estimate the pose of a source grid in the target's frame; both have known cells."""
     how = config.baselines.li
     maps = CellStates.of(target), CellStates.of(source)
     walls, free = (maps[1].some(maps[1].states == state, how.sample) for state in (IS_WALL, IS_FREE))

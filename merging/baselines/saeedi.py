@@ -1,4 +1,4 @@
-"""Saeedi et al.: probabilistic generalised Voronoi diagrams of two maps are laid onto each other.
+"""Saeedi et al.: probabilistic generalised Voronoi diagrams of two maps are matched.
 
 S. Saeedi, L. Paull, M. Trentini, M. Seto, H. Li, "Efficient map merging using a probabilistic generalized Voronoi
 diagram", IROS 2012, and "Group mapping: a topological approach to map merging for multiple robots", 2014. The diagram
@@ -73,7 +73,7 @@ class VoronoiDiagram:
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame; both have known cells."""
+    """Estimate the pose of a source grid in the target's frame; both have known cells."""
     how = config.baselines.saeedi
     maps = CellStates.of(target), CellStates.of(source)
     placing = Placing.of(*maps)

@@ -28,7 +28,7 @@ from tbmslam.geometry.se2 import FloatArray
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
-    """Find where a source grid lies in a target's frame; both have known cells."""
+    """Estimate the pose of a source grid in the target's frame; both have known cells."""
     how = config.baselines.trehard
     maps = CellStates.of(target), CellStates.of(source)
     sides = _Side.of(target, maps[0], how.sample), _Side.of(source, maps[1], how.sample)

@@ -122,13 +122,13 @@ MAX_POINTS = 20_000
 
 
 class MapRefinementError(TbmSlamError):
-    """One of the maps has no walls to lay onto the other's."""
+    """One of the maps has no walls to align."""
 
 
 def refine_map_transform(
     labels: Labels, geometry: GridGeometry, truth: Labels, truth_geometry: GridGeometry, T_truth_map: SE2
 ) -> SE2:
-    """Move a map so that its occupied cells come to lie on the true ones.
+    """Refine the pose of a map so that its occupied cells match the true ones.
 
     Least squares on the distance to the nearest true wall (Fitzgibbon, "Robust registration of 2D and 3D point sets",
     2003), with a robust loss that narrows: what is missing in one map does not pull.

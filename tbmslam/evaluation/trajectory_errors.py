@@ -41,7 +41,7 @@ class TrajectoryAlignmentError(TbmSlamError):
 
 @dataclass(frozen=True)
 class TrajectoryAlignment:
-    """How an estimated trajectory lies on a reference.
+    """Alignment of an estimated trajectory with a reference.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def align_trajectories(
 
 @dataclass(frozen=True)
 class AbsoluteErrors:
-    """Distances left after the estimate was laid onto the truth.
+    """Distances after the alignment of the estimate with the truth.
 
     Parameters
     ----------
