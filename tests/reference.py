@@ -5,8 +5,14 @@ import math
 
 import numpy as np
 
-from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster, normalise
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, VACUOUS
 from tbmslam.kernels.surfels.surfel_alignment import pair_up
+from tests.belief_rules import conjunctive, dempster, normalise
+
+
+def is_inside(geometry, row, col):
+    """Return whether a cell lies in a grid."""
+    return 0 <= row < geometry.rows and 0 <= col < geometry.cols
 
 
 def observation(probability, quality):

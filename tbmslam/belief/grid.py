@@ -66,10 +66,6 @@ class GridGeometry(NamedTuple):
         y = self.origin_y + (rows + 0.5) * self.resolution
         return np.column_stack((x, y))
 
-    def contains(self, row: int, col: int) -> bool:
-        """Return whether a cell lies inside."""
-        return 0 <= row < self.rows and 0 <= col < self.cols
-
     def bounds(self) -> tuple[float, float, float, float]:
         """Return the outer edges (min_x, min_y, max_x, max_y) [m]."""
         return (

@@ -102,20 +102,6 @@ class Keyframes:
             beam_step=SE2.from_array(self.beam_steps[index]),
         )
 
-    def part(self, first: int, last: int) -> "Keyframes":
-        """Return the keyframes from one up to, not including, another."""
-        part, begin, end = slice(first, last), int(self.offsets[first]), int(self.offsets[last])
-        return Keyframes(
-            stamps=self.stamps[part],
-            poses=self.poses[part],
-            sensor_poses=self.sensor_poses[part],
-            beams=self.beams[part],
-            offsets=self.offsets[first : last + 1] - begin,
-            ranges=self.ranges[begin:end],
-            beam_steps=self.beam_steps[part],
-            indices=self.indices[part],
-        )
-
     def pose(self, index: int) -> SE2:
         """Return the robot's pose in the map at one keyframe."""
         return SE2.from_array(self.poses[index])

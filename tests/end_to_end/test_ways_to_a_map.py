@@ -15,10 +15,10 @@ from datasets.synthetic.robot.odometry_noise import OdometryNoise
 from datasets.synthetic.robot.simulation import simulate as simulate_robots
 from datasets.synthetic.world.world import load_world
 from tbmslam.belief.grid_resampling import resample
-from tbmslam.belief.masses import disjunctive
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map
+from tests.belief_rules import disjunctive
 from tests.end_to_end.against_truth import alignment_errors, placed, share_of_cells_as_in
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 

@@ -4,19 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.belief.masses import (
-    CONFLICT,
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    VACUOUS,
-    conjunctive,
-    dempster,
-    discount,
-    disjunctive,
-    normalise,
-    pignistic,
-)
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, pignistic
+from tests.belief_rules import conjunctive, dempster, discount, disjunctive, normalise
 
 FULL_CONFLICT = np.array([1.0, 0.0, 0.0, 0.0])
 shares = st.floats(0.0, 1.0, allow_subnormal=False)

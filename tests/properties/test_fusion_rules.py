@@ -11,17 +11,8 @@ from hypothesis import strategies as st
 from merging.config import Rule
 from merging.fusion.fusion import fuse
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.masses import (
-    CONFLICT,
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    VACUOUS,
-    conjunctive,
-    dempster,
-    normalise,
-    pignistic,
-)
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, pignistic
+from tests.belief_rules import conjunctive, dempster, normalise
 
 RULES = get_args(Rule)
 ROUNDING = 2e-5  # single precision, some factors of which are divided by small sums

@@ -14,7 +14,6 @@ from merging.config import Coverage, Method, Rule
 from merging.config.registration import Descriptor
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
-from tbmslam.belief.masses import dempster, disjunctive
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io import map_folder
@@ -22,6 +21,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
+from tests.belief_rules import dempster, disjunctive
 from tools import merge
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -11,6 +11,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids.fusion import add_layer
+from tests.reference import is_inside
 
 CERTAIN = {"free": (0, 1, 0, 0), "occupied": (0, 0, 1, 0), "unknown": (0, 0, 0, 1)}
 
@@ -41,7 +42,7 @@ def combine_by_definition(rule, beliefs):
 
 def belief_at(layer, x, y):
     row, col = layer.geometry.cell_at(x, y)
-    return layer.masses[row, col].astype(np.float64) if layer.geometry.contains(row, col) else VACUOUS
+    return layer.masses[row, col].astype(np.float64) if is_inside(layer.geometry, row, col) else VACUOUS
 
 
 @settings(max_examples=40, deadline=None)

@@ -150,7 +150,14 @@ def test_a_drive_of_two_keyframes_is_enough_and_of_one_is_not(bent_pair, count):
     """The short drive is one of two of its map; the other one finds the closures."""
     maps, poses, _ = bent_pair
     drive = maps["a"].drives[0]
-    short = replace(drive, keyframes=drive.keyframes.part(0, count))
+    keyframes = drive.keyframes
+    scans, poses_of_robot, mounts = (
+        [each(k) for k in range(count)]
+        for each in (keyframes.scan, keyframes.pose, lambda k: SE2.from_array(keyframes.sensor_poses[k]))
+    )
+    short = replace(
+        drive, keyframes=Keyframes.from_scans(scans, poses_of_robot, mounts, keyframes.indices[:count].tolist())
+    )
     both = {**maps, "a": replace(maps["a"], drives=(drive, short))}
     config = JointConfig(adjustment=AdjustmentConfig(enabled=False))
     assert (refine_jointly(both, poses, config) is not None) == (count == 2)

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
-from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, conjunctive, dempster
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS
+from tests.belief_rules import conjunctive, dempster
 
 
 def with_cells(ratios):

@@ -39,11 +39,6 @@ def test_cells_and_places_of_many():
     assert inside.tolist() == [True, True, True, False]
 
 
-def test_what_lies_inside():
-    inside = [(row, col) for row in range(-1, 5) for col in range(-1, 6) if GEOMETRY.contains(row, col)]
-    assert inside == [(row, col) for row in range(3) for col in range(4)]
-
-
 def test_a_fresh_grid_knows_nothing_and_can_be_written():
     grid = TbmGrid.unknown(GEOMETRY)
     np.testing.assert_array_equal(grid.masses, np.broadcast_to(VACUOUS, (3, 4, 4)))

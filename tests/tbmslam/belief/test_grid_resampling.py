@@ -9,6 +9,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid, resample
 from tbmslam.belief.masses import UNKNOWN
 from tbmslam.geometry.se2 import SE2
+from tests.reference import is_inside
 
 
 def random_grid(seed, rows=7, cols=11, resolution=0.1, origin=(-0.35, 1.25)):
@@ -25,7 +26,7 @@ def slow_resample(grid, T_target_source, geometry, samples):
                 x = geometry.origin_x + (col + (i % samples + 0.5) / samples) * geometry.resolution
                 y = geometry.origin_y + (row + (i // samples + 0.5) / samples) * geometry.resolution
                 cell = grid.geometry.cell_at(*T_target_source.inverse().apply([x, y]))
-                there = grid.masses[cell] if grid.geometry.contains(*cell) else np.array([0.0, 0.0, 0.0, 1.0])
+                there = grid.masses[cell] if is_inside(grid.geometry, *cell) else np.array([0.0, 0.0, 0.0, 1.0])
                 resampled[row, col] += there / samples**2
     return resampled
 

@@ -3,18 +3,8 @@
 import numpy as np
 import pytest
 
-from tbmslam.belief.masses import (
-    CONFLICT,
-    OCCUPIED,
-    UNKNOWN,
-    VACUOUS,
-    conjunctive,
-    dempster,
-    discount,
-    disjunctive,
-    normalise,
-    pignistic,
-)
+from tbmslam.belief.masses import CONFLICT, OCCUPIED, UNKNOWN, VACUOUS, pignistic
+from tests.belief_rules import conjunctive, dempster, discount, disjunctive, normalise
 
 SURELY_FREE = np.array([0.0, 1.0, 0.0, 0.0])
 SURELY_OCCUPIED = np.array([0.0, 0.0, 1.0, 0.0])

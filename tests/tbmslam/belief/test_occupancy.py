@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, discount, pignistic
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, pignistic
 from tbmslam.belief.occupancy import RELIABILITY, masses_from_probability
+from tests.belief_rules import discount
 
 PROBABILITIES = np.linspace(0.0, 1.0, 101)
 

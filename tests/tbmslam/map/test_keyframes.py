@@ -45,14 +45,6 @@ def test_another_frame_moves_the_robot_and_not_the_laser_on_it(keyframes):
     np.testing.assert_array_equal(moved.ranges, keyframes.ranges)
 
 
-def test_a_part_is_what_its_scans_and_poses_are(keyframes):
-    part = keyframes.part(1, 3)
-    again = Keyframes.from_scans(SCANS[1:], POSES[1:], MOUNTS[1:], [1, 2])
-    for field in dataclasses.fields(Keyframes):
-        np.testing.assert_array_equal(getattr(part, field.name), getattr(again, field.name))
-    assert len(keyframes.part(2, 2)) == 0
-
-
 def test_there_may_be_none():
     none = Keyframes.from_scans([], [], [])
     assert len(none) == 0

@@ -7,6 +7,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig
+from tests.reference import is_inside
 
 START = SE2(0.05, 0.05, 0.0)
 MODEL = SensorModelConfig(hit_quality=0.4, miss_quality=0.1, wall_blur=0.0)
@@ -21,7 +22,7 @@ def mapped(ranges, pose=START, **options):
 
     def at(x, y=0.05):
         row, col = tbm_grid.geometry.cell_at(x, y)
-        return tbm_grid.masses[row, col] if tbm_grid.geometry.contains(row, col) else np.array([0, 0, 0, 1.0])
+        return tbm_grid.masses[row, col] if is_inside(tbm_grid.geometry, row, col) else np.array([0, 0, 0, 1.0])
 
     return at
 

@@ -1,7 +1,7 @@
 import numpy as np
 
-from tbmslam.belief.masses import normalise
 from tbmslam.kernels.grids.channels import draw_channels
+from tests.belief_rules import normalise
 
 
 def test_each_image_is_its_formula():

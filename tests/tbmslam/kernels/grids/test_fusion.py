@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from merging.fusion.fusion import RULES
-from tbmslam.belief.masses import discount, normalise, pignistic
+from tbmslam.belief.masses import pignistic
 from tbmslam.kernels.grids.fusion import add_layer, finish
+from tests.belief_rules import discount, normalise
 
 FREE, OCCUPIED, UNKNOWN = (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
-from tbmslam.belief.masses import normalise
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.rays.insertion import RATIO_LIMIT, beams_of_scan, insert_beams, insert_scan, walk_beam
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.search.scoring import impact_at
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tests import reference
+from tests.belief_rules import normalise
 
 RESOLUTION = 0.1
 MODEL = SensorModelConfig()

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
-from tbmslam.belief.masses import OCCUPIED, disjunctive
+from tbmslam.belief.masses import OCCUPIED
 from tbmslam.kernels.search.scoring import climb_hill, search_monte_carlo, weighted_impact
 from tests import reference
+from tests.belief_rules import disjunctive
 
 
 @pytest.fixture
