@@ -123,7 +123,7 @@ def test_a_dump_cut_off_anywhere_is_refused(dump, layout, length):
     [
         ((100_000, 100_000, 0.1, 0, 0), "more than the limit of 400000000"),
         ((2**31 - 1, 2**31 - 1, 0.1, 0, 0), "more than the limit of 400000000"),
-        ((-3, -5, 0.1, 0, 0), "holds nothing"),
+        ((-3, -5, 0.1, 0, 0), "cells is empty"),
         ((3, 5, 0.0, 0, 0), "resolution must be positive"),
         ((3, 5, float("nan"), 0, 0), "resolution must be positive"),
         ((3, 6, 0.1, 0, 0), "has 735 bytes for 3 x 6 cells"),

@@ -49,7 +49,7 @@ def test_a_square_kilometre_in_cells_of_5_cm_is_believed(monkeypatch):
         ({"resolution": 100.0, "origin_x": 9.9e7}, "the map would reach to 1.01e.08 m, more than the 1e.08 m"),
         ({"origin_x": -1e9}, "the map would reach to 1e.09 m"),
         ({"rows": 0}, "0 x 20000 cells is empty"),
-        ({"rows": -20000, "cols": -20000}, "holds nothing"),
+        ({"rows": -20000, "cols": -20000}, "cells is empty"),
         ({"rows": 20001}, "20001 x 20000 cells are more than the limit of 400000000"),
     ],
 )
