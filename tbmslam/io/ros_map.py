@@ -245,7 +245,7 @@ def _warn_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
     share = 0.0 if image.alpha is None else float((image.alpha < image.maximum).mean())
     if share == 0.0 or rule.mode == "raw":
         return
-    taken = "alpha is averaged with the colours" if rule.averages_alpha else "taken as unknown"
+    taken = "alpha is averaged with the colours" if rule.averages_alpha else "read as unknown"
     other = "" if rule.mode == "scale" or rule.averages_alpha else "; `alpha: average` reads it as in ROS 1"
     logger.warning("%s: %.0f %% of the picture is not opaque: %s%s", path, 100.0 * share, taken, other)
 

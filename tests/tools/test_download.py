@@ -15,7 +15,7 @@ def test_the_list_is_honest_about_what_was_tried(capsys):
     assert "  truth: true poses of the laser for 17 drives (BAG_partN_floor2.gt.laser.poses) and the floor plans" in out
     assert out.count("  truth: ") == 1
     assert "cite: M. Fallon" in out
-    assert "* This address was never tried by the makers of this list" in out
+    assert "* This address was never tested" in out
 
 
 def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatch, capsys):

@@ -137,7 +137,7 @@ def test_a_map_is_laid_onto_a_floor_plan_whose_frame_is_hardly_known(files, tmp_
     for wrong in (("--align", 1), ("--align", 6, "--transform", x, y, 120.0)):
         assert run("map", files / "map", "--truth", plan, *(near if len(wrong) == 2 else ()), *wrong) == 1
         error = capsys.readouterr().err
-        assert "of the stated place cannot be told, confidence 0.0" in error
+        assert "of the stated pose is uncertain, confidence 0.0" in error
         best = [float(word) for word in error.partition("it fits best at ")[2].partition(",")[0].split()]
         assert best == pytest.approx([x, y, np.degrees(theta)], abs=0.3)
 
@@ -146,7 +146,7 @@ def test_the_plan_of_another_building_is_refused(files, tmp_path, capsys):
     plan = draw_plan(tmp_path, make_world("office", 1))
     assert run("map", files / "map", "--truth", plan, "--align", 20) == 1
     error = capsys.readouterr().err
-    assert "cannot be told, confidence 0." in error
+    assert "is uncertain, confidence 0." in error
     assert "pass --transform X Y DEG, or check that it is of this floor" in error
     assert error.count("\n") == 1
 

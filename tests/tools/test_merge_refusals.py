@@ -78,10 +78,13 @@ def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
             ("here", "wide", "--compare-at", "0.02"),
             "merge: wide: a map of 7.92e.03 x .* m is too large for cells of 0.02",
         ),
-        (("here", "there", "--config", "/dev/zero"), "merge: /dev/zero: cannot be read as TOML: it is no file"),
+        (
+            ("here", "there", "--config", "/dev/zero"),
+            "merge: /dev/zero: cannot be read as TOML: it is a device or a pipe",
+        ),
         (
             ("here", "there", "--reliability", "nobody=0.5"),
-            "merge: --reliability: 'nobody' is none of the maps, which",
+            "merge: --reliability: 'nobody' is not one of the maps, which",
         ),
         (
             ("here", "there", "--pose", "nobody", "0", "0", "0"),

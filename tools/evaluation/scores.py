@@ -167,7 +167,7 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     if confidence < MergeConfig().verification.min_confidence:
         x, y, theta = found.T_target_source
         raise EvaluationError(
-            f"{args.map}: where it lies on {args.truth} within {args.align:g} m and {math.degrees(_MOST_TURN):g} "
+            f"{args.map}: its pose on {args.truth} within {args.align:g} m and {math.degrees(_MOST_TURN):g} "
             f"degrees of the stated pose is uncertain, confidence {confidence:.2f}; it fits best at "
             f"{x:.2f} {y:.2f} {math.degrees(theta):.1f}, confidence {found.confidence:.2f}: "
             "pass --transform X Y DEG, or check that it is of this floor"
