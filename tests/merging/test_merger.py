@@ -88,7 +88,7 @@ def test_an_empty_map_is_refused_by_name(rooms):
         alignment = align(target, source, CONFIG)
         assert not alignment.accepted
         assert alignment.T_target_source is None
-        assert alignment.reason == f"the {name} map is empty: no cell of it was seen"
+        assert alignment.reason == f"the {name} map is empty: no cell of it is known"
 
 
 @pytest.mark.parametrize("method", ["correlation", "features"])
