@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   python tools/%(prog)s.py --list
       every recording known by name, with size and licence
+  python tools/%(prog)s.py ccny/demo
+      recordings/ccny/demo.bag, 1 MB: small enough to try everything on
   python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
       recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
 
@@ -50,10 +52,10 @@ def main(argv: list[str] | None = None, program: str = "download") -> int:
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
         grammar.error("name a recording, or ask for the --list")
-    return ended(program, lambda: _run(args), debug=args.debug, interrupted="run the same again to go on")
+    return ended(program, lambda: _run(args, program), debug=args.debug, interrupted="run the same again to go on")
 
 
-def _run(args: argparse.Namespace) -> None:
+def _run(args: argparse.Namespace, program: str) -> None:
     from datasets.downloading import known_recording
     from tools.command_line.output_folder import output_folder
 
@@ -62,7 +64,7 @@ def _run(args: argparse.Namespace) -> None:
     if recordings := [known_recording(name) for name in args.names]:
         with output_folder(args.out):  # two writers would corrupt the file
             for recording in recordings:
-                _download(recording, args.out)
+                _download(recording, args.out, program)
 
 
 def _list() -> None:
@@ -77,10 +79,10 @@ def _list() -> None:
         said = recording.page
         size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
         print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
-    print("* This address was never tested; sizes are as reported elsewhere.")
+    print("* This address was never tested.")
 
 
-def _download(recording: "KnownRecording", out: Path) -> None:
+def _download(recording: "KnownRecording", out: Path, program: str) -> None:
     from tqdm import tqdm
 
     from datasets.downloading import DownloadError, download
@@ -100,8 +102,9 @@ def _download(recording: "KnownRecording", out: Path) -> None:
                 raise DownloadError(f"{error} ({recording.page})") from None
         print(f"{path}: {'arrived' if fetched else 'is there already'}, SHA-256 in {path.name}.sha256")
         paths.append(path)
-    print(f"  {recording.license}; {recording.citation}")
-    command = f"python tools/build_maps.py {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
+    print(f"  licence: {recording.license}; cite: {recording.citation}; see {recording.page}")
+    mapping = "tbmslam map" if " " in program else "python tools/build_maps.py"  # as this program was called
+    command = f"{mapping} {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
     print(f"  next: {command} -o out/{paths[0].stem}")
 
 

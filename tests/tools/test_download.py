@@ -11,6 +11,7 @@ def test_the_list_is_honest_about_what_was_tried(capsys):
     assert download.main(["--list"]) == 0
     out = capsys.readouterr().out
     assert "  stata/2011-01-24-06-18-27          242 MB  PR2, 225 s, 4489 scans *\n" in out
+    assert "  ccny/demo                         1.03 MB  a room, 360 scans of a hand-held Hokuyo, no odometry *\n" in out
     assert "licence: CC BY 3.0" in out
     assert "  truth: true poses of the laser for 17 drives (BAG_partN_floor2.gt.laser.poses) and the floor plans" in out
     assert out.count("  truth: ") == 1
@@ -36,6 +37,23 @@ def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatc
     args = build_maps.parser().parse_args(command.split())
     assert args.recordings[0].is_file()
     assert args.profile == "stata"
+
+
+@pytest.mark.parametrize("program", ["download", "tbmslam download"])
+def test_the_small_one_arrives_whole_and_with_its_licence(tmp_path, monkeypatch, capsys, program):
+    asked = []
+    monkeypatch.setattr(downloading, "download", lambda *what: bool(asked.append(what[:3])))
+    monkeypatch.chdir(tmp_path)
+    assert download.main(["ccny/demo"], program) == 0
+    ((address, path, sha256),) = asked
+    assert address.startswith("https://raw.githubusercontent.com/CCNYRoboticsLab/scan_tools/")
+    assert address.endswith("/laser_scan_matcher/demo/demo.bag")
+    assert (path.as_posix(), len(sha256)) == ("recordings/ccny/demo.bag", 64)
+    out = capsys.readouterr().out
+    assert "licence: BSD 3-Clause; cite: I. Dryanovski" in out
+    assert "see https://github.com/CCNYRoboticsLab/scan_tools/" in out
+    named = "tbmslam map" if program == "tbmslam download" else "python tools/build_maps.py"
+    assert f"  next: {named} recordings/ccny/demo.bag -o out/demo\n" in out
 
 
 def test_a_server_that_does_not_answer_is_one_line_that_names_the_page(tmp_path, monkeypatch, capsys):
