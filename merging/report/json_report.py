@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.report.downloads import downloads
 from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.report.page import Making
 
@@ -51,11 +52,11 @@ def write_report(
         files["overlay.png"] = _png_of_rgb(draw_overlay(merge, maps, merge.fusion))
         files["contradictions.png"] = _png_of_rgb(draw_conflict(merge.fusion))
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
-    files["report.html"] = (
-        merge_page(merge, maps, config, areas, making or Making()).to_html().encode("utf-8", "backslashreplace")
-    )
     for name, content in files.items():
         write_bytes(folder / name, content)
+    page = merge_page(merge, maps, config, areas, making or Making())
+    page = replace(page, downloads={"": downloads(folder, folder)})
+    write_bytes(folder / "report.html", page.to_html().encode("utf-8", "backslashreplace"))
     for name in {"overlay.png", "contradictions.png"} - files.keys():
         (folder / name).unlink(missing_ok=True)  # of an older merge
 

@@ -17,6 +17,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
 from tbmslam.report.palette import Colour, Levels, Palette, levels_of
 from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
+from tbmslam.report.timed_way import timed_ways
 
 _ONE_WALL, _ONE_WALL_M = 2, 0.2
 """Walls at most so many cells apart are one, but no farther than so many metres, or a cell where they are coarse: cells
@@ -78,19 +79,23 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
     robots = [_walls(name, _laid(merge, maps, name), colours[name]) for name in merge.poses]
     owners = [name for name in merge.poses for _ in maps[name].drives]
     drives = [_named(drive, name, maps) for drive, name in zip(merged.drives, owners, strict=True)]
-    ways = drive_layers(drives, [colours[name] for name in owners], _ROBOTS, merged.grid.geometry.resolution)
+    owned = [colours[name] for name in owners]
+    ways = drive_layers(drives, owned, _ROBOTS, merged.grid.geometry.resolution)
     incidents = [known for name in merge.poses for known in incidents_of(maps[name])]
     trouble = _trouble(drives, incidents)
     layers: tuple[Raster | Marks, ...]
     layers = (*map_layers(fusion.grid), *robots, *ways, *trouble, *_evidence(fusion), *_links(merge, merged))
-    return Sheet("Merged map", layers, "Where walls of several robots coincide, their colours mix to a dark one.")
+    note = "Where walls of several robots coincide, their colours mix to a dark one."
+    return Sheet("Merged map", layers, note, timed_ways(drives, owned))
 
 
 def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
     """Return a map that was not merged, in its own frame."""
-    drives = drive_layers(one.drives, [colour] * len(one.drives), _ROBOTS, one.grid.geometry.resolution)
+    colours = [colour] * len(one.drives)
+    drives = drive_layers(one.drives, colours, _ROBOTS, one.grid.geometry.resolution)
     trouble = _trouble(one.drives, incidents_of(one))
-    return Sheet(name, (*map_layers(one.grid.cropped_to_known()), *drives, *trouble))
+    rasters = map_layers(one.grid.cropped_to_known())
+    return Sheet(name, (*rasters, *drives, *trouble), ways=timed_ways(one.drives, colours))
 
 
 def _trouble(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:

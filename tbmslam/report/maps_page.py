@@ -1,7 +1,7 @@
 """The report of robots that were mapped, each in a frame of its own."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tbmslam.map.drive import Drive
@@ -9,6 +9,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, map_layers, trouble_layer
 from tbmslam.report.page import Making, Page, Table
 from tbmslam.report.sheet import Sheet
+from tbmslam.report.timed_way import timed_ways
 
 _MOST_NAMES = 5
 """So many robots are named where several are told the same."""
@@ -99,7 +100,12 @@ class MappedRobot:
         return said
 
 
-def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | None = None) -> Page:
+def maps_page(
+    robots: Mapping[str, MappedRobot],
+    making: Making,
+    failure: str | None = None,
+    files: Mapping[str, Sequence[str]] | None = None,
+) -> Page:
     """Return the page on what build_maps made.
 
     Parameters
@@ -110,6 +116,8 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | 
         What was typed, and how long it took.
     failure
         What kept further robots from being mapped; None where nothing did.
+    files
+        Addresses of each robot's files, by its name.
     """
     colours = [ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index in range(len(robots))]
     first = next(iter(robots.values()))
@@ -126,6 +134,7 @@ def maps_page(robots: Mapping[str, MappedRobot], making: Making, failure: str | 
         warnings=([] if failure is None else [failure])
         + by_whom({name: robot.warnings() for name, robot in robots.items()}),
         tables=[_table(robots)],
+        downloads=dict(list((files or {}).items())[:MOST_SHEETS]),
         seconds=making.seconds,
         command=making.command,
         versions={str(name): str(value) for name, value in versions.items()} if isinstance(versions, Mapping) else {},
@@ -143,8 +152,9 @@ def _sheet(name: str, robot: MappedRobot, colour: tuple[int, int, int]) -> Sheet
     tbm_map = robot.tbm_map
     drives, resolution = tbm_map.drives, tbm_map.grid.geometry.resolution
     trouble = [mark for drive in drives for mark in trouble_layer(drive, robot.said("incidents"), "Robot")]
-    ways = drive_layers(drives, [colour] * len(drives), "Robot", resolution)
-    return Sheet(name, (*map_layers(tbm_map.grid), *ways, *trouble))
+    colours = [colour] * len(drives)
+    ways = drive_layers(drives, colours, "Robot", resolution)
+    return Sheet(name, (*map_layers(tbm_map.grid), *ways, *trouble), ways=timed_ways(drives, colours))
 
 
 def _figures(maps: list[TbmMap]) -> dict[str, str]:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
+from urllib.parse import unquote
 
 from tbmslam.report.sheet import Sheet
 
@@ -102,6 +103,8 @@ class Page:
         What may be wrong with the data or the result, a sentence each.
     tables
         Figures in rows.
+    downloads
+        Addresses of files beside the page, by whose they are.
     cards, cards_title, cards_note
         Decisions, and what they are about.
     seconds
@@ -123,6 +126,7 @@ class Page:
     sheets: Sequence[Sheet] = ()
     warnings: Sequence[str] = ()
     tables: Sequence[Table] = ()
+    downloads: Mapping[str, Sequence[str]] = field(default_factory=dict)
     cards: Sequence[Card] = ()
     cards_title: str = ""
     cards_note: str = ""
@@ -147,6 +151,7 @@ class Page:
             script_hashes=" ".join(f"'sha256-{_digest(script)}'" for script in scripts),
             data=_as_script_data({"sheets": [sheet.as_json() for sheet in self.sheets]}),
             config=_marked(self.config, self.defaults),
+            name_of=lambda address: unquote(address.rpartition("/")[2]),
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.report.palette import Colour, Levels, Palette
+from tbmslam.report.timed_way import TimedWay
 
 Kind = Literal["line", "dots", "links"]
 
@@ -136,12 +137,19 @@ class Sheet:
         What can be shown.
     note
         What to know about it, in a sentence.
+    ways
+        The drives over time.
     """
 
     title: str
     layers: tuple[Raster | Marks, ...] = field(default_factory=tuple)
     note: str = ""
+    ways: tuple[TimedWay, ...] = ()
 
     def as_json(self) -> dict[str, object]:
         """Return what the page's script needs."""
-        return {"title": self.title, "layers": [layer.as_json() for layer in self.layers]}
+        return {
+            "title": self.title,
+            "layers": [layer.as_json() for layer in self.layers],
+            "ways": [way.as_json() for way in self.ways],
+        }

@@ -2,6 +2,8 @@
 
 import re
 
+import cv2
+import numpy as np
 import pytest
 
 from tbmslam.io.map_folder import load_map
@@ -111,6 +113,78 @@ def test_the_report_of_build_maps_has_a_sheet_for_every_robot(flat_maps, window)
     assert opened.asked_elsewhere() == []
 
 
+def robots_seen(page):
+    """Return where robots are in the window, to the pixel."""
+    page.wait_for_timeout(100)
+    boxes = [robot.bounding_box() for robot in page.locator(".robot").all()]
+    return [(round(box["x"] + box["width"] / 2), round(box["y"] + box["height"] / 2)) for box in boxes]
+
+
+def test_robots_run_along_their_drives_by_keys_and_by_themselves(merged, window):
+    opened = OpenPage(window, merged / "report.html")
+    page = opened.page
+    assert robots_seen(page) == []
+    page.locator("#when").focus()
+    page.keyboard.press("End")
+    at_the_end = robots_seen(page)
+    assert len(at_the_end) == 2
+    longest = page.inner_text("#at")
+    assert re.fullmatch(r"(\d+\.\d) s of \1 s", longest)
+    assert page.get_attribute("#when", "aria-valuetext") == longest
+    page.keyboard.press("PageDown")
+    page.keyboard.press("ArrowLeft")
+    earlier = robots_seen(page)
+    assert earlier != at_the_end
+    page.get_by_label("robot_0: drive").uncheck()
+    assert robots_seen(page) == earlier[1:]
+    page.get_by_label("robot_0: drive").check()
+    assert sorted(robots_seen(page)) == sorted(earlier)
+    page.locator("#play").click()
+    page.wait_for_timeout(300)
+    page.locator("#play").click()
+    stopped, text = robots_seen(page), page.inner_text("#at")
+    assert stopped != earlier
+    page.wait_for_timeout(200)
+    assert (robots_seen(page), page.inner_text("#at")) == (stopped, text)
+    assert opened.complaints == []
+    assert opened.asked_elsewhere() == []
+
+
+def test_a_robot_is_where_its_trajectory_says(flat_maps, window):
+    opened = OpenPage(window, flat_maps / "report.html")
+    page, drive = opened.page, load_map(flat_maps / "robot_0").drives[0]
+    page.locator("#when").fill("10")
+    ((x, y),) = robots_seen(page)
+    page.mouse.move(x, y)
+    page.wait_for_timeout(200)
+    place = [float(one) for one in re.findall(r"[xy] (-?\d+\.\d\d) m", page.inner_text("#readout"))]
+    stamps = drive.trajectory.stamps
+    true = drive.trajectory.poses[abs(stamps - stamps[0] - float(page.input_value("#when"))).argmin()]
+    assert place == pytest.approx(list(true[:2]), abs=0.15)  # half a scan's way, and two pixels
+    page.get_by_role("tab", name="robot_1").click()
+    assert robots_seen(page) == []
+
+
+def test_the_view_is_saved_and_the_files_beside_the_page_are_led_to(merged, flat_maps, window, tmp_path):
+    opened = OpenPage(window, merged / "report.html")
+    page = opened.page
+    page.locator("#when").fill("5")
+    with page.expect_download() as saved:
+        page.locator("#picture").click()
+    saved.value.save_as(tmp_path / "view.png")
+    picture, box = cv2.imread(str(tmp_path / "view.png")), page.locator("#map").bounding_box()
+    assert picture.shape[:2] == (round(box["height"]), round(box["width"]))
+    seen = cv2.imdecode(np.frombuffer(page.locator("#map").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    apart = np.abs(picture.astype(int) - seen[: picture.shape[0], : picture.shape[1]]).max(axis=2) > 60
+    assert apart.mean() < 0.03  # buttons, and edges of cells
+    assert opened.complaints == []
+    for folder, least in ((merged, 6), (flat_maps, 10)):
+        OpenPage(page, folder / "report.html")
+        paths = page.locator(".files a").evaluate_all("(all) => all.map((one) => decodeURI(one.getAttribute('href')))")
+        assert len(paths) >= least
+        assert all((folder / path).is_file() for path in paths)
+
+
 def test_pages_are_of_a_reasonable_size(merged, flat_maps):
     for folder in (merged, flat_maps):
         assert 200_000 < (folder / "report.html").stat().st_size < 1_000_000
@@ -126,7 +200,8 @@ def test_on_a_phone_nothing_is_cut_off_and_the_map_comes_first(merged, window, s
     tables = page.locator(".scroll").evaluate_all("(all) => all.map((one) => one.scrollWidth - one.clientWidth)")
     assert tables
     assert max(tables) <= 0
-    assert page.locator("#map").bounding_box()["y"] < page.locator("#layers").bounding_box()["y"]
+    order = [page.locator(name).bounding_box()["y"] for name in ("#map", "#time", "#layers")]
+    assert order == sorted(order)
     luminance = (
         "(one) => getComputedStyle(one).backgroundColor.match(/[0-9]+/g).slice(0, 3).reduce((a, b) => a + Number(b), 0)"
     )

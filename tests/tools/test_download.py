@@ -11,7 +11,9 @@ def test_the_list_is_honest_about_what_was_tried(capsys):
     assert download.main(["--list"]) == 0
     out = capsys.readouterr().out
     assert "  stata/2011-01-24-06-18-27          242 MB  PR2, 225 s, 4489 scans *\n" in out
-    assert "  ccny/demo                         1.03 MB  a room, 360 scans of a hand-held Hokuyo, no odometry *\n" in out
+    assert (
+        "  ccny/demo                         1.03 MB  a room, 360 scans of a hand-held Hokuyo, no odometry *\n" in out
+    )
     assert "licence: CC BY 3.0" in out
     assert "  truth: true poses of the laser for 17 drives (BAG_partN_floor2.gt.laser.poses) and the floor plans" in out
     assert out.count("  truth: ") == 1

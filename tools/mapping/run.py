@@ -13,6 +13,7 @@ from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
 from tbmslam.parallel.progress import Progress
+from tbmslam.report.downloads import downloads
 from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.report.page import Making
 from tbmslam.report.rerun_viewer import RerunViewer
@@ -120,7 +121,8 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
         write_checksums(task.folder)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
     usual = Configuration.of_preset(config.preset).slam.model_dump(mode="json")
-    page = maps_page(robots, Making(command, progress.seconds, usual), None if failure is None else str(failure))
+    files = {task.name: downloads(args.out, task.folder) for task, _ in made}
+    page = maps_page(robots, Making(command, progress.seconds, usual), None if failure is None else str(failure), files)
     write_text(args.out / "report.html", page.to_html())
     print(f"report -> {args.out / 'report.html'}")
     _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, progress)

@@ -37,7 +37,10 @@
     const ruler = make("button", { type: "button", title: "Measure a distance: click two points", textContent: "↔", id: "ruler" });
     ruler.setAttribute("aria-pressed", "false");
     ruler.addEventListener("click", () => measure(ruler));
-    box.append(button, ruler);
+    const picture = make("button", { type: "button", title: "Save this view as PNG", textContent: "↓", id: "picture" });
+    picture.setAttribute("aria-label", picture.title);
+    picture.addEventListener("click", () => savePicture());
+    box.append(button, ruler, picture);
     L.DomEvent.disableClickPropagation(box);
     return box;
   };
@@ -107,6 +110,7 @@
     box.addEventListener("change", () => {
       if (layer.only_one) shown.filter((other) => other.layer.group === layer.group).forEach((other) => other.drawing.remove());
       if (box.checked) entry.drawing.addTo(map); else entry.drawing.remove();
+      if (layer.column === "drive" && robots.some(({ way }) => way.label === layer.label)) showRobots();
     });
     return box;
   }
@@ -157,6 +161,8 @@
   function show(number) {
     shown.forEach((entry) => entry.drawing.remove());
     current = sheets[number];
+    beginTime();  // which takes a line of the map's place, or gives it back
+    map.invalidateSize({ animate: false });
     shown = current.layers.map((layer, index) => ({ layer, index, drawing: drawn(layer, index) }));
     fit();
     shown.filter((entry) => entry.layer.shown).forEach((entry) => entry.drawing.addTo(map));
@@ -170,6 +176,151 @@
       tab.setAttribute("aria-selected", String(Number(tab.dataset.sheet) === number)));
     document.querySelectorAll("[data-note]").forEach((note) => { note.hidden = Number(note.dataset.note) !== number; });
     readout.textContent = hint;
+  }
+
+  // Robots run along their drives: rows of tenths of a second, centimetres twice, and degrees.
+  const slider = document.getElementById("when"), play = document.getElementById("play"), said = document.getElementById("at");
+  const ARROW = [[0, -11], [8, 9], [0, 4], [-8, 9]];  // pixels, heading up
+  let robots = [];      // of the sheet that is shown: its way and Leaflet's marker
+  let playing = null;   // what the browser calls the next frame by; null while time stands
+
+  function poseAt({ rows }, time) {
+    const tenths = 10 * time;
+    let low = 0, high = rows.length - 1;
+    while (low < high) {  // the first row that is not before the time
+      const middle = (low + high) >> 1;
+      if (rows[middle][0] < tenths) low = middle + 1; else high = middle;
+    }
+    const after = rows[low], before = rows[Math.max(low - 1, 0)];
+    const share = after[0] > before[0] ? Math.min(Math.max((tenths - before[0]) / (after[0] - before[0]), 0), 1) : 1;
+    const turn = ((after[3] - before[3] + 540) % 360) - 180;
+    return {
+      point: [(before[2] + share * (after[2] - before[2])) / 100, (before[1] + share * (after[1] - before[1])) / 100],
+      degrees: before[3] + share * turn,
+    };
+  }
+
+  function arrow(colour) {
+    const make = (tag, properties) => {
+      const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+      Object.entries(properties).forEach(([name, value]) => element.setAttribute(name, value));
+      return element;
+    };
+    const svg = make("svg", { width: 24, height: 24, viewBox: "-12 -12 24 24" });
+    svg.append(make("path", { d: `M${ARROW.join("L")}Z`, fill: colour, stroke: "#fff", "stroke-width": 1.5 }));
+    return svg;
+  }
+
+  const longest = () => Math.max(0, ...current.ways.map(({ rows }) => rows[rows.length - 1][0] / 10));
+
+  function beginTime() {
+    stop();
+    robots.forEach(({ marker }) => marker.remove());
+    robots = current.ways.map((way) => ({ way, marker: L.marker([0, 0], {
+      icon: L.divIcon({ html: arrow(way.colour), className: "robot", iconSize: [24, 24] }), interactive: false, keyboard: false,
+    }) }));
+    document.getElementById("time").hidden = !robots.length;
+    const step = Math.max(0.1, Math.ceil(longest() / 100) / 10);
+    slider.step = step;
+    slider.max = Math.ceil(longest() / step) * step;
+    slider.value = 0;
+    sayTime();
+  }
+
+  function sayTime() {
+    said.textContent = `${Math.min(Number(slider.value), longest()).toFixed(1)} s of ${longest().toFixed(1)} s`;
+    slider.setAttribute("aria-valuetext", said.textContent);
+  }
+
+  // Whose drive is switched off is not shown either.
+  function showRobots() {
+    sayTime();
+    robots.forEach((robot) => {
+      const drive = shown.find(({ layer }) => layer.label === robot.way.label && layer.column === "drive");
+      if (!drive || !map.hasLayer(drive.drawing)) { robot.marker.remove(); return; }
+      const { point, degrees } = poseAt(robot.way, Number(slider.value));
+      robot.degrees = degrees;
+      robot.marker.setLatLng(point).addTo(map);
+      robot.marker.getElement().firstChild.style.transform = `rotate(${90 - degrees}deg)`;
+    });
+  }
+
+  function stop() {
+    if (playing !== null) cancelAnimationFrame(playing);
+    playing = null;
+    play.textContent = "▶";
+    play.title = "Play";
+    play.setAttribute("aria-pressed", "false");
+  }
+
+  slider.addEventListener("input", () => { stop(); showRobots(); });
+  play.addEventListener("click", () => {
+    if (playing !== null) { stop(); return; }
+    const whole = Number(slider.max);
+    const first = Number(slider.value) >= whole ? 0 : Number(slider.value);
+    let began = null;
+    const next = (now) => {
+      began = began === null ? now : began;
+      const time = first + (whole * (now - began)) / 20000;  // all of it in 20 s
+      slider.value = time;
+      showRobots();
+      if (time >= whole) stop(); else playing = requestAnimationFrame(next);
+    };
+    play.textContent = "❚❚";
+    play.title = "Pause";
+    play.setAttribute("aria-pressed", "true");
+    playing = requestAnimationFrame(next);
+  });
+
+  // What is seen of the map, drawn once more: pictures, then marks, then robots.
+  function savePicture() {
+    const frame = place.getBoundingClientRect(), sharp = window.devicePixelRatio || 1;
+    const blank = () => {
+      const canvas = make("canvas", { width: Math.round(frame.width * sharp), height: Math.round(frame.height * sharp) });
+      const context = canvas.getContext("2d");
+      context.scale(sharp, sharp);
+      context.imageSmoothingEnabled = false;
+      return context;
+    };
+    const put = (context, element) => {
+      const { left, top, width, height } = element.getBoundingClientRect();
+      context.globalAlpha = element.style.opacity === "" ? 1 : Number(element.style.opacity);
+      context.drawImage(element, left - frame.left, top - frame.top, width, height);
+      context.globalAlpha = 1;
+    };
+    const view = blank();
+    view.fillStyle = getComputedStyle(place).backgroundColor;
+    view.fillRect(0, 0, frame.width, frame.height);
+    ["base", "robots", "over"].forEach((name) => {
+      const pane = blank();  // colours of robots mix with each other, and not with the map below
+      if (name === "robots") pane.globalCompositeOperation = "multiply";
+      map.getPane(name).querySelectorAll("img").forEach((image) => put(pane, image));
+      view.drawImage(pane.canvas, 0, 0, frame.width, frame.height);
+    });
+    map.getPane("overlayPane").querySelectorAll("canvas").forEach((canvas) => put(view, canvas));
+    robots.filter(({ marker }) => map.hasLayer(marker)).forEach(({ way, marker, degrees }) => {
+      const { x, y } = map.latLngToContainerPoint(marker.getLatLng());
+      view.save();
+      view.translate(x, y);
+      view.rotate(((90 - degrees) * Math.PI) / 180);
+      view.beginPath();
+      ARROW.forEach(([right, down]) => view.lineTo(right, down));
+      view.closePath();
+      Object.assign(view, { fillStyle: way.colour, strokeStyle: "#fff", lineWidth: 1.5 });
+      view.fill();
+      view.stroke();
+      view.restore();
+    });
+    const bar = place.querySelector(".leaflet-control-scale-line"), { left, bottom, width } = bar.getBoundingClientRect();
+    view.font = "12px sans-serif";
+    view.fillStyle = view.strokeStyle = "#1d2733";
+    view.fillText(bar.textContent, left - frame.left + 4, bottom - frame.top - 5);
+    view.strokeRect(left - frame.left, bottom - frame.top, width, 0.5);
+    view.canvas.toBlob((png) => {
+      const link = make("a", { href: URL.createObjectURL(png), download: `${current.title}.png` });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    });
   }
 
   // A colour of a picture tells the value that it stands for.

@@ -40,6 +40,14 @@ def test_every_robot_has_a_sheet_a_row_and_its_warnings():
     assert page.verdict == "2 maps were made, each in a frame of its own"
     assert (page.command, page.versions, page.config) == ("build_maps x", RUN["versions"], RUN["config"])
     assert page.figures["driven"] == "10 m"
+    assert [[way.label for way in sheet.ways] for sheet in page.sheets] == [["robot_0"], ["robot_0"]]
+
+
+def test_files_are_offered_of_the_robots_that_are_shown():
+    files = {f"robot_{k}": [f"robot_{k}/map.yaml"] for k in range(40)}
+    page = maps_page({"robot_0": robot()}, Making(), files=files)
+    assert list(page.downloads) == list(files)[:30]
+    assert '<a href="robot_7/map.yaml" download>map.yaml</a>' in page.to_html()
 
 
 def test_what_many_robots_are_told_alike_is_said_once():

@@ -48,6 +48,7 @@ def page_of(text):
         sheets=[Sheet(text, (raster,), text), Sheet(text)],
         warnings=[text],
         tables=[Table(text, (text, "#n"), [(text, "1")], text, ["red"])],
+        downloads={text: ["a%20b/map.yaml", text]},
         cards=[Card(text, text, True, text, {text: text}, [Picture(b"png", text)])],
         cards_title=text,
         cards_note=text,
@@ -63,6 +64,7 @@ def test_everything_is_told():
     assert said.count("Ünsinn") >= 25
     assert "Ünsinn.Ünsinn" in said
     assert "1.50" in said
+    assert "map.yaml" in said
 
 
 def test_what_came_from_outside_is_text_and_never_markup():
