@@ -1,6 +1,7 @@
 """Colours for values: a picture of few colours is small, and a colour can be read back as its value."""
 
-import io
+import struct
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ Levels = npt.NDArray[np.uint8]
 
 STEPS = 20
 """Values from 0 to 1 are shown in steps of a twentieth."""
+
+_INDEXED = 3
+"""A PNG's colour type whose pixels are numbers of colours of a palette."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +47,25 @@ class Palette:
         return cls(tuple((int(r), int(g), int(b)) for r, g, b in zip(*channels, strict=True)), alphas)
 
     def png(self, levels: Levels) -> bytes:
-        """Return a picture (rows, cols) of levels as PNG; its first row is the top."""
-        from PIL import Image  # noqa: PLC0415  # slow to load, and only reports need it
+        """Return a picture (rows, cols) of levels as PNG; its first row is the top.
 
-        picture = Image.fromarray(levels)
-        picture.putpalette(bytes(channel for colour in self.colours for channel in colour))
-        content = io.BytesIO()
-        more = {"transparency": bytes(self.alphas)} if self.alphas else {}
-        picture.save(content, "png", compress_level=6, **more)  # 9 saves a fifteenth of the size in 8 times the time
-        return content.getvalue()
+        OpenCV writes no pictures with palettes, which need a third of the bytes here. The chunks are those of the W3C's
+        Portable Network Graphics Specification, section 11.
+        """
+        rows, cols = levels.shape
+        lines = np.zeros((rows, cols + 1), dtype=np.uint8)  # each begins with its filter, 0 for none
+        lines[:, 1:] = levels
+        chunks = [
+            (b"IHDR", struct.pack(">IIBBBBB", cols, rows, 8, _INDEXED, 0, 0, 0)),
+            (b"PLTE", bytes(channel for colour in self.colours for channel in colour)),
+            *([(b"tRNS", bytes(self.alphas))] if self.alphas else []),
+            (b"IDAT", zlib.compress(lines.data, 6)),  # 9 saves a fifteenth of the size in 8 times the time
+            (b"IEND", b""),
+        ]
+        return b"\x89PNG\r\n\x1a\n" + b"".join(
+            struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+            for name, content in chunks
+        )
 
 
 def levels_of(values: npt.NDArray[np.floating] | FloatArray) -> Levels:
