@@ -1,13 +1,18 @@
 """What the README, and the pages it leads to, tell people to type."""
 
 import importlib
+import math
 import re
 import shlex
 from pathlib import Path
 
 import pytest
+import yaml
 
-from tbmslam.io.map_folder import load_map
+from datasets import downloading
+from tbmslam.commands import PROGRAMS
+from tbmslam.io.map_folder import load_map, save_map
+from tests.end_to_end.programs import report
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -16,10 +21,13 @@ LONGEST = 150
 COMMANDS = [
     command
     for page in PAGES
-    for command in re.findall(
-        r"^python (tools/\w+\.py .+)$", page.read_text("utf-8").replace("\\\n", " "), re.MULTILINE
-    )
+    for block in re.findall(r"```\w*\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    for command in re.findall(r"^(?:python tools/\w+\.py|tbmslam) .+$", block.replace("\\\n", " "), re.MULTILINE)
 ]
+DONE_ELSEWHERE = {
+    "python3 -m venv .venv && . .venv/bin/activate": "test_wheel.py",
+    "pip install .": "test_wheel.py",
+}
 
 pytestmark = pytest.mark.xdist_group("flat")
 
@@ -35,10 +43,60 @@ def test_the_example_of_the_library_runs(flat, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_commands_are_understood(command):
-    path, *words = shlex.split(command, comments=True)
-    program = importlib.import_module(path.removesuffix(".py").replace("/", "."))
+    program, words = program_of(command)
     grammar = program.parser() if hasattr(program, "parser") else program._parser()
     grammar.parse_args(words)
+
+
+def program_of(command):
+    """Return the program that a command starts, and its arguments."""
+    first, second, *words = shlex.split(command, comments=True)
+    module = f"tools.{PROGRAMS[second][0]}" if first == "tbmslam" else second.removesuffix(".py").replace("/", ".")
+    return importlib.import_module(module), words
+
+
+@pytest.fixture
+def recordings(flat, tmp_path, monkeypatch):
+    """The files that the README speaks of, in the current folder: simulated ones, also for what is downloaded."""
+
+    def fetched(_address, path, *_):
+        path.parent.mkdir(parents=True)
+        path.symlink_to(flat / "robot_0.bag")
+        return True
+
+    monkeypatch.setattr(downloading, "download", fetched)
+    monkeypatch.chdir(tmp_path)
+    for name, bag in (("run", 0), ("monday", 0), ("tuesday", 1), ("wednesday", 1)):
+        (tmp_path / f"{name}.bag").symlink_to(flat / f"robot_{bag}.bag")
+
+
+def write_plan(folder, monday):
+    """Write a floor plan on which Monday's map lies as the README says: X 12.5, Y -3, 90 degrees."""
+    save_map(folder / "plan", load_map(monday).rotate(math.pi / 2))
+    told = yaml.safe_load((folder / "plan" / "map.yaml").read_text())
+    told["origin"] = [told["origin"][0] + 12.5, told["origin"][1] - 3.0, 0.0]
+    told["image"] = "plan/map.pgm"
+    (folder / "plan.yaml").write_text(yaml.safe_dump(told))
+
+
+def test_every_line_of_the_readme_does_what_it_says(recordings, tmp_path):
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    assert len(lines) >= 8
+    for line in lines:
+        if line in DONE_ELSEWHERE:
+            continue
+        if "plan.yaml" in line:
+            write_plan(tmp_path, tmp_path / "out" / "week" / "monday")
+        program, words = program_of(line)
+        assert program.main(words) == 0, line
+        if "-o" in words:
+            assert (tmp_path / words[words.index("-o") + 1] / "report.html").is_file()
+    for opened in re.findall(r"(?:[Oo]pen|is in) `(out/[\w/.-]+)`", README):
+        assert (tmp_path / opened).exists(), opened
+    told = report(tmp_path / "out" / "on-plan")["maps"]["monday"]["T_merged_map"]
+    assert told == pytest.approx([12.5, -3.0, math.pi / 2], abs=0.1)
+    assert report(tmp_path / "out" / "demo-merged")["merged"] is True
 
 
 def test_there_are_commands_and_every_link_leads_somewhere():
