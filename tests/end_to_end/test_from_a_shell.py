@@ -71,6 +71,23 @@ def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
     assert min(took) < 0.3
 
 
+@pytest.mark.parametrize(
+    ("words", "status", "most_s"),
+    [(["--help"], 0, 0.2), (["map", "no.bag", "-o", "out"], 1, 0.3), (["merge", "no.yaml", "-o", "out"], 2, 0.3)],
+)
+def test_the_command_answers_before_anything_heavy_is_loaded(words, status, most_s, tmp_path):
+    took = []
+    for _ in range(3):
+        before = cpu_seconds_of_children()
+        done = subprocess.run(  # noqa: S603 - our own command
+            [sys.executable, "-m", "tbmslam", *words],
+            cwd=tmp_path, capture_output=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        took.append(cpu_seconds_of_children() - before)
+    assert done.returncode == status
+    assert min(took) < most_s
+
+
 def test_a_bag_of_another_format_is_one_line_and_exit_1(shared_data, tmp_path):
     bag = shared_data / "broken" / "rosbag-v1.2.bag"
     done = shell("build_maps", bag, "-o", tmp_path / "maps")
