@@ -209,6 +209,16 @@ def test_on_a_phone_nothing_is_cut_off_and_the_map_comes_first(merged, window, s
     assert (ground < 150) is (scheme == "dark")
 
 
+@pytest.mark.parametrize("width", [820, 1440])
+def test_no_table_is_wider_than_the_page(flat_maps, merged, window, width):
+    window.set_viewport_size({"width": width, "height": 900})
+    for folder in (flat_maps, merged):
+        page = OpenPage(window, folder / "report.html").page
+        beyond = page.locator(".scroll").evaluate_all("(all) => all.map((one) => one.scrollWidth - one.clientWidth)")
+        assert beyond
+        assert max(beyond) <= 0
+
+
 def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, window, tmp_path):
     setting = "merging.verification.min_confidence=0.8"
     merge_maps(tmp_path, flat_maps / "robot_0", flat_maps / "robot_1", "--set", setting)
