@@ -96,7 +96,7 @@ def test_every_line_of_the_readme_does_what_it_says(recordings, tmp_path):
         assert (tmp_path / opened).exists(), opened
     told = report(tmp_path / "out" / "on-plan")["maps"]["monday"]["T_merged_map"]
     assert told == pytest.approx([12.5, -3.0, math.pi / 2], abs=0.1)
-    assert report(tmp_path / "out" / "demo-merged")["merged"] is True
+    assert report(tmp_path / "out" / "room-merged")["merged"] is True
 
 
 def test_there_are_commands_and_every_link_leads_somewhere():
