@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tbmslam.geometry.se2 import FloatArray, way_lengths, wrap_angles
+from tbmslam.geometry.se2 import FloatArray, path_lengths, wrap_angles
 from tbmslam.map.drive import Drive
 from tbmslam.report.palette import Colour
 
@@ -73,7 +73,7 @@ def _kept(poses: FloatArray, most: int) -> np.ndarray[tuple[int], np.dtype[np.in
     """Return indices of the first and the last pose of each step of the way: robots may rest for long within one."""
     turned = np.zeros(len(poses))
     np.cumsum(np.abs(wrap_angles(np.diff(poses[:, 2]))), out=turned[1:])
-    moved = way_lengths(poses) + _ARM_M * turned
+    moved = path_lengths(poses) + _ARM_M * turned
     step = max(_STEP_M, float(moved[-1]) / most)
     ends = np.flatnonzero(np.diff((moved / step).astype(np.int64)))
     return np.unique(np.concatenate(([0], ends, ends + 1, [len(poses) - 1])))
