@@ -31,10 +31,12 @@ def read_out(opened, number=0):
     """Move over the map and return what is read there, by name."""
     box = opened.page.locator("#map").bounding_box()
     x, y = box["x"] + box["width"] / 2 + number, box["y"] + box["height"] / 2 + number
-    opened.page.mouse.move(x, y)
-    opened.page.wait_for_timeout(300)  # pictures are decoded at the first move
-    opened.page.mouse.move(x, y + 0.01)
-    text = opened.page.inner_text("#readout")
+    for attempt in range(50):  # pictures are decoded at the first move, and a busy machine takes its time
+        opened.page.mouse.move(x, y + 0.01 * (attempt % 2))
+        text = opened.page.inner_text("#readout")
+        if "unknown" in text:
+            break
+        opened.page.wait_for_timeout(100)
     assert "x " in text
     return {name: float(value) for name, value in re.findall(r"([a-z]+) (-?\d+(?:\.\d+)?)", text)}
 

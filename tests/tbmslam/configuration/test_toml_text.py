@@ -14,7 +14,7 @@ def test_every_preset_is_read_back_from_its_text(name):
 def test_a_parameter_has_its_meaning_unit_and_limits():
     text = config_text(SlamConfig(), "A heading.", ["motion"])
     assert text.startswith("# A heading.\n\n")
-    assert "\n[map]\n# The grid and what beams write into it.\n# side of a cell [m]\n" in text
+    assert "\n[map]\n# Parameters of the grid and of the insertion of beams.\n# side of a cell [m]\n" in text
     assert "\nresolution = 0.05 # >= 0.001, <= 10\n" in text
     assert 'no_return = "ignore" # one of free, ignore\n' in text
     assert "[motion]" not in text
