@@ -12,8 +12,9 @@ import scipy.fft
 
 from merging.config.registration import CorrelationConfig
 from merging.walls.wall_map import WallMap
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle, wrap_angles
-from tbmslam.kernels.search.turned_images import draw_turned, multiply
+from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.kernels.search.distinct_places import distinct_places
+from tbmslam.kernels.search.turned_images import block_peaks, draw_turned, multiply
 
 
 def distinct(
@@ -32,20 +33,9 @@ def distinct(
     count
         How many are returned at the most.
     """
-    ranked = np.argsort(-scores, kind="stable")
-    x, y, heading = np.ascontiguousarray(poses[ranked].T)
-    free = np.ones(len(ranked), dtype=bool)
-    kept: list[int] = []
-    for best in range(len(ranked)):
-        if len(kept) == count:
-            break
-        if not free[best]:
-            continue
-        kept.append(best)
-        near = best + 1 + np.flatnonzero(np.abs(x[best + 1 :] - x[best]) <= apart_m)  # few, and asked first
-        near = near[np.hypot(x[near] - x[best], y[near] - y[best]) < apart_m]
-        free[near[np.abs(wrap_angles(heading[near] - heading[best])) < apart_rad]] = False
-    return np.asarray(ranked[kept], dtype=np.intp)
+    ranked, kept = np.argsort(-scores, kind="stable"), np.empty(min(count, len(scores)), dtype=np.int64)
+    found = distinct_places(np.ascontiguousarray(poses), ranked, apart_m, apart_rad, kept)
+    return np.asarray(kept[:found], dtype=np.intp)
 
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
@@ -170,7 +160,7 @@ class _Search:
         size = scipy.fft.next_fast_len(math.ceil(height / cell)), scipy.fft.next_fast_len(math.ceil(width / cell))
         return cls(fixed, moving, cell, size, *_target_spectra(fixed, size, cell, config))
 
-    def scores(self, theta: float) -> npt.NDArray[np.floating]:
+    def scores(self, theta: float) -> npt.NDArray[np.float32]:
         """Return the scores (rows, cols) of all shifts of the source turned by an angle; no shift is in the middle."""
         moving = self.moving
         images = np.empty((2, *self.size), dtype=np.complex64)
@@ -248,15 +238,14 @@ def _blurred(image: _Image) -> _Image:
     return np.ascontiguousarray(cv2.GaussianBlur(parts, (0, 0), 1.0)).view(np.complex64)[..., 0]
 
 
-def _peaks(scores: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _peaks(scores: npt.NDArray[np.float32], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the values, rows and columns of the best cells, at most one of every block."""
-    down, across = scores.shape[0] // _BLOCK, scores.shape[1] // _BLOCK
-    inner = scores[: down * _BLOCK, : across * _BLOCK].reshape(down, _BLOCK, across, _BLOCK)
-    values = inner.max(axis=1).max(axis=2).ravel()  # down whole rows first, and nothing is moved
+    blocks = (scores.shape[0] // _BLOCK) * (scores.shape[1] // _BLOCK)
+    values = np.empty(blocks, dtype=np.float32)
+    rows, cols = np.zeros(blocks, dtype=np.int64), np.zeros(blocks, dtype=np.int64)
+    block_peaks(scores, _BLOCK, values, rows, cols)
     best = np.argsort(-values, kind="stable")[:count]
-    within = inner[best // across, :, best % across].reshape(len(best), _BLOCK * _BLOCK).argmax(axis=1)
-    rows, cols = best // across * _BLOCK + within // _BLOCK, best % across * _BLOCK + within % _BLOCK
-    return values[best].astype(np.float64), rows.astype(np.float64), cols.astype(np.float64)
+    return values[best].astype(np.float64), rows[best].astype(np.float64), cols[best].astype(np.float64)
 
 
 def _motion(target_centre: complex, source_centre: complex, shift: complex, theta: float) -> SE2:

@@ -17,10 +17,6 @@ from tbmslam.map.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX
 _Chosen = tuple[Walls, npt.NDArray[np.int64], float]
 """Walls, the indices of those that are looked at, and the length that each of them stands for [m]."""
 
-_MANY_CELLS = 4000
-"""Known cells that are enough to measure an overlap."""
-
-
 @dataclass(frozen=True)
 class Evidence:
     """What speaks for and against an alignment.
@@ -158,15 +154,7 @@ def _evidence(
 
 
 def _overlap_m2(target: WallMap, source: WallMap, T_target_source: SE2) -> float:
-    centres, cell_m2 = _some_known(source)
+    centres, cell_m2 = source.some_known
     rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
     return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
 
-
-def _some_known(structure: WallMap) -> tuple[FloatArray, float]:
-    """Return centres (K, 2) of known cells, evenly chosen, and the area each stands for [m^2]."""
-    cells: npt.NDArray[np.intp] = np.flatnonzero(structure.known)
-    every = max(len(cells) // _MANY_CELLS, 1)
-    rows, cols = np.divmod(cells[::every], structure.geometry.cols)
-    step = structure.geometry.resolution
-    return structure.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)

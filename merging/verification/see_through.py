@@ -3,12 +3,10 @@
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from merging.walls.wall_map import WallMap
 from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.search.touching_cells import pieces_of
 from tbmslam.map.walls import see_through
 
 Cells = npt.NDArray[np.int64]
@@ -48,17 +46,20 @@ def stretches_m(cells: Cells, resolution: float) -> float:
     """
     if len(cells) == 0:
         return 0.0
-    lengths = {_place_of(piece): _longer_m(piece, resolution) for piece in _pieces(cells - cells.min(axis=0))}
+    pieces = _large_pieces(cells - cells.min(axis=0), resolution)
+    lengths = {_place_of(piece): _longer_m(piece, resolution) for piece in pieces}
     return sum(lengths[place] for place in sorted(lengths))
 
 
-def _pieces(cells: Cells) -> list[Cells]:
-    """Return the cells (N, 2) of each piece of those that touch once they are grown."""
-    near = cKDTree(cells).query_pairs(_TOUCHING, p=np.inf, output_type="ndarray")
-    links = coo_matrix((np.ones(len(near)), near.T), shape=(len(cells), len(cells)))
-    _, labels = connected_components(links, directed=False)
+def _large_pieces(cells: Cells, resolution: float) -> list[Cells]:
+    """Return the cells (N, 2) of each piece of those that touch once they are grown; small ones are left out."""
+    cells = np.ascontiguousarray(cells[np.lexsort((cells[:, 1], cells[:, 0]))])
+    labels = pieces_of(cells, _TOUCHING)
     order = np.argsort(labels, kind="stable")
-    return np.split(cells[order], np.flatnonzero(np.diff(labels[order])) + 1)
+    cells, starts = cells[order], np.flatnonzero(np.diff(labels[order], prepend=-1))
+    sides = np.maximum.reduceat(cells, starts) - np.minimum.reduceat(cells, starts) + 3  # grown
+    large = np.hypot(*sides.T) * resolution > _DOOR_M
+    return [piece for piece, is_large in zip(np.split(cells, starts[1:]), large, strict=True) if is_large]
 
 
 def _place_of(piece: Cells) -> tuple[int, int]:
@@ -71,8 +72,6 @@ def _longer_m(piece: Cells, resolution: float) -> float:
     """Return how much longer a piece is than a door leaf [m], without the seam of a cell that joined it."""
     rows, cols = (piece - piece.min(axis=0)).T + 1
     grown = np.zeros((rows.max() + 2, cols.max() + 2), dtype=np.uint8)
-    if np.hypot(*grown.shape) * resolution <= _DOOR_M:
-        return 0.0
     grown[rows, cols] = 1
     _, sides, _ = cv2.minAreaRect(cv2.findNonZero(cv2.dilate(grown, np.ones((3, 3), np.uint8))).astype(np.float32))
     return max(float(max(sides)) * resolution - resolution - _DOOR_M, 0.0)

@@ -16,6 +16,8 @@ from tbmslam.map.walls import Walls
 
 _MOVABLE = 0.5
 """What counts less than this is a thing."""
+_MANY_CELLS = 4000
+"""Known cells that are enough to measure an overlap."""
 _FLAT = 0.1
 """Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
 
@@ -113,6 +115,15 @@ class WallMap:
     def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:
         """The surface cells as they are, no less for being movable, and the indices (K,) of those that are."""
         return self.walls._replace(weights=np.ones_like(self.weights)), np.flatnonzero(self.weights < _MOVABLE)
+
+    @cached_property
+    def some_known(self) -> tuple[FloatArray, float]:
+        """Centres (K, 2) of known cells, evenly chosen and enough to measure an overlap; the area of each [m^2]."""
+        cells: npt.NDArray[np.intp] = np.flatnonzero(self.known)
+        every = max(len(cells) // _MANY_CELLS, 1)
+        rows, cols = np.divmod(cells[::every], self.geometry.cols)
+        step = self.geometry.resolution
+        return self.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)
 
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
         """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""

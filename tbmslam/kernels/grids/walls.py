@@ -194,6 +194,7 @@ def _pull(
     )  # in numbers, not in the array: this is the innermost loop of an alignment
     yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
     tt, td = system[2, 2], system[2, 3]
+    pulling, squares, number = system[3, 0], system[3, 1], system[3, 2]
     for k in some:
         px, py = moving.points[k, 0], moving.points[k, 1]
         mx, my = moving.normals[k, 0], moving.normals[k, 1]
@@ -227,12 +228,13 @@ def _pull(
         tt += along_turn * turn
         td += along_turn * distance
         # The damping's share: how many pull, and how far from the centre.
-        system[3, 0] += moving.weights[k]
-        system[3, 1] += moving.weights[k] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
-        system[3, 2] += 1.0
+        pulling += moving.weights[k]
+        squares += moving.weights[k] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
+        number += 1.0
     system[0, 0], system[0, 1], system[0, 2], system[0, 3] = xx, xy, xt, xd
     system[1, 1], system[1, 2], system[1, 3] = yy, yt, yd
     system[2, 2], system[2, 3] = tt, td
+    system[3, 0], system[3, 1], system[3, 2] = pulling, squares, number
 
 
 @kernel

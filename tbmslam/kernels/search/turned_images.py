@@ -7,6 +7,7 @@ from tbmslam.kernels import kernel
 
 Points = npt.NDArray[np.complex128]
 Image = npt.NDArray[np.complex64]
+Scores = npt.NDArray[np.float32]
 
 
 @kernel
@@ -63,3 +64,26 @@ def multiply(first: Image, first_target: Image, second: Image, second_target: Im
         halves[0] = np.complex64(0.5) * (ahead[0] + behind[0].conjugate())
         for col in range(1, half.shape[1]):
             halves[col] = np.complex64(0.5) * (ahead[col] + behind[cols - col].conjugate())
+
+
+@kernel
+def block_peaks(
+    scores: Scores, side: int, values: Scores, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]
+) -> None:
+    """Put the best score of each whole block, and where it is, into ``values``, ``rows`` and ``cols`` (B,).
+
+    Blocks have ``side`` by ``side`` cells and come row by row; of equal scores the first one counts.
+    """
+    down, across = scores.shape[0] // side, scores.shape[1] // side
+    for block_row in range(down):
+        first = block_row * across
+        values[first : first + across] = -np.inf
+        for row in range(block_row * side, (block_row + 1) * side):
+            for block_col in range(across):
+                block = first + block_col
+                best, where = values[block], -1
+                for col in range(block_col * side, (block_col + 1) * side):
+                    if scores[row, col] > best:
+                        best, where = scores[row, col], col
+                if where >= 0:
+                    values[block], rows[block], cols[block] = best, row, where

@@ -3,7 +3,7 @@ import cmath
 import numpy as np
 import pytest
 
-from tbmslam.kernels.search.turned_images import draw_turned, multiply
+from tbmslam.kernels.search.turned_images import block_peaks, draw_turned, multiply
 
 ROWS, COLS, CELL = 12, 15, 0.5
 
@@ -46,3 +46,18 @@ def test_the_inverse_of_the_products_is_the_real_part_of_the_correlations(size):
     expected = np.fft.ifft2(np.conj(a) * b + np.conj(c) * d).real
     multiply(a, b, c, d, half)
     np.testing.assert_allclose(np.fft.irfft2(half, size), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(9, 8), (17, 25), (3, 40)])
+def test_each_block_offers_its_best_cell(size):
+    scores = np.random.default_rng(4).integers(-5, 5, size).astype(np.float32)  # many are equal
+    side = 4
+    down, across = size[0] // side, size[1] // side
+    values = np.empty(down * across, dtype=np.float32)
+    rows, cols = np.zeros((2, down * across), dtype=np.int64)
+    block_peaks(scores, side, values, rows, cols)
+    for number, (row, col) in enumerate(np.ndindex(down, across)):
+        block = scores[row * side : (row + 1) * side, col * side : (col + 1) * side]
+        best = np.unravel_index(block.argmax(), block.shape)
+        assert values[number] == block.max()
+        assert (rows[number], cols[number]) == (row * side + best[0], col * side + best[1])

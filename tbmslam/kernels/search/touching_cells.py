@@ -1,0 +1,57 @@
+"""Cells that touch or nearly touch, told apart into pieces."""
+
+import numpy as np
+
+from tbmslam.kernels import IntArray, kernel
+
+
+@kernel
+def pieces_of(cells: IntArray, reach: int) -> IntArray:
+    """Return the number of the piece that each cell belongs to (N,), from 0 on in the order of their first cells.
+
+    Cells no farther apart than ``reach`` along rows and along columns belong to one piece.
+
+    Parameters
+    ----------
+    cells
+        Rows and columns (N, 2) from 0 on, no cell twice, sorted by row and then by column.
+    """
+    count = len(cells)
+    number = np.empty(count, dtype=np.int64)
+    if count == 0:
+        return number
+    first = np.zeros(cells[-1, 0] + 2, dtype=np.int64)  # of each row, the number of cells before it
+    for index in range(count):
+        first[cells[index, 0] + 1] += 1
+    for row in range(1, len(first)):
+        first[row] += first[row - 1]
+    parent = np.arange(count)
+    for row in range(len(first) - 1):
+        for above in range(max(row - reach, 0), row + 1):
+            near = first[above]
+            for index in range(first[row], first[row + 1]):
+                col = cells[index, 1]
+                while near < first[above + 1] and cells[near, 1] < col - reach:
+                    near += 1
+                other = near
+                while other < first[above + 1] and cells[other, 1] <= col + reach:
+                    a, b = _root(parent, index), _root(parent, other)
+                    parent[max(a, b)] = min(a, b)
+                    other += 1
+    pieces = 0
+    for index in range(count):
+        root = _root(parent, index)
+        if root == index:
+            number[index] = pieces
+            pieces += 1
+        else:
+            number[index] = number[root]
+    return number
+
+
+@kernel
+def _root(parent: IntArray, index: int) -> int:
+    while parent[index] != index:
+        parent[index] = parent[parent[index]]
+        index = parent[index]
+    return index
