@@ -72,12 +72,12 @@ class _Layout:
         facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
         geometry = structure.geometry
         # A wall a little out of place must not count as one in the room's middle.
-        rows, cols = np.nonzero(structure.free & (structure.distances_m > clearance_m))
         factor = max(1, round(cell_m / geometry.resolution))
-        blocks, counts = np.unique(rows // factor * geometry.cols + cols // factor, return_counts=True)
+        blocks = _counted(structure.free & (structure.distances_m > clearance_m), factor)
+        rows, cols = np.nonzero(blocks)
+        counts = blocks[rows, cols]
         side = factor * geometry.resolution
-        x = geometry.origin_x + (blocks % geometry.cols + 0.5) * side
-        y = geometry.origin_y + (blocks // geometry.cols + 0.5) * side
+        x, y = geometry.origin_x + (cols + 0.5) * side, geometry.origin_y + (rows + 0.5) * side
         filled = counts * (geometry.resolution / cell_m) ** 2
         metres = structure.weights * geometry.resolution
         return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
@@ -169,7 +169,7 @@ class _Search:
             moving.walls, moving.facing_metres, moving.metres, moving.free, moving.filled, turn, self.cell, images
         )
         # The real part of conj(walls + i free) * (a + i b) is walls * a + free * b: both directions in one product.
-        facing, kinds = (scipy.fft.fft2(image, overwrite_x=True) for image in images)
+        facing, kinds = scipy.fft.fft2(images, overwrite_x=True)
         half = np.empty((self.size[0], self.size[1] // 2 + 1), dtype=np.complex64)
         multiply(facing, self.facing, kinds, self.kinds, half)
         return np.asarray(scipy.fft.irfft2(half, self.size, overwrite_x=True))
@@ -177,6 +177,12 @@ class _Search:
 
 def _complex(points: FloatArray) -> _Complex:
     return np.ascontiguousarray(points).view(np.complex128)[:, 0]
+
+
+def _counted(cells: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.int64]:
+    """Return how many cells of each block of so many by so many are set; those at the far edges may be smaller."""
+    rows, cols = (np.arange(0, size, side) for size in cells.shape)
+    return np.asarray(np.add.reduceat(np.add.reduceat(cells, rows, axis=0, dtype=np.int64), cols, axis=1))
 
 
 def _cell_size(target: WallMap, source: WallMap, config: CorrelationConfig) -> float:

@@ -17,6 +17,7 @@ from tbmslam.map.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX
 _Chosen = tuple[Walls, npt.NDArray[np.int64], float]
 """Walls, the indices of those that are looked at, and the length that each of them stands for [m]."""
 
+
 @dataclass(frozen=True)
 class Evidence:
     """What speaks for and against an alignment.
@@ -157,4 +158,3 @@ def _overlap_m2(target: WallMap, source: WallMap, T_target_source: SE2) -> float
     centres, cell_m2 = source.some_known
     rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
     return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
-

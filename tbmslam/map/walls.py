@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.grids.wall_sliding import slide_walls
 from tbmslam.kernels.grids.walls import (
     AGREED,
     AGREES,
@@ -22,7 +23,6 @@ from tbmslam.kernels.grids.walls import (
     compare_walls,
     hold_walls,
     see_through_walls,
-    slide_walls,
 )
 from tbmslam.wall_limits import Limits
 

@@ -49,11 +49,72 @@ OUTSIDE, NEITHER, AGREES, CONFLICTS, NOT_SEEN = range(5)
 
 
 @kernel
-def _faces(
+def faces(
     nx: float, ny: float, two_sided: bool, other_normals: FloatArray, other_two_sided: BoolArray, index: int
 ) -> float:
+    """Return the cosine between two walls' normals; of walls that face both ways, of the nearer ones."""
     cosine = nx * other_normals[index, 0] + ny * other_normals[index, 1]
     return float(abs(cosine) if two_sided or other_two_sided[index] else cosine)
+
+
+class WallPoints(NamedTuple):
+    """Some walls of a map side by side, and room for where they come to lie on another one.
+
+    Parameters
+    ----------
+    points, normals, two_sided, weights
+        As in `Walls` (K,).
+    x, y
+        Where they lie in the other map's frame (K,) [m].
+    cells
+        The number of the cell of the other map that each lies in (K,); -1 outside.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    two_sided: BoolArray
+    weights: FloatArray
+    x: FloatArray
+    y: FloatArray
+    cells: npt.NDArray[np.int32]
+
+
+@kernel
+def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
+    """Return some walls (K,) of a map, which lie nowhere yet."""
+    count = len(some)
+    return WallPoints(
+        walls.points[some],
+        walls.normals[some],
+        walls.two_sided[some],
+        walls.weights[some],
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, dtype=np.int32),
+    )
+
+
+@kernel
+def lay(moving: WallPoints, fixed: Walls, pose: Pose, back: bool) -> None:
+    """Fill in where walls lie on a map under T_fixed_moving; ``back`` tells that the pose is its inverse."""
+    tx, ty, theta = pose
+    cosine, sine = math.cos(theta), math.sin(theta)
+    points, xs, ys, cells = moving.points, moving.x, moving.y, moving.cells
+    # Loops without branches, whose steps the processor takes several at a time.
+    if back:
+        for i in range(len(points)):
+            dx, dy = points[i, 0] - tx, points[i, 1] - ty
+            xs[i], ys[i] = cosine * dx + sine * dy, -sine * dx + cosine * dy
+    else:
+        for i in range(len(points)):
+            px, py = points[i, 0], points[i, 1]
+            xs[i], ys[i] = tx + cosine * px - sine * py, ty + sine * px + cosine * py
+    resolution, origin_x, origin_y = fixed.resolution, fixed.origin_x, fixed.origin_y
+    rows, cols = float(fixed.states.shape[0]), float(fixed.states.shape[1])
+    for i in range(len(points)):
+        col, row = np.floor((xs[i] - origin_x) / resolution), np.floor((ys[i] - origin_y) / resolution)
+        inside = (row >= 0.0) & (row < rows) & (col >= 0.0) & (col < cols)
+        cells[i] = np.int32(row * cols + col) if inside else np.int32(-1)
 
 
 @kernel
@@ -69,40 +130,47 @@ def compare_walls(
     """
     sums = np.zeros((len(motions), 8))
     rows, cols = fixed.states.shape
+    distances, nearest, states = fixed.distances.reshape(-1), fixed.nearest.reshape(-1), fixed.states.reshape(-1)
+    walls = wall_points(moving, some)
     for m in range(len(motions)):
-        tx, ty, theta = motions[m, 0], motions[m, 1], motions[m, 2]
-        cosine, sine = math.cos(theta), math.sin(theta)
-        for k in some:
-            px, py = moving.points[k, 0], moving.points[k, 1]
-            x, y = tx + cosine * px - sine * py, ty + sine * px + cosine * py
-            col = math.floor((x - fixed.origin_x) / fixed.resolution)
-            row = math.floor((y - fixed.origin_y) / fixed.resolution)
-            if row < 0 or row >= rows or col < 0 or col >= cols:
+        pose = (motions[m, 0], motions[m, 1], motions[m, 2])
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        lay(walls, fixed, pose, False)
+        # In numbers, not in the array: this loop is a fifth of an alignment.
+        compared = agreed = conflicting = unseen = xx = xy = yy = squares = 0.0
+        for i in range(len(some)):
+            cell = walls.cells[i]
+            if cell < 0:
                 continue
-            nx = cosine * moving.normals[k, 0] - sine * moving.normals[k, 1]
-            ny = sine * moving.normals[k, 0] + cosine * moving.normals[k, 1]
-            weight = moving.weights[k]
-            distance = fixed.distances[row, col]
+            distance, state, weight = distances[cell], states[cell], walls.weights[i]
+            nx = cosine * walls.normals[i, 0] - sine * walls.normals[i, 1]
+            ny = sine * walls.normals[i, 0] + cosine * walls.normals[i, 1]
             if distance <= limits.agreement:
-                faces = _faces(nx, ny, moving.two_sided[k], fixed.normals, fixed.two_sided, fixed.nearest[row, col])
-                if faces >= limits.facing:
-                    sums[m, COMPARED] += weight
-                    sums[m, AGREED] += weight
-                    sums[m, XX] += weight * nx * nx
-                    sums[m, XY] += weight * nx * ny
-                    sums[m, YY] += weight * ny * ny
-                    sums[m, SQUARES] += weight * distance * distance
+                near = nearest[cell]
+                if faces(nx, ny, walls.two_sided[i], fixed.normals, fixed.two_sided, near) >= limits.facing:
+                    compared += weight
+                    agreed += weight
+                    xx += weight * nx * nx
+                    xy += weight * nx * ny
+                    yy += weight * ny * ny
+                    squares += weight * distance * distance
                     continue
-            state = fixed.states[row, col]
             if state > 0:
-                sums[m, COMPARED] += weight
+                compared += weight
                 if state == 1 and distance > limits.conflict:
-                    sums[m, CONFLICTING] += weight
+                    conflicting += weight
             elif distance > limits.agreement:
-                col = math.floor((x + limits.front * nx - fixed.origin_x) / fixed.resolution)
-                row = math.floor((y + limits.front * ny - fixed.origin_y) / fixed.resolution)
+                col = math.floor((walls.x[i] + limits.front * nx - fixed.origin_x) / fixed.resolution)
+                row = math.floor((walls.y[i] + limits.front * ny - fixed.origin_y) / fixed.resolution)
                 if 0 <= row < rows and 0 <= col < cols and fixed.states[row, col] == 1:
-                    sums[m, UNSEEN] += weight
+                    unseen += weight
+        sums[m, COMPARED], sums[m, AGREED], sums[m, CONFLICTING], sums[m, UNSEEN] = (
+            compared,
+            agreed,
+            conflicting,
+            unseen,
+        )
+        sums[m, XX], sums[m, XY], sums[m, YY], sums[m, SQUARES] = xx, xy, yy, squares
     return sums
 
 
@@ -128,7 +196,7 @@ def hold_walls(
         distance, state = fixed.distances[row, col], fixed.states[row, col]
         if distance <= limits.agreement:
             near = fixed.nearest[row, col]
-            if _faces(nx, ny, moving.two_sided[k], fixed.normals, fixed.two_sided, near) >= limits.facing:
+            if faces(nx, ny, moving.two_sided[k], fixed.normals, fixed.two_sided, near) >= limits.facing:
                 found[i] = AGREES
                 continue
         if state > 0:
@@ -165,135 +233,3 @@ def see_through_walls(moving: Walls, fixed: Walls, motion: Pose, reach: float) -
                 break
         found[k] = free
     return found
-
-
-@kernel
-def _pull(
-    moving: Walls,
-    some: npt.NDArray[np.int64],
-    fixed: Walls,
-    pose: Pose,
-    back: bool,
-    centre: FloatArray,
-    reach: float,
-    facing: float,
-    system: FloatArray,
-) -> None:
-    """Add the normal equations (4, 4), upper half, of some walls to be slid onto the fixed map's lines.
-
-    `pose` is T_target_source; `back` tells that the target moves, whose pull on the source is the opposite one.
-    """
-    tx, ty, theta = pose
-    cosine, sine = math.cos(theta), math.sin(theta)
-    rows, cols = fixed.states.shape
-    xx, xy, xt, xd = (
-        system[0, 0],
-        system[0, 1],
-        system[0, 2],
-        system[0, 3],
-    )  # in numbers, not in the array: this is the innermost loop of an alignment
-    yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
-    tt, td = system[2, 2], system[2, 3]
-    pulling, squares, number = system[3, 0], system[3, 1], system[3, 2]
-    for k in some:
-        px, py = moving.points[k, 0], moving.points[k, 1]
-        mx, my = moving.normals[k, 0], moving.normals[k, 1]
-        if back:
-            x, y = cosine * (px - tx) + sine * (py - ty), -sine * (px - tx) + cosine * (py - ty)
-            ux, uy = cosine * mx + sine * my, -sine * mx + cosine * my
-        else:
-            x, y = tx + cosine * px - sine * py, ty + sine * px + cosine * py
-            ux, uy = cosine * mx - sine * my, sine * mx + cosine * my
-        col = math.floor((x - fixed.origin_x) / fixed.resolution)
-        row = math.floor((y - fixed.origin_y) / fixed.resolution)
-        if row < 0 or row >= rows or col < 0 or col >= cols or fixed.distances[row, col] > reach:
-            continue
-        near = fixed.nearest[row, col]
-        if _faces(ux, uy, moving.two_sided[k], fixed.normals, fixed.two_sided, near) < facing:
-            continue
-        nx, ny = fixed.normals[near, 0], fixed.normals[near, 1]
-        distance = (x - fixed.points[near, 0]) * nx + (y - fixed.points[near, 1]) * ny
-        if back:  # seen from the target
-            x, y, nx, ny, distance = px, py, cosine * nx - sine * ny, sine * nx + cosine * ny, -distance
-        weight = moving.weights[k] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
-        turn = (x - centre[0]) * ny - (y - centre[1]) * nx
-        along_x, along_y, along_turn = weight * nx, weight * ny, weight * turn
-        xx += along_x * nx
-        xy += along_x * ny
-        xt += along_x * turn
-        xd += along_x * distance
-        yy += along_y * ny
-        yt += along_y * turn
-        yd += along_y * distance
-        tt += along_turn * turn
-        td += along_turn * distance
-        # The damping's share: how many pull, and how far from the centre.
-        pulling += moving.weights[k]
-        squares += moving.weights[k] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
-        number += 1.0
-    system[0, 0], system[0, 1], system[0, 2], system[0, 3] = xx, xy, xt, xd
-    system[1, 1], system[1, 2], system[1, 3] = yy, yt, yd
-    system[2, 2], system[2, 3] = tt, td
-    system[3, 0], system[3, 1], system[3, 2] = pulling, squares, number
-
-
-@kernel
-def _solved(system: FloatArray) -> Pose:
-    """Return the step that solves the symmetric normal equations: left three columns, right side negative."""
-    a, b, c = system[0, 0], system[0, 1], system[0, 2]
-    d, e, f = system[1, 1], system[1, 2], system[2, 2]
-    p, q, r = -system[0, 3], -system[1, 3], -system[2, 3]
-    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
-    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * aa + b * ab + c * ac
-    if abs(determinant) < 1e-300:
-        return 0.0, 0.0, 0.0
-    return (
-        (aa * p + ab * q + ac * r) / determinant,
-        (ab * p + bb * q + bc * r) / determinant,
-        (ac * p + bc * q + cc * r) / determinant,
-    )
-
-
-@kernel
-def slide_walls(
-    target: Walls,
-    target_some: npt.NDArray[np.int64],
-    source: Walls,
-    source_some: npt.NDArray[np.int64],
-    motions: FloatArray,
-    reaches: FloatArray,
-    facing: float,
-) -> FloatArray:
-    """Return motions T_target_source (M, 3) after sliding walls onto walls in both directions, once for every reach."""
-    slid = motions.copy()
-    middle = np.zeros(2)
-    for k in source_some:
-        middle[0] += source.points[k, 0] / len(source_some)
-        middle[1] += source.points[k, 1] / len(source_some)
-    system = np.empty((4, 4))
-    centre = np.empty(2)
-    for m in range(len(slid)):
-        x, y, theta = slid[m, 0], slid[m, 1], slid[m, 2]
-        for reach in reaches:
-            system[:] = 0.0
-            cosine, sine = math.cos(theta), math.sin(theta)
-            centre[0] = x + cosine * middle[0] - sine * middle[1]
-            centre[1] = y + sine * middle[0] + cosine * middle[1]
-            pose = (x, y, theta)
-            _pull(source, source_some, target, pose, False, centre, reach, facing, system)
-            _pull(target, target_some, source, pose, True, centre, reach, facing, system)
-            if system[3, 2] < 3.0:
-                break
-            # A little damping keeps a corridor, which does not say how far along it one is, from running away.
-            system[0, 0] += 1e-3 * system[3, 0]
-            system[1, 1] += 1e-3 * system[3, 0]
-            system[2, 2] += 1e-3 * system[3, 1] + 1e-12
-            step_x, step_y, turn = _solved(system)
-            dx, dy = x - centre[0], y - centre[1]
-            cosine, sine = math.cos(turn), math.sin(turn)
-            x = centre[0] + step_x + cosine * dx - sine * dy
-            y = centre[1] + step_y + sine * dx + cosine * dy
-            theta += turn
-        slid[m, 0], slid[m, 1], slid[m, 2] = x, y, theta
-    return slid

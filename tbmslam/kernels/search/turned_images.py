@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import IntArray, kernel
 
 Points = npt.NDArray[np.complex128]
 Image = npt.NDArray[np.complex64]
@@ -27,19 +27,38 @@ def draw_turned(
     as real part and the shares ``filled`` (M,) of free cells, 1 at the most, as imaginary part. What is left of cell
     (0, 0) or below it comes in from behind.
     """
-    rows, cols = images.shape[1], images.shape[2]
     images[:] = 0.0
+    rows, cols = _cells(walls, turn, cell, images)
     for index in range(len(walls)):
-        x, y = _turned(walls[index], turn)
-        row, col = int(np.floor(y / cell)) % rows, int(np.floor(x / cell)) % cols
+        row, col = rows[index], cols[index]
         right, up = _turned(facing[index], turn)
         images[0, row, col] += np.complex64(complex(right, up))
         images[1, row, col] += np.complex64(metres[index])
+    rows, cols = _cells(free, turn, cell, images)
     for index in range(len(free)):
-        x, y = _turned(free[index], turn)
-        row, col = int(np.floor(y / cell)) % rows, int(np.floor(x / cell)) % cols
+        row, col = rows[index], cols[index]
         there = images[1, row, col]
         images[1, row, col] = np.complex64(complex(there.real, min(there.imag + filled[index], 1.0)))
+
+
+@kernel
+def _cells(points: Points, turn: complex, cell: float, images: Image) -> tuple[IntArray, IntArray]:
+    """Return the rows and the columns (N,) of the cells that points lie in once they are turned."""
+    count, height, width = len(points), images.shape[1], images.shape[2]
+    rows, cols = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    for index in range(count):
+        x, y = _turned(points[index], turn)
+        rows[index], cols[index] = np.floor(y / cell), np.floor(x / cell)
+    for index in range(count):
+        rows[index], cols[index] = _wrapped(rows[index], height), _wrapped(cols[index], width)
+    return rows, cols
+
+
+@kernel
+def _wrapped(index: int, size: int) -> int:
+    """Return the remainder; where it takes one addition, by that, as a division takes ten times as long."""
+    index += size if index < 0 else 0
+    return index if 0 <= index < size else index % size
 
 
 @kernel
@@ -67,9 +86,7 @@ def multiply(first: Image, first_target: Image, second: Image, second_target: Im
 
 
 @kernel
-def block_peaks(
-    scores: Scores, side: int, values: Scores, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]
-) -> None:
+def block_peaks(scores: Scores, side: int, values: Scores, rows: IntArray, cols: IntArray) -> None:
     """Put the best score of each whole block, and where it is, into ``values``, ``rows`` and ``cols`` (B,).
 
     Blocks have ``side`` by ``side`` cells and come row by row; of equal scores the first one counts.

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.grids.walls import Walls, compare_walls, hold_walls, see_through_walls, slide_walls
+from tbmslam.kernels.grids.wall_sliding import slide_walls
+from tbmslam.kernels.grids.walls import Walls, compare_walls, hold_walls, see_through_walls
 from tbmslam.wall_limits import Limits
 from tests import wall_reference
 

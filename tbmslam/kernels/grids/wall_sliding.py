@@ -1,0 +1,135 @@
+"""Walls of one map slid onto the walls of another map, and these onto those."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.grids.walls import WallPoints, Walls, faces, lay, wall_points
+
+
+@kernel
+def _pull(
+    moving: WallPoints,
+    fixed: Walls,
+    pose: Pose,
+    back: bool,
+    centre: FloatArray,
+    reach: float,
+    facing: float,
+    system: FloatArray,
+) -> None:
+    """Add the normal equations (4, 4), upper half, of some walls to be slid onto the fixed map's lines.
+
+    `pose` is T_target_source; `back` tells that the target moves, whose pull on the source is the opposite one.
+    """
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    lay(moving, fixed, pose, back)
+    distances, nearest = fixed.distances.reshape(-1), fixed.nearest.reshape(-1)
+    # In numbers, not in the array: this is the innermost loop of an alignment.
+    xx, xy, xt, xd = system[0, 0], system[0, 1], system[0, 2], system[0, 3]
+    yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
+    tt, td = system[2, 2], system[2, 3]
+    pulling, squares, number = system[3, 0], system[3, 1], system[3, 2]
+    for i in range(len(moving.points)):
+        cell = moving.cells[i]
+        if cell < 0 or distances[cell] > reach:
+            continue
+        mx, my = moving.normals[i, 0], moving.normals[i, 1]
+        if back:
+            ux, uy = cosine * mx + sine * my, -sine * mx + cosine * my
+        else:
+            ux, uy = cosine * mx - sine * my, sine * mx + cosine * my
+        near = nearest[cell]
+        if faces(ux, uy, moving.two_sided[i], fixed.normals, fixed.two_sided, near) < facing:
+            continue
+        x, y = moving.x[i], moving.y[i]
+        nx, ny = fixed.normals[near, 0], fixed.normals[near, 1]
+        distance = (x - fixed.points[near, 0]) * nx + (y - fixed.points[near, 1]) * ny
+        if back:  # seen from the target
+            x, y = moving.points[i, 0], moving.points[i, 1]
+            nx, ny, distance = cosine * nx - sine * ny, sine * nx + cosine * ny, -distance
+        weight = moving.weights[i] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
+        turn = (x - centre[0]) * ny - (y - centre[1]) * nx
+        along_x, along_y, along_turn = weight * nx, weight * ny, weight * turn
+        xx += along_x * nx
+        xy += along_x * ny
+        xt += along_x * turn
+        xd += along_x * distance
+        yy += along_y * ny
+        yt += along_y * turn
+        yd += along_y * distance
+        tt += along_turn * turn
+        td += along_turn * distance
+        # The damping's share: how many pull, and how far from the centre.
+        pulling += moving.weights[i]
+        squares += moving.weights[i] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
+        number += 1.0
+    system[0, 0], system[0, 1], system[0, 2], system[0, 3] = xx, xy, xt, xd
+    system[1, 1], system[1, 2], system[1, 3] = yy, yt, yd
+    system[2, 2], system[2, 3] = tt, td
+    system[3, 0], system[3, 1], system[3, 2] = pulling, squares, number
+
+
+@kernel
+def _solved(system: FloatArray) -> Pose:
+    """Return the step that solves the symmetric normal equations: left three columns, right side negative."""
+    a, b, c = system[0, 0], system[0, 1], system[0, 2]
+    d, e, f = system[1, 1], system[1, 2], system[2, 2]
+    p, q, r = -system[0, 3], -system[1, 3], -system[2, 3]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * ab + c * ac
+    if abs(determinant) < 1e-300:
+        return 0.0, 0.0, 0.0
+    return (
+        (aa * p + ab * q + ac * r) / determinant,
+        (ab * p + bb * q + bc * r) / determinant,
+        (ac * p + bc * q + cc * r) / determinant,
+    )
+
+
+@kernel
+def slide_walls(
+    target: Walls,
+    target_some: npt.NDArray[np.int64],
+    source: Walls,
+    source_some: npt.NDArray[np.int64],
+    motions: FloatArray,
+    reaches: FloatArray,
+    facing: float,
+) -> FloatArray:
+    """Return motions T_target_source (M, 3) after sliding walls onto walls in both directions, once for every reach."""
+    slid = motions.copy()
+    middle = np.zeros(2)
+    for k in source_some:
+        middle[0] += source.points[k, 0] / len(source_some)
+        middle[1] += source.points[k, 1] / len(source_some)
+    forth, back = wall_points(source, source_some), wall_points(target, target_some)
+    system = np.empty((4, 4))
+    centre = np.empty(2)
+    for m in range(len(slid)):
+        x, y, theta = slid[m, 0], slid[m, 1], slid[m, 2]
+        for reach in reaches:
+            system[:] = 0.0
+            cosine, sine = math.cos(theta), math.sin(theta)
+            centre[0] = x + cosine * middle[0] - sine * middle[1]
+            centre[1] = y + sine * middle[0] + cosine * middle[1]
+            pose = (x, y, theta)
+            _pull(forth, target, pose, False, centre, reach, facing, system)
+            _pull(back, source, pose, True, centre, reach, facing, system)
+            if system[3, 2] < 3.0:
+                break
+            # A little damping keeps a corridor, which does not say how far along it one is, from running away.
+            system[0, 0] += 1e-3 * system[3, 0]
+            system[1, 1] += 1e-3 * system[3, 0]
+            system[2, 2] += 1e-3 * system[3, 1] + 1e-12
+            step_x, step_y, turn = _solved(system)
+            dx, dy = x - centre[0], y - centre[1]
+            cosine, sine = math.cos(turn), math.sin(turn)
+            x = centre[0] + step_x + cosine * dx - sine * dy
+            y = centre[1] + step_y + sine * dx + cosine * dy
+            theta += turn
+        slid[m, 0], slid[m, 1], slid[m, 2] = x, y, theta
+    return slid
