@@ -21,7 +21,7 @@ from merging.pairwise import CompressedGrid
 from merging.walls.wall_map import WallMap
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.search.place_matches import common_weight
-from tbmslam.kernels.search.place_signatures import FACINGS, pair_signature, spread_points
+from tbmslam.kernels.search.place_signatures import FACINGS, all_products, pair_signature, spread_points
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
 
@@ -112,7 +112,7 @@ def _chance(points: FloatArray, signatures: npt.NDArray[np.float32]) -> FloatArr
 
 def _similarities(signatures: npt.NDArray[np.float32], others: npt.NDArray[np.float32]) -> FloatArray:
     """Return the cosines (P, Q) between signatures."""
-    return np.asarray(signatures @ others.T, dtype=np.float64) / _SCALE**2
+    return np.asarray(all_products(signatures, others), dtype=np.float64) / _SCALE**2
 
 
 def _thinned(near: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -3,8 +3,11 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel, summing_kernel
+
+Signatures = npt.NDArray[np.float32]
 
 FACINGS = 5
 """Classes of the angle between two surfaces, from face to face over square to side by side."""
@@ -51,3 +54,19 @@ def pair_signature(points: FloatArray, normals: FloatArray, width: float, bins: 
                 shares[slot * FACINGS + facing] += 1.0
                 pairs += 1
     return np.sqrt(shares / max(pairs, 1))
+
+
+@summing_kernel
+def all_products(signatures: Signatures, others: Signatures) -> Signatures:
+    """Return the inner products (P, Q) of signatures (P, B) and (Q, B).
+
+    A library's product of matrices would start threads, which cost far more than such small ones do.
+    """
+    products = np.empty((len(signatures), len(others)), dtype=np.float32)
+    for i in range(len(signatures)):
+        for k in range(len(others)):
+            total = np.float32(0.0)
+            for number in range(signatures.shape[1]):
+                total += signatures[i, number] * others[k, number]
+            products[i, k] = total
+    return products

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.search.place_signatures import FACINGS, pair_signature, spread_points
+from tbmslam.kernels.search.place_signatures import FACINGS, all_products, pair_signature, spread_points
 
 
 def scene(generator, count):
@@ -31,3 +31,10 @@ def test_the_first_point_of_each_cell_is_taken():
     assert spread_points(points, 1.0, 10).tolist() == [0, 2, 3]
     assert spread_points(points, 1.0, 2).tolist() == [0, 2]
     assert len(spread_points(points[:0], 1.0, 2)) == 0
+
+
+def test_products_of_whole_numbers_are_exact(generator):
+    """Added up in any order, as long as they stay below 2**24."""
+    ones, others = (generator.integers(0, 300, (count, 90)) for count in (7, 4))
+    products = all_products(ones.astype(np.float32), others.astype(np.float32))
+    assert products.tolist() == (ones @ others.T).tolist()
