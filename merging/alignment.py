@@ -92,6 +92,8 @@ class Alignment:
     lead
         Of `correlation`, the score of the best pose divided by that of the next one, on coarse cells; 0 if there is
         none.
+    T_more_less
+        Of `correlation`, that best pose: of the map with less wall in the frame of the other.
     ambiguous
         Whether it was refused because the maps fit well at several poses.
     alternatives
@@ -117,6 +119,7 @@ class Alignment:
     covariance: Covariance | None = None
     bent_m: float = 0.0
     lead: float = 0.0
+    T_more_less: SE2 | None = None
     ambiguous: bool = False
     alternatives: tuple[PoseHypothesis, ...] = ()
     evidence: Evidence | None = None
@@ -174,7 +177,8 @@ class Alignment:
 
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
-        values = asdict(self)
+        values = asdict(replace(self, T_more_less=None))
+        del values["T_more_less"]
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale is not a number if all inliers lie at one point.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None

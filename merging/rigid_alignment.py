@@ -121,7 +121,8 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
     reason = "no rotation and translation brings the walls together"
-    found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source))
+    best = next(iter(proposals.motions), None)
+    found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source), T_more_less=best)
     if not candidates:
         return found
     return _judged(found, candidates, (target, source), config)

@@ -11,6 +11,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -139,38 +140,48 @@ def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> No
     config
         How it is bent and believed.
     """
-    both = target, source
-    wanted = config.nonrigid.enabled and config.method == "correlation"
-    if not (wanted and all(one.grid.is_known().any() for one in both)):
+    if not (config.nonrigid.enabled and config.method == "correlation"):
         return None
-    resolution = comparison_resolution([one.grid for one in both], config)
-    grids = [at_resolution(one.grid, resolution) for one in both]
-    structures = [WallMap.from_grid(grid, config.structure) for grid in grids]
-    if without_walls(*structures):
+    resolution = comparison_resolution([target.grid, source.grid], config)
+    fixed, moving = (deformable(one.grid, resolution, config) for one in (target, source))
+    return register_deformable(fixed, moving, config)
+
+
+def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
+    """Look at a grid in cells of the given size [m]; None where nothing in it is known."""
+    return DeformableMap.of(at_resolution(grid, resolution), config) if grid.is_known().any() else None
+
+
+def register_deformable(
+    target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, best: SE2 | None = None
+) -> NonrigidRegistration | None:
+    """Do the same with two maps in cells of one size, None where nothing is known of one.
+
+    `best` is the best place of the correlation, `Alignment.T_more_less`; it is sought where it is not given.
+    """
+    if target is None or source is None or without_walls(target.structure, source.structure):
         return None
-    moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # who is named first must not matter
-    source_map = DeformableMap.of(grids[moving], config, structures[moving])
-    found = _bent_onto(grids[1 - moving], structures[1 - moving], source_map, config)
-    return (
-        found
-        if found is None or moving == 1
-        else NonrigidRegistration(found.alignment.reversed(), found.bend.inverse())
-    )
+    if target.structure.wall_m < source.structure.wall_m:  # who is named first must not matter
+        found = _bent_onto(source, target, best, config)
+        return found and NonrigidRegistration(found.alignment.reversed(), found.bend.inverse())
+    return _bent_onto(target, source, best, config)
 
 
 def _bent_onto(
-    target: TbmGrid, fixed: WallMap, source: DeformableMap, config: MergeConfig
+    target: DeformableMap, source: DeformableMap, best: SE2 | None, config: MergeConfig
 ) -> NonrigidRegistration | None:
     """Deform a map at the places that look best, until it is aligned at one."""
-    proposals = propose(fixed, source.structure, config.correlation).motions
-    for place in first_apart(proposals, source.structure, config.nonrigid.places):
+    fixed = target.structure
+    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation).motions)  # most need none
+    places = [best] if best is not None else first_apart(proposals(), source.structure, config.nonrigid.places)
+    for place in places:
         laid = deform(fixed, source, place, config)
         if laid is None:
             continue
-        again = align_whole(TbmMap(target), TbmMap(laid.grid), config)
+        again = align_whole(TbmMap(target.grid), TbmMap(laid.grid), config)
         if not _is_aligned(again, laid.motion, config):
             continue
-        among = DeformedRivals.of(fixed, source, laid.motion, proposals, config)
+        among = DeformedRivals.of(fixed, source, laid.motion, proposals(), config)
         confidence = confidences(among.evidence, among.decoys)[0]
         return (
             NonrigidRegistration(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
@@ -237,13 +248,21 @@ def register_refused_pairs(
     pairs = [pair for pair in found.apart() if may_be_deformed(found.alignments[pair], config)]
     if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}
+    grids = {name: one.grid for name, one in found.maps.items()}
+    sizes = {pair: comparison_resolution([grids[name] for name in pair], config) for pair in pairs}
+    sent = {name: CompressedGrid(grids[name]) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
     maps = {
-        name: Call(f"map {name}", _map_of, (CompressedGrid(found.maps[name].grid),))
-        for name in dict.fromkeys(itertools.chain.from_iterable(pairs))
+        (name, size): Call(f"map {name} {size}", _deformable, (sent[name], size, config))
+        for pair, size in sizes.items()
+        for name in pair
     }
     calls = [
-        Call(f"{source} bent in {target}", register_nonrigid, (maps[target], maps[source], config))
-        for target, source in pairs
+        Call(
+            f"{source} bent in {target}",
+            register_deformable,
+            (maps[target, size], maps[source, size], config, _best_of(found, (target, source), config)),
+        )
+        for (target, source), size in sizes.items()
     ]
     looks: list[NonrigidRegistration | None] = executor.results(calls, "bending", "pairs")
     joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
@@ -260,5 +279,10 @@ def register_refused_pairs(
     return joins
 
 
-def _map_of(sent: CompressedGrid) -> TbmMap:
-    return TbmMap(sent.grid)
+def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
+    return deformable(sent.grid, resolution, config)
+
+
+def _best_of(found: MergeState, pair: Pair, config: MergeConfig) -> SE2 | None:
+    """Return the best place of a pair's correlation; None where more are wanted, or of other grids."""
+    return None if pair in found.judged_by or config.nonrigid.places > 1 else found.alignments[pair].T_more_less

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -71,22 +72,26 @@ class DeformableMap:
         Its cells.
     structure
         Their walls and free space.
-    rounds
-        The tiles that slide, round after round.
+    config
+        Into which tiles it is cut.
     """
 
     grid: TbmGrid
     structure: WallMap
-    rounds: Sequence[Sequence[WallMap]]
+    config: MergeConfig
 
     @classmethod
     def of(cls, grid: TbmGrid, config: MergeConfig, structure: WallMap | None = None) -> "DeformableMap":
-        """Cut a grid into tiles; its structure is found where it is not given."""
-        how = config.nonrigid
-        large = tiles_of(grid, how.side_m, how.most, config.structure)
-        small = tiles_of(grid, how.side_m / 2.0, 4 * how.most, config.structure)
-        rounds = (large, small, small) if len(large) > 1 else (small, small)
-        return cls(grid, structure or WallMap.from_grid(grid, config.structure), rounds)
+        """Find the structure of a grid where it is not given."""
+        return cls(grid, structure or WallMap.from_grid(grid, config.structure), config)
+
+    @cached_property
+    def rounds(self) -> Sequence[Sequence[WallMap]]:
+        """The tiles that slide, round after round."""
+        how, structure = self.config.nonrigid, self.config.structure
+        large = tiles_of(self.grid, how.side_m, how.most, structure)
+        small = tiles_of(self.grid, how.side_m / 2.0, 4 * how.most, structure)
+        return (large, small, small) if len(large) > 1 else (small, small)
 
 
 @dataclass(frozen=True)

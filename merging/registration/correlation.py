@@ -78,7 +78,7 @@ class _Layout:
         counts = blocks[rows, cols]
         side = factor * geometry.resolution
         x, y = geometry.origin_x + (cols + 0.5) * side, geometry.origin_y + (rows + 0.5) * side
-        filled = counts * (geometry.resolution / cell_m) ** 2
+        filled = np.asarray(counts * (geometry.resolution / cell_m) ** 2, dtype=np.float64)
         metres = structure.weights * geometry.resolution
         return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
 

@@ -66,7 +66,9 @@ class Executor:
         """Return whether this process itself runs this number of calls."""
         return self.scheduler is None and min(self.workers, count) <= 1
 
-    def results(self, calls: Sequence[Call], step: str = "", unit: str = "") -> list[Any]:
+    def results(
+        self, calls: Sequence[Call], step: str = "", unit: str = "", most_inputs: int | None = None
+    ) -> list[Any]:
         """Return the results of calls, in their order; the first failure ends all.
 
         Parameters
@@ -75,6 +77,9 @@ class Executor:
             The calls.
         step, unit
             Names of the step and of its items for the progress; nothing is shown if empty.
+        most_inputs
+            Number of inputs that a process of this machine keeps beside those of the call that it runs; dropped ones
+            are computed again. None keeps all.
 
         Raises
         ------
@@ -86,14 +91,16 @@ class Executor:
             A process of this machine died.
         """
         made = []
-        with closing(self.outcomes(calls, step, unit)) as outcomes:
+        with closing(self.outcomes(calls, step, unit, most_inputs)) as outcomes:
             for outcome in outcomes:
                 if isinstance(outcome, TbmSlamError):
                     raise outcome
                 made.append(outcome)
         return made
 
-    def outcomes(self, calls: Sequence[Call], step: str = "", unit: str = "") -> Generator[Any]:
+    def outcomes(
+        self, calls: Sequence[Call], step: str = "", unit: str = "", most_inputs: int | None = None
+    ) -> Generator[Any]:
         """Yield the result of each call, or the `TbmSlamError` that it raised; see `results`."""
         if self.scheduler is not None:
             with Cluster(self.scheduler) as cluster:
@@ -102,11 +109,11 @@ class Executor:
                 for future in self._shown(futures, step, unit):
                     yield _outcome(lambda future=future: next(cluster.results([future])))  # type: ignore[misc]
         elif self.is_serial(len(calls)):
-            made = _MadeInputs(dict(_inputs(calls)))
+            made = _MadeInputs(dict(_inputs(calls)), most_inputs)
             for call in self._shown(calls, step, unit):
                 yield _outcome(partial(made.call, call))
         else:
-            with worker_pool(min(self.workers, len(calls)), partial(_initialise, dict(_inputs(calls)))) as pool:
+            with worker_pool(min(self.workers, len(calls)), partial(_initialise, dict(_inputs(calls)), most_inputs)) as pool:
                 submitted = [pool.submit(_call_here, _referring(call)) for call in calls]
                 for future in self._shown(submitted, step, unit):
                     yield _outcome(partial(pool.result, future))
@@ -122,10 +129,12 @@ class _MadeInputs:
     ----------
     inputs
         The calls that compute them, by name.
+    most
+        Number of inputs that are kept beside those of one call, the most recent ones; None keeps all.
     """
 
-    def __init__(self, inputs: Mapping[str, Call]) -> None:
-        self._inputs = inputs
+    def __init__(self, inputs: Mapping[str, Call], most: int | None = None) -> None:
+        self._inputs, self._most = inputs, most
         self._made: dict[str, object] = {}
 
     def call(self, call: Call) -> Any:
@@ -133,18 +142,23 @@ class _MadeInputs:
         return call.function(*_resolved(call, self._input))
 
     def _input(self, name: str) -> object:
-        if name not in self._made:
+        if name in self._made:
+            made = self._made.pop(name)
+        else:
+            while self._most is not None and len(self._made) >= self._most:
+                del self._made[next(iter(self._made))]
             call = self._inputs[name]
-            self._made[name] = call.function(*call.arguments)
-        return self._made[name]
+            made = call.function(*call.arguments)
+        self._made[name] = made  # the most recent input stands last and is dropped last
+        return made
 
 
 _here: list[_MadeInputs] = []
 """The inputs of the calls, if this process is a worker."""
 
 
-def _initialise(inputs: Mapping[str, Call]) -> None:
-    _here[:] = [_MadeInputs(inputs)]
+def _initialise(inputs: Mapping[str, Call], most: int | None) -> None:
+    _here[:] = [_MadeInputs(inputs, most)]
 
 
 def _call_here(call: Call) -> Any:
