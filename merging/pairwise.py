@@ -3,8 +3,8 @@
 import itertools
 import logging
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,21 +19,51 @@ from tbmslam.parallel.executor import Call, Executor
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+class _Packed(NamedTuple):
+    """A grid as it is sent."""
+
+    geometry: GridGeometry
+    masses: bytes
+
+    @classmethod
+    def of(cls, grid: TbmGrid) -> "_Packed":
+        masses = np.ascontiguousarray(grid.masses, dtype=np.float32)
+        return cls(grid.geometry, zlib.compress(masses.tobytes(), level=1))
+
+    def unpacked(self) -> TbmGrid:
+        masses = np.frombuffer(bytearray(zlib.decompress(self.masses)), dtype=np.float32)
+        return TbmGrid(self.geometry, masses.reshape(self.geometry.rows, self.geometry.cols, 4))
+
+
 class CompressedGrid:
-    """A grid that takes little space when it is pickled: most of it is unknown."""
+    """A grid that takes little space where it is sent to: most of it is unknown.
 
-    grid: TbmGrid
+    Parameters
+    ----------
+    grid
+        The grid.
+    """
 
-    def __reduce__(self) -> tuple[Callable[..., "CompressedGrid"], tuple[GridGeometry, bytes]]:
+    def __init__(self, grid: TbmGrid | _Packed) -> None:
+        self._held = grid
+
+    @property
+    def grid(self) -> TbmGrid:
+        """The grid; where it was sent to it is unpacked each time."""
+        return self._held.unpacked() if isinstance(self._held, _Packed) else self._held
+
+    def __reduce__(self) -> tuple[type["CompressedGrid"], tuple[_Packed]]:
         """Return what to call to get it back, and with what."""
-        masses = np.ascontiguousarray(self.grid.masses, dtype=np.float32)
-        return _decompressed, (self.grid.geometry, zlib.compress(masses.tobytes(), level=1))
+        return CompressedGrid, (self._held if isinstance(self._held, _Packed) else _Packed.of(self._held),)
 
 
-def _decompressed(geometry: GridGeometry, data: bytes) -> CompressedGrid:
-    masses = np.frombuffer(bytearray(zlib.decompress(data)), dtype=np.float32)
-    return CompressedGrid(TbmGrid(geometry, masses.reshape(geometry.rows, geometry.cols, 4)))
+def most_held(grids: Iterable[TbmGrid], cells: float) -> int:
+    """Return how many maps have so many cells together, were each as large as the largest; two at least."""
+    return max(int(cells / max(one.geometry.rows * one.geometry.cols for one in grids)), 2)
+
+
+_HELD_CELLS = 1.3e8
+"""Maps that were looked at take 11 bytes a cell: a process holds 1.4 GB of them."""
 
 
 class PreparedMaps:
@@ -115,7 +145,8 @@ def align_all(
     executor = executor or Executor()
     grids = {name: one.grid for name, one in maps.items()}
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
-    found: list[Alignment] = executor.results(_calls(pairs, grids, config), "aligning", "pairs")
+    held = most_held(grids.values(), _HELD_CELLS)
+    found: list[Alignment] = executor.results(_calls(pairs, grids, config), "aligning", "pairs", held)
     for (target, source), one in zip(pairs, found, strict=True):
         logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
     return dict(zip(pairs, found, strict=True))

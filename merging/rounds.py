@@ -6,7 +6,7 @@ these show one place.
 
 import itertools
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from merging.alignment import Pair
 from merging.config import MergeConfig
@@ -40,12 +40,14 @@ def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executo
         return found.with_alignments(align_all(found.maps, config, executor, pairs))
     alike = likeness_of_all(found.maps, config, executor)
     likeliest_first = sorted(alike, key=lambda pair: -alike[pair])
+    order = _like_beside_like(list(found.maps), likeliest_first)
     for turn, neighbours in enumerate(how.neighbours):
         near = _nearest(likeliest_first, neighbours)
         new = [pair for pair in pairs if pair in near and pair not in found.alignments]
         new = [pair for pair in new if not turn or _may_join(pair, found)]
         if new:
-            found = found.with_alignments(align_all(found.maps, config, executor, new))
+            aligned = align_all(found.maps, config, executor, sorted(new, key=_place_in(order)))
+            found = found.with_alignments({pair: aligned[pair] for pair in new})
     logger.info("%d of %d pairs of maps were aligned", len(found.alignments), len(pairs))
     return found
 
@@ -58,6 +60,24 @@ def _nearest(likeliest_first: Sequence[Pair], count: int) -> Collection[Pair]:
             if len(near.setdefault(name, [])) < count:
                 near[name].append(pair)
     return {pair for some in near.values() for pair in some}
+
+
+def _like_beside_like(names: Sequence[str], likeliest_first: Sequence[Pair]) -> Mapping[str, int]:
+    """Return the place of each map in a row where maps that look alike stand together (single linkage).
+
+    Pairs in this order come back to a map soon: who aligns them need not hold all maps at once.
+    """
+    rows = {name: [name] for name in names}
+    for one, other in likeliest_first:
+        if rows[one] is not rows[other]:
+            rows[one] += rows[other]
+            rows |= dict.fromkeys(rows[other], rows[one])
+    return {name: place for place, name in enumerate(rows[names[0]])}
+
+
+def _place_in(order: Mapping[str, int]) -> Callable[[Pair], tuple[int, int]]:
+    """Return how pairs are sorted whose maps stand in a row: by the map that stands first."""
+    return lambda pair: (min(order[name] for name in pair), max(order[name] for name in pair))
 
 
 def _may_join(pair: Pair, found: MergeState) -> bool:

@@ -22,7 +22,7 @@ from merging.map_graph.hypothesis import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
-from merging.pairwise import CompressedGrid
+from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import propose
 from merging.registration.hypotheses import best_of, elsewhere, refine_all
 from merging.rigid_alignment import align_whole, comparison_resolution
@@ -39,6 +39,8 @@ from tbmslam.parallel.executor import Call, Executor
 logger = logging.getLogger(__name__)
 
 
+_HELD_CELLS = 1.6e7
+"""Maps in tiles take 60 bytes a cell: a process holds 1 GB of them."""
 _OTHER_SCALE = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
 _MOSTLY = 0.5
@@ -264,7 +266,9 @@ def register_refused_pairs(
         )
         for (target, source), size in sizes.items()
     ]
-    looks: list[NonrigidRegistration | None] = executor.results(calls, "bending", "pairs")
+    looks: list[NonrigidRegistration | None] = executor.results(
+        calls, "bending", "pairs", most_held((grids[name] for name in sent), _HELD_CELLS)
+    )
     joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
     for (target, source), look in joins.items():
         logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)

@@ -113,7 +113,9 @@ class Executor:
             for call in self._shown(calls, step, unit):
                 yield _outcome(partial(made.call, call))
         else:
-            with worker_pool(min(self.workers, len(calls)), partial(_initialise, dict(_inputs(calls)), most_inputs)) as pool:
+            with worker_pool(
+                min(self.workers, len(calls)), partial(_initialise, dict(_inputs(calls)), most_inputs)
+            ) as pool:
                 submitted = [pool.submit(_call_here, _referring(call)) for call in calls]
                 for future in self._shown(submitted, step, unit):
                     yield _outcome(partial(pool.result, future))

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.parallel.executor import Call, Executor
+from tbmslam.parallel.executor import Call, Executor, _MadeInputs
 from tbmslam.parallel.worker_pool import WorkerDiedError
 
 
@@ -51,3 +51,24 @@ def test_one_call_that_fails_is_one_outcome_and_ends_all_results(workers):
 def test_a_worker_that_dies_is_one_clear_error():
     with pytest.raises(WorkerDiedError, match="a worker process died"):
         Executor(2).results([Call("a", os._exit, (3,)), Call("b", abs, (-1,))])
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_is_held_no_longer_is_made_anew(workers):
+    """Three inputs in turn, of which two are held: always the third one is asked for."""
+    inputs = [Call(name, made, (number,)) for number, name in enumerate(["one", "two", "three"])]
+    calls = [Call(f"call {k}", total, (inputs[k % 3], inputs[k % 3], 1)) for k in range(12)]
+    found = Executor(workers).results(calls, most_inputs=2)
+    assert [value for value, _, _ in found] == [0, 2, 4] * 4
+
+
+def test_inputs_that_are_asked_for_again_are_held():
+    calls = [Call("one", made, (1,)), Call("nothing", abs, (0,)), Call("three", made, (3,)), Call("four", made, (4,))]
+    held = _MadeInputs({call.name: call for call in calls}, 2)
+    one, nothing = (held.call(Call("call", lambda one: one, (call,))) for call in calls[:2])
+    assert held.call(Call("call", lambda one: one, (calls[0],))) is one
+    held.call(Call("call", lambda one: one, (calls[2],)))  # in place of the second
+    assert held.call(Call("call", lambda one: one, (calls[0],))) is one
+    assert nothing == 0
+    held.call(Call("call", lambda *_: None, tuple(calls[2:])))
+    assert held.call(Call("call", lambda one: one, (calls[0],))) is not one
