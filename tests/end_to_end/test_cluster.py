@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from merging import merge
 from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
@@ -19,6 +20,8 @@ from tbmslam.parallel.executor import Executor
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 from tests.merging.bent_floor import bent_maps
 from tests.tools.dask_cluster import DaskCluster
+from tools.benchmarks.fleet import make_fleet
+from tools.benchmarks.placed_maps import maps_by_name
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -63,6 +66,20 @@ def test_a_killed_worker_changes_nothing(local, tmp_path):
         assert merging.wait() == 0
     assert results(tmp_path / "maps") == results(local / "maps")
     assert results(tmp_path / "merged") == results(local / "merged")
+
+
+def test_a_fleet_is_merged_alike(tmp_path):
+    """In rounds: retrieval, pairs, and pairs of which one map is bent."""
+    maps = maps_by_name(make_fleet(3, 3, seed=3))
+    config = MergeConfig.model_validate({"retrieval": {"few": 2}})
+    here = merge(maps, config)
+    with DaskCluster(tmp_path, workers=4) as cluster:
+        there = merge(maps, config, scheduler=cluster.address)
+    for other in (there, merge(maps, config, workers=2)):
+        assert dict(other.alignments) == dict(here.alignments)
+        assert dict(other.poses) == dict(here.poses)
+        assert other.merged.grid.masses.tobytes() == here.merged.grid.masses.tobytes()
+    assert any(found.accepted for found in here.alignments.values())
 
 
 def test_bent_maps_are_joined_alike(tmp_path):
