@@ -72,11 +72,15 @@ docs/real-drives.png: install
 	gap = cv2.copyMakeBorder(maps[1], 0, 0, 12, 0, cv2.BORDER_CONSTANT, value=(255, 255, 255)); \
 	cv2.imwrite('$@', cv2.hconcat([maps[0], gap]) // 16 * 16 + 8)"
 
+# A fleet as a graph, and the merged map of its largest group.
+docs/fleet.png: install
+	$(BIN)/python tools/benchmark.py fleet 8x5 --seed 31 --plot $@
+
 # The pages of docs and the library's names as a site, out/site/index.html.
 site: develop
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs/site docs out/site
 
-docs: docs/merged-office.png docs/report.png docs/pairs.png docs/real-drives.png
+docs: docs/merged-office.png docs/report.png docs/pairs.png docs/real-drives.png docs/fleet.png
 
 # Compiled code hides from coverage; here Python runs the kernels itself, and the table says which lines no test reaches.
 kernel-coverage: develop

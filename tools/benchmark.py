@@ -174,6 +174,9 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
     fleet.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the buildings (0)")
     fleet.add_argument("--workers", type=int, default=1, metavar="N", help="processes; the result is the same (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs instead")
+    fleet.add_argument(
+        "--plot", type=path_argument, metavar="FILE", help="where a picture of the first fleet's graph and map goes"
+    )
 
 
 def _add_limits(limits: argparse.ArgumentParser) -> None:

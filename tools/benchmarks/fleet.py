@@ -9,15 +9,18 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from datasets.synthetic.map_pairs.pairs import PlacedMap, maps_of
 from merging import MergeConfig, merge
 from merging.map_graph.grouping import Group, groups_of
-from tbmslam.io.atomic_file import write_text
+from tbmslam.io.atomic_file import write_bytes, write_text
+from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
-from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
+from tools.benchmarks.fleet_picture import draw_fleet
+from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.placed_maps import is_right, joined_pairs, known_pair, maps_by_name, shuffled
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of
@@ -76,8 +79,10 @@ class FleetRun:
 def benchmark_fleet(args: argparse.Namespace) -> None:
     """Merge fleets of the given sizes and print what became of them."""
     machine = describe_machine()
+    plots = [args.plot, *[None] * len(args.sizes)]
     runs = [
-        in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler) for size in args.sizes
+        in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler, plot)
+        for size, plot in zip(args.sizes, plots, strict=False)
     ]
     table = ResultTable(HEAD, [_row(run) for run in runs])
     print(text_table(*table))
@@ -88,14 +93,21 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
     write_tables(args.table, machine, {"fleets": table})
 
 
-def run_fleet(buildings: int, maps_each: int, seed: int, workers: int, scheduler: str | None) -> FleetRun:
-    """Make a fleet and merge it; the same numbers make the same fleet."""
+def run_fleet(
+    buildings: int, maps_each: int, seed: int, workers: int, scheduler: str | None, plot: Path | None = None
+) -> FleetRun:
+    """Make a fleet and merge it, and draw it where a picture is wanted; the same numbers make the same fleet."""
     placed = make_fleet(buildings, maps_each, seed)
     maps = maps_by_name(placed)
+    forget_peak_memory()  # of the simulation
     config, begin, cpu = MergeConfig(), time.perf_counter(), _cpu_s()
     found = merge(maps, config, workers, scheduler=scheduler)
     wall_s, cpu_s = time.perf_counter() - begin, _cpu_s() - cpu
-    groups = [group for group in groups_of(list(maps), found.alignments, config.graph) if len(group) > 1]
+    every = groups_of(list(maps), found.alignments, config.graph)
+    groups, peak_mb = [group for group in every if len(group) > 1], peak_memory_mb()
+    if plot is not None and found.merged is not None:
+        accepted = [pair for pair, one in found.alignments.items() if one.accepted]
+        write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), found.merged.grid)))
     right, wrong = _joined(groups, placed, maps)
     return FleetRun(
         buildings,
@@ -108,7 +120,7 @@ def run_fleet(buildings: int, maps_each: int, seed: int, workers: int, scheduler
         _placed(groups, placed),
         cpu_s,
         wall_s,
-        peak_memory_mb(),
+        peak_mb,
     )
 
 
