@@ -15,6 +15,8 @@ import numpy as np
 
 from datasets.synthetic.map_pairs.pairs import PlacedMap, maps_of
 from merging import MergeConfig, merge
+from merging.fusion.fusion import fuse
+from merging.fusion.warping import place
 from merging.map_graph.grouping import Group, groups_of
 from tbmslam.io.atomic_file import write_bytes, write_text
 from tbmslam.io.pictures import encode_png
@@ -107,7 +109,10 @@ def run_fleet(
     groups, peak_mb = [group for group in every if len(group) > 1], peak_memory_mb()
     if plot is not None and found.merged is not None:
         accepted = [pair for pair, one in found.alignments.items() if one.accepted]
-        write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), found.merged.grid)))
+        layers = [place(maps[name].grid, pose, found.merged.grid.geometry) for name, pose in found.poses.items()]
+        # Where maps without drives differ by a cell, the default rule leaves nothing to be seen.
+        mean = fuse(layers, "average").grid
+        write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), mean)))
     right, wrong = _joined(groups, placed, maps)
     return FleetRun(
         buildings,
@@ -145,8 +150,8 @@ def _joined(groups: list[Group], placed: Mapping[str, PlacedMap], maps: Mapping[
 def _placed(groups: list[Group], placed: Mapping[str, PlacedMap]) -> int:
     largest = Counter[str]()
     for group in groups:
-        for place, count in Counter(placed[name].place for name in group.poses).items():
-            largest[place] = max(largest[place], count)
+        for building, count in Counter(placed[name].place for name in group.poses).items():
+            largest[building] = max(largest[building], count)
     return largest.total()
 
 

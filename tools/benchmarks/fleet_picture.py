@@ -20,7 +20,7 @@ _RING, _NODE = 0.32, 0.045
 """Radius of the ring that a group's maps stand on, and of a map, in sides of the group's square."""
 _SURE = (0.3, 0.7)
 """Probabilities of being occupied that are drawn white and black."""
-_WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (222, 222, 222), (150, 150, 150), 226
+_WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (232, 232, 232), (150, 150, 150), 226
 _COLOURS = (
     (178, 114, 0),
     (0, 94, 213),

@@ -14,7 +14,7 @@ _APART = (100.0, 75.0)
 _WALL = 0.2
 _VISITED = 0.05
 """Share of the rooms that a robot looks into: the long ways are what makes a campus hard."""
-_STEP = 14.0
+_STEP = 25.0
 """Between places along a corridor [m]."""
 
 
