@@ -289,4 +289,4 @@ def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) ->
 
 def _best_of(found: MergeState, pair: Pair, config: MergeConfig) -> SE2 | None:
     """Return the best place of a pair's correlation; None where more are wanted, or of other grids."""
-    return None if pair in found.judged_by or config.nonrigid.places > 1 else found.alignments[pair].T_more_less
+    return None if pair in found.evidence_grids or config.nonrigid.places > 1 else found.alignments[pair].T_more_less
