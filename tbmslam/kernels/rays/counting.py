@@ -122,39 +122,53 @@ def count_scans(
     resolution, first_row, first_col = lattice
     width = counts.shape[1]
     cells = counts.reshape(-1)
+    most = 0
     for k in range(len(lasers)):
-        spoken = (before + k + 1) << (2 * BITS)
-        for i in range(offsets[k], offsets[k + 1]):
-            row = math.floor(ends[i, 1] / resolution) - first_row
-            cell = row * width + math.floor(ends[i, 0] / resolution) - first_col
-            if is_hit[i] and cells[cell] < spoken:
+        most = max(most, offsets[k + 1] - offsets[k])
+    beams = np.empty((5, most))
+    for k in range(len(lasers)):
+        spoken, first = (before + k + 1) << (2 * BITS), offsets[k]
+        number = offsets[k + 1] - first
+        _measure_beams(lasers[k], ends, first, number, resolution, beams)
+        for i in range(number):
+            row, col = math.floor(beams[4, i]) - first_row, math.floor(beams[3, i]) - first_col
+            cell = row * width + col
+            if is_hit[first + i] and cells[cell] < spoken:
                 cells[cell] = (cells[cell] & BOTH | spoken) + ONE_HIT
         x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
-        for i in range(offsets[k], offsets[k + 1]):
-            dx, dy = ends[i, 0] / resolution - first_col - x, ends[i, 1] / resolution - first_row - y
-            share = _seen_by_neighbours(lasers[k], ends, offsets[k], offsets[k + 1], i, resolution)
+        for i in range(number):
+            dx, dy = beams[3, i] - first_col - x, beams[4, i] - first_row - y
+            share = _seen_by_neighbours(beams, number, i, resolution)
             if share < 1.0:
                 _count_beam(cells, width, spoken, (x + share * dx, y + share * dy), (x + dx, y + dy))
 
 
 @kernel
-def _seen_by_neighbours(
-    laser: FloatArray, ends: FloatArray, first: int, stop: int, beam: int, resolution: float
-) -> float:
+def _measure_beams(
+    laser: FloatArray, ends: FloatArray, first: int, number: int, resolution: float, beams: FloatArray
+) -> None:
+    """Write the ways x, y and lengths of a scan's beams [m] and ends x, y [cells], in rows that are vectorised."""
+    x, y = laser[0], laser[1]
+    for i in range(number):
+        end_x, end_y = ends[first + i, 0], ends[first + i, 1]
+        dx, dy = end_x - x, end_y - y
+        beams[0, i], beams[1, i], beams[2, i] = dx, dy, math.sqrt(dx * dx + dy * dy)
+        beams[3, i], beams[4, i] = end_x / resolution, end_y / resolution
+
+
+@kernel
+def _seen_by_neighbours(beams: FloatArray, count: int, number: int, resolution: float) -> float:
     """Return up to which share of its length a beam touches only cells that beams counted elsewhere touch, too.
 
     Near the laser beams crowd. Of every two the odd one is left out until they have parted, and of the even ones again,
     so a beam's neighbours in this sense are as far off as the largest power of two in its number.
     """
-    number = beam - first
     apart = number & -number
-    if number == 0 or beam + apart >= stop:
+    if number == 0 or number + apart >= count:
         return 0.0
-    ax, ay = ends[beam - apart, 0] - laser[0], ends[beam - apart, 1] - laser[1]
-    bx, by = ends[beam + apart, 0] - laser[0], ends[beam + apart, 1] - laser[1]
-    a, b = math.sqrt(ax * ax + ay * ay), math.sqrt(bx * bx + by * by)
-    dx, dy = ends[beam, 0] - laser[0], ends[beam, 1] - laser[1]
-    length = math.sqrt(dx * dx + dy * dy)
+    ax, ay, a = beams[0, number - apart], beams[1, number - apart], beams[2, number - apart]
+    bx, by, b = beams[0, number + apart], beams[1, number + apart], beams[2, number + apart]
+    length = beams[2, number]
     if ax * bx + ay * by <= 0.0 or length == 0.0:
         return 0.0
     parted = COVERED * resolution * a * b / max(abs(ax * by - ay * bx), 1e-12)
