@@ -131,7 +131,7 @@ class SelfCalibration:
         gradient = walls.gradient + pull
         # How poses follow each number; what is left of the equations once they do (Schur complement), in a form whose
         # error is the square of the solver's.
-        following = [solver.solved(laser.across[:, :, j]) for j in range(NUMBERS)]
+        following = [solver.solved(np.ascontiguousarray(laser.across[:, :, j])) for j in range(NUMBERS)]
         follow = np.array(following).reshape(NUMBERS, -1)
         curved = np.array([solver.curved(changes) for changes in following]).reshape(NUMBERS, -1)
         across = laser.across.reshape(-1, NUMBERS)

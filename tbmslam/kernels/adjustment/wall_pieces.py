@@ -170,7 +170,8 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
             if o < first:
                 latest[piece] = o = count
                 seers[o], pieces[o] = k, piece
-                _add_no_hit(moments, o)
+                for m in range(6):
+                    moments[o, m] = 0.0
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
@@ -233,7 +234,7 @@ def join_walls(
     count, pieces_met, moments, seers, pieces = seen
     latest, only = np.full(len(lines), -1), lines_by_cell(known, lines, sectors)
     table, numbers = known
-    had, own, per_cell = count, 0, 1.0 / raster.cell
+    had, own, per_cell, key_before, cell = count, 0, 1.0 / raster.cell, _NOBODY, -1
     for k in range(len(poses)):
         while own < had and seers[own] == k:
             latest[pieces[own]] = own
@@ -243,10 +244,13 @@ def join_walls(
             own_x, own_y = float(loose[i, 0]), float(loose[i, 1])
             x, y = c * own_x - s * own_y, s * own_x + c * own_y
             at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
-            place = _place_of(table, _key_of(at_x - raster.shift, at_y - raster.shift, per_cell))
-            if table[place, 0] == _NOBODY:
+            key = _key_of(at_x - raster.shift, at_y - raster.shift, per_cell)
+            if key != key_before:
+                place = _place_of(table, key)
+                cell = table[place, 1] if table[place, 0] != _NOBODY else -1
+                key_before = key
+            if cell < 0:
                 continue
-            cell = table[place, 1]
             piece = only[cell]
             if piece >= 0:
                 piece = piece if _is_on(lines, piece, at_x, at_y, x, y, reach) else -1
@@ -261,7 +265,8 @@ def join_walls(
             if o < 0 or seers[o] != k:
                 latest[piece] = o = count
                 seers[o], pieces[o] = k, piece
-                _add_no_hit(moments, o)
+                for m in range(6):
+                    moments[o, m] = 0.0
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, seers, pieces)
@@ -309,12 +314,6 @@ def _used(begins: IntArray, every: int) -> int:
     for k in range(len(begins) - 1):
         total += (begins[k + 1] - begins[k] + every - 1) // every
     return total
-
-
-@kernel
-def _add_no_hit(moments: FloatArray, o: int) -> None:
-    for i in range(6):
-        moments[o, i] = 0.0
 
 
 @kernel

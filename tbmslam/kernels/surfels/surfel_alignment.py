@@ -1,6 +1,7 @@
 """A scan moved onto surface elements: the pose of the largest posterior, by Gauss and Newton's steps."""
 
 import math
+from typing import cast
 
 import numpy as np
 
@@ -41,6 +42,9 @@ IN_COMMON = 0.01
 """Share of their variance that all hits of a scan have in common, since the laser's heading and the surfaces err as
 wholes: a thousand hits count for less than a hundred. With 0 the hospital drive (fr-clinic) is off by 1.07 m in the
 mean instead of 0.10 m (`tools/benchmark.py slam`)."""
+
+_EACH = cast("int", np.int64(1))
+"""As a plain number it would be a constant, for which what it is passed to is compiled anew."""
 
 TYPICAL_RANGE = 5.0
 """Distance of points by which a turn moves them, as far as that matters [m]."""
@@ -101,7 +105,7 @@ def pair_up(
         tile = np.uint32(tiles[layer, row >> BITS, col >> BITS])
         slot = tile * np.uint32(CELLS) + (row & MASK) * np.uint32(SIDE) + (col & MASK)
         if fits[slot, 5] < 0.0:
-            fit_surfel(surfels, layer, int(row), int(col))
+            fit_surfel(surfels, layer, int(cell_y), int(cell_x))  # as of others: for 32 bits it is compiled anew
         pairs[0, count], pairs[1, count] = px, py
         for k in range(5):
             pairs[2 + k, count] = fits[slot, k]
@@ -306,7 +310,7 @@ def strays(
     """
     surfels = Surfels(arrays[0], arrays[1], arrays[2], Lattice(arrays[3][0], arrays[3][1], arrays[3][2]), arrays[4])
     pairs, hessian, gradient = np.empty((8, len(points) + 1)), np.zeros((3, 3)), np.zeros(3)
-    count, independent = pair_up(surfels, points, normals, 1, span, pose, pairs)
+    count, independent = pair_up(surfels, points, normals, _EACH, span, pose, pairs)
     return independent - linearise(pairs, count, pose, tolerance, hessian, gradient)
 
 
