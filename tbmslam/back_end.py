@@ -32,12 +32,15 @@ class OptimisedDrive(NamedTuple):
         The same, as edges.
     closures
         The loop closures.
+    hits
+        What the keyframes hit.
     """
 
     poses: FloatArray
     motions: DriveMotions
     steps: list[MotionEdge]
     closures: list[MotionEdge]
+    hits: ScanHits
 
     def closed_pairs(self) -> npt.NDArray[np.int64]:
         """Return the keyframes (C, 2) between which loops were closed."""
@@ -76,18 +79,15 @@ class BackEnd:
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)
-        steps = chain(measured)
-        poses, closures = self._closer.close(poses_of_sensor(tracked), self._hits(keyframes), steps, progress)
-        return OptimisedDrive(poses, measured, steps, closures)
+        steps, hits = chain(measured), ScanHits.of(keyframes, self._closing.submap.max_range)
+        poses, closures = self._closer.close(poses_of_sensor(tracked), hits, steps, progress)
+        return OptimisedDrive(poses, measured, steps, closures, hits)
 
-    def adjusted(self, drive: OptimisedDrive, keyframes: Keyframes, progress: Progress) -> OptimisedDrive:
+    def adjusted(self, drive: OptimisedDrive, progress: Progress) -> OptimisedDrive:
         """Return the drive after poses and wall lines were optimised together."""
         if not self._adjustment.enabled:
             return drive
         with progress.during("adjusting"):
-            scans, width = [self._hits(keyframes)], self._closing.robust_width
-            poses = adjust(drive.poses, scans, drive.steps, drive.closures, width, self._adjustment)
+            width = self._closing.robust_width
+            poses = adjust(drive.poses, [drive.hits], drive.steps, drive.closures, width, self._adjustment)
         return drive._replace(poses=poses)
-
-    def _hits(self, keyframes: Keyframes) -> ScanHits:
-        return ScanHits.of(keyframes, self._closing.submap.max_range)

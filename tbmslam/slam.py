@@ -135,9 +135,9 @@ class Slam:
         return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
-        """Return the drive after loop closures and adjustment; None if neither is wanted."""
+        """Return the drive after loop closures and adjustment; None where neither is wanted."""
         drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._progress)
-        return None if drive is None else self._back_end.adjusted(drive, keyframes, self._progress)
+        return None if drive is None else self._back_end.adjusted(drive, self._progress)
 
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings; `tracked` has them as they were tracked."""

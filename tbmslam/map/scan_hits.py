@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, path_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.kernels.rays.hits import hits_of_scans, place_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import Hits
+
+_ALL = 1 << 62
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +67,16 @@ class DriveHits:
         self.travelled = path_lengths(poses)
         self._travelled = self.travelled.tolist()
 
-    def count(self, chosen: npt.NDArray[np.int64]) -> int:
-        """Return how many hits some keyframes have."""
-        return int((self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]).sum())
-
-    def begins(self, chosen: npt.NDArray[np.int64], at_least: int | None = None) -> npt.NDArray[np.int64]:
-        """Return where the hits of each keyframe begin in the result of `placed`, and where the last ones end.
+    def begins(self, chosen: npt.NDArray[np.int64], at_least: int = _ALL) -> npt.NDArray[np.int64]:
+        """Return where the hits of each of some keyframes begin in what `placed` returns, and where the last ones end.
 
         Parameters are those of `placed`.
         """
         counts = self.scans.offsets[chosen + 1] - self.scans.offsets[chosen]
-        return -(-np.concatenate(([0], np.cumsum(counts))) // self._step(chosen, at_least))
+        ends = np.concatenate(([0], np.cumsum(counts)))
+        return -(-ends // max(int(ends[-1]) // at_least, 1))
 
-    def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int | None = None) -> Hits:
+    def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int = _ALL) -> Hits:
         """Return hits of some keyframes in the frame of one.
 
         Parameters
@@ -87,16 +86,10 @@ class DriveHits:
         frame
             Index of the one.
         at_least
-            Every n-th hit is enough, as long as this many are left, where there are as many; None for all.
+            Every n-th hit is enough, as long as this many are left, where there are as many; all by default.
         """
-        step = self._step(chosen, at_least)
-        pose = SE2.from_array(self.poses[frame])
-        points, normals, offsets = self.scans.points, self.scans.normals, self.scans.offsets
-        return Hits(*place_hits(points, normals, offsets, chosen, self.poses, pose, step))
-
-    def _step(self, chosen: npt.NDArray[np.int64], at_least: int | None) -> int:
-        """Return which n it is that every n-th hit is enough."""
-        return 1 if at_least is None else max(self.count(chosen) // at_least, 1)
+        scans = self.scans
+        return Hits(*place_hits(scans.points, scans.normals, scans.offsets, chosen, self.poses, frame, at_least))
 
     def bundle(self, keyframe: int, reach: float, at_least: int) -> Hits:
         """Return hits of a keyframe and some within a travelled length before and after, in its frame."""

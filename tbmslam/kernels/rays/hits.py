@@ -172,10 +172,10 @@ def place_hits(
     offsets: npt.NDArray[np.int64],
     chosen: npt.NDArray[np.int64],
     poses: FloatArray,
-    frame: tuple[float, float, float],
-    step: int,
+    frame: int,
+    at_least: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return every `step`-th hit of chosen scans and its normal, (M, 2) each, in a frame.
+    """Return hits of chosen scans and their normals, (M, 2) each, in the frame of one sensor.
 
     Parameters
     ----------
@@ -188,15 +188,16 @@ def place_hits(
     poses
         Poses (K, 3) of the sensor.
     frame
-        Pose of the frame that the hits are wanted in.
-    step
-        One says all.
+        Whose frame the hits are wanted in.
+    at_least
+        Every n-th hit is enough, as long as this many are left, where there are as many.
     """
     total = 0
     for k in chosen:
         total += offsets[k + 1] - offsets[k]
+    step = max(total // at_least, 1)
     placed, facing = np.empty((-(-total // step), 2)), np.empty((-(-total // step), 2))
-    fx, fy, heading = frame
+    fx, fy, heading = poses[frame, 0], poses[frame, 1], poses[frame, 2]
     fc, fs = math.cos(heading), math.sin(heading)
     count, skipped = 0, 0
     for k in chosen:

@@ -46,18 +46,18 @@ def test_nothing_hit_is_nothing():
     assert facing_normals(np.zeros((0, 2)), 1, 0.5).shape == (0, 2)
 
 
-@pytest.mark.parametrize("step", [1, 3, 50])
-def test_hits_of_several_scans_are_placed_one_by_one(step):
+@pytest.mark.parametrize(("at_least", "step"), [(100, 1), (20, 1), (12, 3), (1, 36)])
+def test_hits_of_several_scans_are_placed_one_by_one(at_least, step):
     generator = np.random.default_rng(0)
     points, normals = generator.normal(size=(2, 30, 2)).astype(np.float32)
     offsets, poses = np.array([0, 10, 10, 17, 30]), generator.normal(size=(4, 3))
-    chosen, frame = np.array([3, 1, 0, 3]), SE2(1.0, -2.0, 0.5)
+    chosen, frame = np.array([3, 1, 0, 3]), SE2.from_array(poses[2])
     expected_points, expected_normals = [], []
     for k in chosen:
         pose = frame.inverse() @ SE2.from_array(poses[k])
         expected_points.append(pose.apply(points[offsets[k] : offsets[k + 1]]))
         expected_normals.append(SE2(0.0, 0.0, pose.theta).apply(normals[offsets[k] : offsets[k + 1]]))
-    placed, facing = place_hits(points, normals, offsets, chosen, poses, frame, step)
+    placed, facing = place_hits(points, normals, offsets, chosen, poses, 2, at_least)
     np.testing.assert_allclose(placed, np.vstack(expected_points)[::step], atol=1e-6)
     np.testing.assert_allclose(facing, np.vstack(expected_normals)[::step], atol=1e-6)
 
