@@ -55,6 +55,8 @@ class MapConfig(FrozenConfig):
 
 
 _SCANS_AT_ONCE = 1000
+_BEAMS_KEPT = 2_000_000
+"""Beams whose ends are kept, in 34 MB, until they are counted."""
 _BYTES_A_CELL = 24  # counts and masses; to save a map takes less
 
 
@@ -91,7 +93,8 @@ def _from_beams(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
 def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     """Count the scans that speak of each cell: where each has one word, the counts are all that matters."""
     lasers = [keyframes.all_sensor_poses() for keyframes in drives]
-    corners = [_corners(block) for k, poses in zip(drives, lasers, strict=True) for block in _blocks(k, poses, config)]
+    blocks = _AllBlocks(drives, lasers, config)
+    corners = [_corners(block) for block in blocks]
     if not corners:
         return EvidenceGrid(config.resolution).to_tbm_grid()
     geometry = _geometry_around(np.vstack(corners), config)
@@ -100,10 +103,9 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     # The system gives memory where cells are touched first, so unexplored parts of the box take little of it.
     counts: Counts = np.zeros((geometry.rows + 2, geometry.cols + 2), dtype=np.int64)
     lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
-    for keyframes, poses in zip(drives, lasers, strict=True):
-        for block in _blocks(keyframes, poses, config):
-            count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
-            spoken += len(block.lasers)
+    for block in blocks:
+        count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
+        spoken += len(block.lasers)
     return TbmGrid(geometry, _masses(counts[1:-1, 1:-1], config, resolution))
 
 
@@ -114,6 +116,22 @@ class _Block(NamedTuple):
     ends: FloatArray
     is_hit: npt.NDArray[np.bool_]
     offsets: npt.NDArray[np.int64]
+
+
+class _AllBlocks:
+    """The scans of drives, for each that goes over them; those of a short drive are made once."""
+
+    def __init__(self, drives: Sequence[Keyframes], lasers: Sequence[FloatArray], config: MapConfig) -> None:
+        self._drives, self._lasers, self._config = drives, lasers, config
+        is_short = sum(len(keyframes.ranges) for keyframes in drives) <= _BEAMS_KEPT
+        self._made = [*self._each()] if is_short else None
+
+    def __iter__(self) -> Iterator[_Block]:
+        return self._each() if self._made is None else iter(self._made)
+
+    def _each(self) -> Iterator[_Block]:
+        for keyframes, lasers in zip(self._drives, self._lasers, strict=True):
+            yield from _blocks(keyframes, lasers, self._config)
 
 
 def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iterator[_Block]:
