@@ -11,7 +11,6 @@ from tbmslam.geometry.se2 import FloatArray, inverse
 from tbmslam.kernels.search.ways import nearest_stretches, shortest_ways
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.scan_hits import DriveHits
-from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.tracking.surfel_map import SurfelConfig
 
 _BRIDGE = 0.5
@@ -75,14 +74,13 @@ class ChainDrift:
     ----------
     poses
         Poses (K, 3) of the keyframes as tracked.
-    chain
-        Motions from each to the next.
+    covariances
+        Of the motions from each to the next (K - 1, 3, 3), in the frame at its end.
     """
 
-    def __init__(self, poses: FloatArray, chain: Sequence[MotionEdge]) -> None:
+    def __init__(self, poses: FloatArray, covariances: FloatArray) -> None:
         self._poses = poses
-        informations = np.array([edge.information for edge in chain]).reshape(-1, 3, 3)
-        carried = _adjoints(poses[1:]) @ np.linalg.inv(informations) @ np.swapaxes(_adjoints(poses[1:]), 1, 2)
+        carried = _adjoints(poses[1:]) @ covariances @ np.swapaxes(_adjoints(poses[1:]), 1, 2)
         self._sums = np.zeros((len(poses), 3, 3))
         np.cumsum(carried, axis=0, out=self._sums[1:])
 

@@ -155,7 +155,7 @@ class _Drive:
         self._bundle: tuple[int, Hits] | None = None
         self._chain = MotionChain(chain)
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
-        drift = ChainDrift(poses, chain)
+        drift = ChainDrift(poses, self._chain.covariances)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
         self._far_votes = ClosureVotes(_FAR_VOTES, self._hits.travelled)
         self._far_stop = -1

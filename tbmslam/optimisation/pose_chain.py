@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.adjustment.chains import compose_chain
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
 
 class MotionChain:
@@ -20,15 +20,20 @@ class MotionChain:
     ----------
     chain
         Motions between consecutive poses.
+
+    Attributes
+    ----------
+    covariances
+        Of each motion (N, 3, 3), in the frame at its end.
     """
 
     def __init__(self, chain: Sequence[MotionEdge]) -> None:
-        self._motions = np.array([edge.T_source_target for edge in chain]).reshape(-1, 3)
-        self._covariances = np.linalg.inv(np.array([edge.information for edge in chain]).reshape(-1, 3, 3))
+        _, self._motions, informations = EdgeArrays.of(chain)
+        self.covariances: FloatArray = np.asarray(np.linalg.inv(informations), dtype=np.float64)
 
     def between(self, nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
         """Return the motions from each of some poses, given by rising indices (M,), to the next."""
-        steps, covariances = compose_chain(self._motions, self._covariances, nodes)
+        steps, covariances = compose_chain(self._motions, self.covariances, nodes)
         keys = nodes.tolist()
         return [
             MotionEdge(source, target, SE2(*step), information)

@@ -1,9 +1,12 @@
 """The edges of a pose graph: measured motions between poses."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, log
 
@@ -28,6 +31,27 @@ class MotionEdge:
     information: FloatArray
 
 
+class EdgeArrays(NamedTuple):
+    """Edges as arrays."""
+
+    ends: npt.NDArray[np.int64]
+    """Sources and targets (E, 2)."""
+    motions: FloatArray
+    """The targets as seen from the sources (E, 3)."""
+    informations: FloatArray
+    """Inverse covariances (E, 3, 3)."""
+
+    @classmethod
+    def of(cls, edges: Sequence[MotionEdge]) -> "EdgeArrays":
+        """Return edges as arrays."""
+        # From plain numbers one after the other, in half the time of rows.
+        flat = itertools.chain.from_iterable
+        ends = np.fromiter(flat((edge.source, edge.target) for edge in edges), np.int64, 2 * len(edges))
+        motions = np.fromiter(flat(edge.T_source_target for edge in edges), np.float64, 3 * len(edges))
+        informations = np.concatenate([np.empty((0, 3)), *(edge.information for edge in edges)])
+        return cls(ends.reshape(-1, 2), motions.reshape(-1, 3), informations.reshape(-1, 3, 3))
+
+
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     """Return one pose of (N, 3) as seen from another."""
     return SE2(*poses[source].tolist()).to(SE2(*poses[target].tolist()))
@@ -35,9 +59,7 @@ def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
 
 def edge_errors(edges: Sequence[MotionEdge], poses: FloatArray) -> FloatArray:
     """Return how many standard deviations edges (E,) are from the poses (Mahalanobis distances)."""
-    ends = np.array([(edge.source, edge.target) for edge in edges], dtype=np.int64).reshape(-1, 2)
-    measured = np.array([edge.T_source_target for edge in edges], dtype=np.float64).reshape(-1, 3)
-    information = np.array([edge.information for edge in edges], dtype=np.float64).reshape(-1, 3, 3)
+    ends, measured, information = EdgeArrays.of(edges)
     motions = compose(inverse(poses[ends[:, 0]]), poses[ends[:, 1]])
     errors = log(compose(inverse(measured), motions))
     squares: FloatArray = np.einsum("ei,eij,ej->e", errors, information, errors)

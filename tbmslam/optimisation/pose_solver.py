@@ -10,7 +10,7 @@ from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
 from tbmslam.kernels.adjustment.two_levels import Bends, factors_of, solved
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
 _MOST_STEPS = 1000
 
@@ -92,12 +92,6 @@ def motions_of(
     places
         Where on it (K, 3).
     """
-    edges = [*believed, *doubted]
-    ends = np.array([(edge.source, edge.target) for edge in edges], dtype=np.int64).reshape(-1, 2)
-    return Motions(
-        ends=owners[ends],
-        levers=places[ends],
-        measured=np.array([edge.T_source_target for edge in edges], dtype=np.float64).reshape(-1, 3),
-        informations=np.array([edge.information for edge in edges], dtype=np.float64).reshape(-1, 3, 3),
-        widths=np.repeat([np.inf, width], [len(believed), len(doubted)]),
-    )
+    ends, measured, informations = EdgeArrays.of([*believed, *doubted])
+    widths = np.repeat([np.inf, width], [len(believed), len(doubted)])
+    return Motions(owners[ends], places[ends], measured, informations, widths)

@@ -134,7 +134,7 @@ def test_drift_is_that_of_the_composed_motions(generator):
     _, ((covariance),) = compose_chain(
         np.array([edge.T_source_target for edge in chain]), np.linalg.inv(np.array(informations)), np.array([3, 37])
     )
-    drift = ChainDrift(poses, chain)
+    drift = ChainDrift(poses, np.linalg.inv(np.array(informations)))
     positions, headings = drift.deviations(np.array([3]), np.array([37]))
     np.testing.assert_allclose(positions, np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     np.testing.assert_allclose(headings, np.sqrt(covariance[2, 2]))
