@@ -14,6 +14,7 @@ import numpy as np
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
+from tbmslam.kernels.adjustment.two_levels import Factors
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.config import AdjustmentConfig
 from tbmslam.optimisation.pose_graph import MotionEdge
@@ -68,13 +69,16 @@ def adjust(
     held = np.tile(_DAMPING * np.eye(3), (len(stretches.middles), 1, 1))
     held[0] += _GAUGE * np.eye(3)
     before = at = poses[stretches.middles]
+    factors: Factors | None = None
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1
         fewer = config.model_copy(update={"min_hits": config.min_hits / every})
         lines = WallLines(hits, every, at, number * _SHIFT % 1.0 * config.cell, fewer)
         own, between, pull = motion_equations(motions, at)
         system = PoseSystem(lines.own + own + held, lines.system, between)
-        at = at - PoseSolver(system, at, bends, config.precision).solved(lines.gradient + pull)
+        solver = PoseSolver(system, at, bends, config.precision, factors)
+        factors = solver.factors
+        at = at - solver.solved(lines.gradient + pull)
         at[:, 2] = wrap_angles(at[:, 2])
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), lines.count, moved_m)

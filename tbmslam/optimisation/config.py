@@ -14,7 +14,7 @@ class AdjustmentConfig(FrozenConfig):
 
     enabled: bool = Field(True, description="optimise poses and wall lines after loop closure")
     quick_rounds: int = Field(5, ge=0, description="how often a third of the hits is assigned to pieces of wall")
-    rounds: int = Field(2, ge=1, description="how often all hits are, after that")
+    rounds: int = Field(1, ge=1, description="how often all hits are, after that")
     stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")
     turn: float = Field(1.0, gt=0, description="turned angle that moves as one [rad]")
     max_range: float = Field(

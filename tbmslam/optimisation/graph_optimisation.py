@@ -23,7 +23,7 @@ _DAMPING = 1e-5
 """Information that holds each pose in the first step: next to nothing, as a chain bends softly [1/m^2, 1/rad^2]."""
 _MOST_DAMPING = 1e8
 """With more than this no step is long enough to matter."""
-_RESIDUE = 1e-6
+_RESIDUE = 1e-5
 """Share of the right side that a step may leave unsolved: soft bends of a long drive are a small part of it."""
 _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))
 

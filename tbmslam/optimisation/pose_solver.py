@@ -9,7 +9,7 @@ import numpy.typing as npt
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
-from tbmslam.kernels.adjustment.two_levels import Bends, factors_of, solved
+from tbmslam.kernels.adjustment.two_levels import Bends, Factors, factors_of, solved
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
 _MOST_STEPS = 1000
@@ -28,11 +28,25 @@ class PoseSolver:
         Knots along the drives.
     precision
         Share of a right side that may be left unsolved.
+    factors
+        Those of nearly the same equations, which make the way to the solution nearly as short; None to make them.
+
+    Attributes
+    ----------
+    factors
+        As given or made.
     """
 
-    def __init__(self, system: PoseSystem, poses: FloatArray, bends: Bends, precision: float) -> None:
+    def __init__(
+        self,
+        system: PoseSystem,
+        poses: FloatArray,
+        bends: Bends,
+        precision: float,
+        factors: Factors | None = None,
+    ) -> None:
         self._system, self._bends, self._precision = system, bends, precision
-        self._factors = factors_of(system, poses, bends)
+        self.factors = factors_of(system, poses, bends) if factors is None else factors
 
     def curved(self, changes: FloatArray) -> FloatArray:
         """Return the curvature times changes (N, 3) of the poses."""
@@ -40,7 +54,7 @@ class PoseSolver:
 
     def solved(self, gradient: FloatArray) -> FloatArray:
         """Return the changes (N, 3) of the poses whose curvature product is the gradient (N, 3)."""
-        return solved(self._system, self._factors, self._bends, gradient, self._precision, _MOST_STEPS)
+        return solved(self._system, self.factors, self._bends, gradient, self._precision, _MOST_STEPS)
 
 
 _APART = 8
