@@ -11,7 +11,7 @@ import logging
 import math
 from collections.abc import Sequence
 from itertools import compress
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,10 @@ _FAR_VOTES = ClosureVotesConfig(
 )
 """So long a bundle sees far beyond a target, so that a small share of it may match; more of them must agree."""
 
-_ROUGHLY = 0.01  # precision of poses that the next search begins from
+_FEWEST = 60
+"""Hits of a bundle with which a place can be told from others."""
+
+_ROUGHLY = 0.05  # precision of poses that the next search begins from
 
 
 class LoopClosingConfig(FrozenConfig):
@@ -78,8 +81,8 @@ class LoopClosingConfig(FrozenConfig):
     max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
     max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
     surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
-    search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
-    match_points: int = Field(300, ge=10, description="hits of a bundle laid onto the surfaces")
+    search_points: int = Field(80, ge=10, description="hits of a bundle used in a search")
+    match_points: int = Field(200, ge=10, description="hits of a bundle laid onto the surfaces")
     min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
     max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
@@ -132,6 +135,13 @@ class LoopCloser:
         return drive.poses, list(drive.closures.values())
 
 
+class _Bundle(NamedTuple):
+    """What a keyframe and its neighbours hit, and the points (N, 2) of it that are searched for."""
+
+    hits: Hits
+    points: FloatArray
+
+
 class _Drive:
     """One drive being corrected; its closures are kept by keyframe and target."""
 
@@ -152,7 +162,7 @@ class _Drive:
         self._hits = DriveHits(scans, poses)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._new: list[PlacedBundle] = []  # not yet among the closures
-        self._bundle: tuple[int, Hits] | None = None
+        self._bundle: tuple[int, _Bundle | None] = -1, None
         self._chain = MotionChain(chain)
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
         drift = ChainDrift(poses, self._chain.covariances)
@@ -246,11 +256,15 @@ class _Drive:
         near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
         if not len(near):
             return []
-        drifts = self._targets.ways(keyframe)[near]
-        shifts = np.minimum(0.3 + config.drift * drifts, config.max_shift)
-        turns = np.minimum(0.03 + config.turn_drift * drifts, config.max_turn)
-        reached = np.flatnonzero(distances <= config.reach + shifts)[: config.submaps_per_step]
-        return [(int(near[k]), float(shifts[k]), float(turns[k])) for k in reached]
+        drifts = self._targets.ways(keyframe)[near].tolist()
+        found = []
+        for target, distance, drift in zip(near.tolist(), distances.tolist(), drifts, strict=True):
+            shift = min(0.3 + config.drift * drift, config.max_shift)
+            if distance <= config.reach + shift:
+                found.append((target, shift, min(0.03 + config.turn_drift * drift, config.max_turn)))
+                if len(found) == config.submaps_per_step:
+                    break
+        return found
 
     def _found(self, keyframe: int) -> list[PlacedBundle]:
         """Return where a keyframe's bundle was found; finds of wide searches come when several along the way agree."""
@@ -268,9 +282,9 @@ class _Drive:
         config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
         if bundle is None:
             return []
-        points, guess = bundle.thinned(config.search_points).points, relative_pose(self.poses, submap.anchor, keyframe)
-        places = submap.places(points, guess, shift, turn, config.votes.places)
-        votes = (self._vote(self._votes, keyframe, target, bundle, place) for place in places)
+        guess = relative_pose(self.poses, submap.anchor, keyframe)
+        places = submap.places(bundle.points, guess, shift, turn, config.votes.places)
+        votes = (self._vote(self._votes, keyframe, target, bundle.hits, place) for place in places)
         return [vote for vote in votes if vote is not None]
 
     def _vote(self, votes: ClosureVotes, keyframe: int, target: int, bundle: Hits, place: SE2) -> PlacedBundle | None:
@@ -290,7 +304,7 @@ class _Drive:
             return []
         self._far_stop = stop
         bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
-        if len(bundle.points) < self.config.search_points // 2:
+        if len(bundle.points) < _FEWEST:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []
         for target, rough in self._far.places(keyframe, self.poses, bundle, self.config.search_points // 2):
@@ -308,22 +322,26 @@ class _Drive:
             return None
         guess = relative_pose(self.poses, submap.anchor, keyframe)
         if shift > 0.0:
-            found = submap.search(bundle.thinned(config.search_points).points, guess, shift, turn)
+            found = submap.search(bundle.points, guess, shift, turn)
             if found.at_border:
                 return None
             guess = found.pose
-        fit = submap.fit(bundle, guess)
+        fit = submap.fit(bundle.hits, guess)
         if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
             return None
         if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
 
-    def _bundle_of(self, keyframe: int) -> Hits | None:
+    def _bundle_of(self, keyframe: int) -> "_Bundle | None":
         """Return a keyframe's bundle, unless it has too few hits; it is searched for in several targets on end."""
-        if self._bundle is None or self._bundle[0] != keyframe:
-            self._bundle = keyframe, self._hits.bundle(keyframe, self.config.bundle, self.config.match_points)
-        return self._bundle[1] if len(self._bundle[1].points) >= self.config.search_points // 2 else None
+        if self._bundle[0] != keyframe:
+            config, bundle = self.config, None
+            hits = self._hits.bundle(keyframe, config.bundle, config.match_points)
+            if len(hits.points) >= _FEWEST:
+                bundle = _Bundle(hits, hits.thinned(config.search_points).points)
+            self._bundle = keyframe, bundle
+        return self._bundle[1]
 
     def _add_closures(self) -> None:
         """Make closures of what was found since the last time.

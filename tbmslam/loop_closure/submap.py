@@ -25,6 +25,9 @@ from tbmslam.map.scan_hits import DriveHits
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 
+_SCANS = 16
+"""Keyframes make a submap, about, at even distances: one every half metre sees all that more would."""
+
 _HITS = 160
 """Of each keyframe make a submap: neighbouring ones see the same, and lasers of a beam a degree have no more."""
 
@@ -101,13 +104,13 @@ class Submap:
     def __init__(self, first: int, last: int, drive: DriveHits, config: SubmapConfig, surfels: SurfelConfig) -> None:
         self.first, self.last, self.anchor = first, last, (first + last) // 2
         self._config = config
-        chosen = np.arange(first, last + 1)
+        chosen = np.arange(first, last + 1, max(round((last + 1 - first) / _SCANS), 1))
         hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
         self._coarse: tuple[GainField, Lattice] | None = None
         self._surfaces = SurfelMap(surfels, spare=0.0)
         self._surfaces.insert(hits, SE2.identity())
         T_map_anchor = drive.poses[None, self.anchor]
-        lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
+        lasers = compose(inverse(T_map_anchor), drive.poses[chosen])
         begins = drive.begins(chosen, _HITS * len(chosen))
         self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
 
@@ -117,19 +120,17 @@ class Submap:
         Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing. Of places that
         agree alike the nearest one is taken.
         """
-        scores, places, cells = self._best(points, guess, shift, turn, 2)
-        best, rival = scores.tolist()
+        (best, place, at_border), (rival, *_) = self._best(points, guess, shift, turn, 2)
         ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
-        return Find(places[0], ambiguity, self._at_border(cells[0], shift))
+        return Find(place, ambiguity, at_border)
 
     def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
         """Return up to `count` places where points (N, 2) agree best with the submap, the best one first.
 
         As in `search`; what lies on the border of the window is left out.
         """
-        scores, places, cells = self._best(points, guess, shift, turn, count)
-        found = zip(scores.tolist(), places, cells, strict=True)
-        return [place for score, place, cell in found if score > 0.0 and not self._at_border(cell, shift)]
+        found = self._best(points, guess, shift, turn, count)
+        return [place for score, place, at_border in found if score > 0.0 and not at_border]
 
     def rough_places(
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
@@ -155,8 +156,8 @@ class Submap:
 
     def _best(
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
-    ) -> tuple[FloatArray, list[SE2], npt.NDArray[np.int64]]:
-        """Return scores (count,) of the best places, these, and their rows and columns (count, 2) from the guess."""
+    ) -> list[tuple[float, SE2, bool]]:
+        """Return scores and poses of the best places, and whether each lies on the window's border: it may go on."""
         config = self._config
         reach = math.ceil(shift / config.resolution)
         half = math.ceil(turn / config.turn_step)
@@ -165,17 +166,13 @@ class Submap:
         clear = math.ceil(config.same_place / config.resolution)
         sums = correlate(self._field, self._lattice, points, guess, turns, reach)
         scores, found = top_places(sums, cost, clear, count)
-        cells = found[:, 1:] - reach
-        places = [
-            SE2(guess.x + col * config.resolution, guess.y + row * config.resolution, guess.theta + float(turns[k]))
-            for k, (row, col) in zip(found[:, 0].tolist(), cells.tolist(), strict=True)
-        ]
-        return scores, places, cells
-
-    def _at_border(self, cell: npt.NDArray[np.int64], shift: float) -> bool:
-        """Tell whether a place (row, column) from the guess lies on the border of a window: it may go on beyond."""
-        reach = math.ceil(shift / self._config.resolution)
-        return reach > 2 and int(np.abs(cell).max()) == reach
+        places = []
+        for score, (k, row, col) in zip(scores.tolist(), found.tolist(), strict=True):
+            up, right = row - reach, col - reach
+            x, y = guess.x + right * config.resolution, guess.y + up * config.resolution
+            at_border = reach > 2 and max(abs(up), abs(right)) == reach
+            places.append((score, SE2(x, y, guess.theta + (k - half) * config.turn_step), at_border))
+        return places
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Lay hits onto the surfaces near a guess, and tell how well they fit there."""

@@ -86,7 +86,7 @@ class SurfelMap:
         """Add hits of a frame at a pose."""
         if not len(hits.points):
             return
-        used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose)
+        used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose) if self._spare else -1
         if used < 0:
             self._grow_to_contain(hits.placed(pose).points)
             used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose)
