@@ -55,9 +55,6 @@ _FAR_VOTES = ClosureVotesConfig(
 )
 """So long a bundle sees far beyond a target, so that a small share of it may match; more of them must agree."""
 
-_FEWEST = 60
-"""Hits of a bundle with which a place can be told from others."""
-
 _ROUGHLY = 0.05  # precision of poses that the next search begins from
 
 
@@ -81,8 +78,8 @@ class LoopClosingConfig(FrozenConfig):
     max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
     max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
     surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
-    search_points: int = Field(80, ge=10, description="hits of a bundle used in a search")
-    match_points: int = Field(200, ge=10, description="hits of a bundle laid onto the surfaces")
+    search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
+    match_points: int = Field(300, ge=10, description="hits of a bundle laid onto the surfaces")
     min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
     max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
     max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
@@ -304,7 +301,7 @@ class _Drive:
             return []
         self._far_stop = stop
         bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
-        if len(bundle.points) < _FEWEST:
+        if len(bundle.points) < self.config.search_points // 2:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []
         for target, rough in self._far.places(keyframe, self.poses, bundle, self.config.search_points // 2):
@@ -338,7 +335,7 @@ class _Drive:
         if self._bundle[0] != keyframe:
             config, bundle = self.config, None
             hits = self._hits.bundle(keyframe, config.bundle, config.match_points)
-            if len(hits.points) >= _FEWEST:
+            if len(hits.points) >= config.search_points // 2:
                 bundle = _Bundle(hits, hits.thinned(config.search_points).points)
             self._bundle = keyframe, bundle
         return self._bundle[1]

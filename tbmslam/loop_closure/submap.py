@@ -25,9 +25,6 @@ from tbmslam.map.scan_hits import DriveHits
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 
-_SCANS = 16
-"""Keyframes make a submap, about, at even distances: one every half metre sees all that more would."""
-
 _HITS = 160
 """Of each keyframe make a submap: neighbouring ones see the same, and lasers of a beam a degree have no more."""
 
@@ -104,13 +101,13 @@ class Submap:
     def __init__(self, first: int, last: int, drive: DriveHits, config: SubmapConfig, surfels: SurfelConfig) -> None:
         self.first, self.last, self.anchor = first, last, (first + last) // 2
         self._config = config
-        chosen = np.arange(first, last + 1, max(round((last + 1 - first) / _SCANS), 1))
+        chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
         self._coarse: tuple[GainField, Lattice] | None = None
         self._surfaces = SurfelMap(surfels, spare=0.0)
         self._surfaces.insert(hits, SE2.identity())
         T_map_anchor = drive.poses[None, self.anchor]
-        lasers = compose(inverse(T_map_anchor), drive.poses[chosen])
+        lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
         begins = drive.begins(chosen, _HITS * len(chosen))
         self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
 
