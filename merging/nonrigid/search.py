@@ -3,15 +3,17 @@
 The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
 verification refuses them. A deformed map fits more poses than a rigid one. Therefore the deformed map must pass a new
 rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
-map, and poses of its mirror image.
+map, and poses of its mirror image. Tiles leave some distance between walls that belong together. Where the correlation
+leaves no doubt about the place, a second attempt bears with more of it.
 """
 
 import itertools
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +25,8 @@ from merging.merge_state import MergeState
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import propose
-from merging.registration.hypotheses import best_of, elsewhere, refine_all
+from merging.registration.correlation import Proposals, propose
+from merging.registration.hypotheses import best_of, elsewhere, lead_of, refine_all
 from merging.rigid_alignment import align_whole, comparison_resolution
 from merging.scoring.confidence import confidences
 from merging.scoring.decoys import mirrored
@@ -132,6 +134,21 @@ class NonrigidRegistration:
     bend: Deformation
 
 
+class Peak(NamedTuple):
+    """The best place of a correlation.
+
+    Parameters
+    ----------
+    motion
+        Where the map with less wall lies in the other's frame, `Alignment.T_more_less`.
+    lead
+        Its score over that of the best place elsewhere.
+    """
+
+    motion: SE2
+    lead: float
+
+
 def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> NonrigidRegistration | None:
     """Find where a source map lies in a target map's frame once one of them is bent; None where nobody can tell.
 
@@ -155,27 +172,43 @@ def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> Deforma
 
 
 def register_deformable(
-    target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, best: SE2 | None = None
+    target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, peak: Peak | None = None
 ) -> NonrigidRegistration | None:
     """Do the same with two maps in cells of one size, None where nothing is known of one.
 
-    `best` is the best place of the correlation, `Alignment.T_more_less`; it is sought where it is not given.
+    `peak` is that of the correlation; it is sought where it is not given.
     """
     if target is None or source is None or without_walls(target.structure, source.structure):
         return None
     if target.structure.wall_m < source.structure.wall_m:  # who is named first must not matter
-        found = _bent_onto(source, target, best, config)
+        found = _bent_onto(source, target, peak, config)
         return found and NonrigidRegistration(found.alignment.reversed(), found.bend.inverse())
-    return _bent_onto(target, source, best, config)
+    return _bent_onto(target, source, peak, config)
 
 
 def _bent_onto(
-    target: DeformableMap, source: DeformableMap, best: SE2 | None, config: MergeConfig
+    target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig
 ) -> NonrigidRegistration | None:
     """Deform a map at the places that look best, until it is aligned at one."""
     fixed = target.structure
-    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation).motions)  # most need none
-    places = [best] if best is not None else first_apart(proposals(), source.structure, config.nonrigid.places)
+    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most need none
+    most = config.nonrigid.places
+    places = [peak.motion] if peak is not None else first_apart(proposals().motions, source.structure, most)
+    lead = lead_of(proposals(), source.structure) if peak is None else peak.lead
+    found = _bent_at(target, source, places, proposals, config)
+    if found is None and lead >= config.nonrigid.clear_lead:
+        found = _bent_at(target, source, places, proposals, _widened(config))
+    return found
+
+
+def _bent_at(
+    target: DeformableMap,
+    source: DeformableMap,
+    places: Sequence[SE2],
+    proposals: Callable[[], Proposals],
+    config: MergeConfig,
+) -> NonrigidRegistration | None:
+    fixed = target.structure
     for place in places:
         laid = deform(fixed, source, place, config)
         if laid is None:
@@ -183,12 +216,28 @@ def _bent_onto(
         again = align_whole(TbmMap(target.grid), TbmMap(laid.grid), config)
         if not _is_aligned(again, laid.motion, config):
             continue
-        among = DeformedRivals.of(fixed, source, laid.motion, proposals(), config)
+        among = DeformedRivals.of(fixed, source, laid.motion, proposals().motions, config)
         confidence = confidences(among.evidence, among.decoys)[0]
         return (
             NonrigidRegistration(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
         )
     return None
+
+
+def _widened(config: MergeConfig) -> MergeConfig:
+    """Return how maps are bent and believed where walls that belong together may lie farther apart."""
+    how = config.nonrigid
+    distances = {
+        "agreement_distance_m": how.wide_agreement_m,
+        "conflict_distance_m": how.wide_conflict_m,
+        "see_through_m": how.wide_see_through_m,
+    }
+    return config.model_copy(
+        update={
+            "verification": config.verification.model_copy(update=distances),
+            "refinement": config.refinement.model_copy(update={"last_reach_m": how.wide_agreement_m}),
+        }
+    )
 
 
 def _limit(config: MergeConfig) -> float:
@@ -262,7 +311,7 @@ def register_refused_pairs(
         Call(
             f"{source} bent in {target}",
             register_deformable,
-            (maps[target, size], maps[source, size], config, _best_of(found, (target, source), config)),
+            (maps[target, size], maps[source, size], config, _peak_of(found, (target, source), config)),
         )
         for (target, source), size in sizes.items()
     ]
@@ -287,6 +336,9 @@ def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) ->
     return deformable(sent.grid, resolution, config)
 
 
-def _best_of(found: MergeState, pair: Pair, config: MergeConfig) -> SE2 | None:
-    """Return the best place of a pair's correlation; None where more are wanted, or of other grids."""
-    return None if pair in found.evidence_grids or config.nonrigid.places > 1 else found.alignments[pair].T_more_less
+def _peak_of(found: MergeState, pair: Pair, config: MergeConfig) -> Peak | None:
+    """Return the peak of a pair's correlation; None where more places are wanted, or those of other grids."""
+    refused = found.alignments[pair]
+    if refused.T_more_less is None or pair in found.evidence_grids or config.nonrigid.places > 1:
+        return None
+    return Peak(refused.T_more_less, refused.lead)

@@ -136,6 +136,32 @@ def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, 
     assert (found is not None) == (accepted and shift_m == 0.0)
 
 
+def test_a_map_that_tiles_do_not_straighten_to_a_cell_is_aligned_where_one_place_is_clear():
+    target, source, true = bent_maps("apartment", 0.9)
+    found = register_nonrigid(target, source, MergeConfig())
+    assert found is not None
+    apart_m, apart_rad = errors(found.alignment.T_target_source, true, source)
+    assert apart_m < 0.9
+    assert apart_rad < np.radians(2.0)
+    assert register_nonrigid(target, source, MergeConfig.model_validate({"nonrigid": {"clear_lead": 1e6}})) is None
+
+
+@pytest.mark.parametrize(("clear_lead", "distances_m"), [(1.0, [0.15, 0.25]), (1e6, [0.15])])
+def test_walls_may_lie_farther_apart_only_where_one_place_is_clear(monkeypatch, clear_lead, distances_m):
+    tried = []
+
+    def deformed(target, source, start, config):
+        tried.append(config.verification.agreement_distance_m)
+        assert config.refinement.last_reach_m == tried[-1]
+        assert config.verification.min_confidence == MergeConfig().verification.min_confidence
+
+    monkeypatch.setattr("merging.nonrigid.search.deform", deformed)
+    config = MergeConfig.model_validate({"nonrigid": {"clear_lead": clear_lead}})
+    target, source, _ = bent_maps("store")
+    assert register_nonrigid(target, source, config) is None
+    assert tried == distances_m
+
+
 def test_empty_maps_and_those_without_walls_are_not_tried():
     target, source, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
