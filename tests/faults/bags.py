@@ -62,7 +62,7 @@ def spoil_definition(path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"geometry_msgs/TwistWithCovariance twist", b"{}" + b"?" * 37))
 
 
-def as_database(bag: Path, path: Path) -> None:
+def write_as_database(bag: Path, path: Path) -> None:
     """Write the messages of a ROS 2 bag as an sqlite database."""
     source = BagSource(bag)
     topics = {connection.topic: number for number, connection in enumerate(source.connections, 1)}
@@ -101,7 +101,7 @@ def _tried(
     bag = simulated(folder / "drive", *kind)
     scans = len((folder / "drive" / "robot_0.truth.tum").read_text(encoding="utf-8").splitlines())
     if as_database:
-        as_database(bag, folder / "robot_0.db3")
+        write_as_database(bag, folder / "robot_0.db3")
         bag = folder / "robot_0.db3"
     damage(next(bag.glob("*.mcap")) if bag.is_dir() else bag)
     if kind == _MCAP and bag.is_dir() and least < 1.0:
@@ -130,7 +130,7 @@ def _first(pattern: str, text: str) -> str:
 def _refused(folder: Path, damage: Callable[[Path], None]) -> Outcome:
     """Map what cannot be mapped: one line must say why."""
     bag = simulated(folder / "drive", *_MCAP)
-    as_database(bag, folder / "robot_0.db3")
+    write_as_database(bag, folder / "robot_0.db3")
     damage(folder / "robot_0.db3")
     done, _ = mapped(folder / "robot_0.db3", folder / "maps")
     line = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else ""
