@@ -36,7 +36,7 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
-WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital", "campus")
+WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 FAULTS = (
     *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck"),
     *(

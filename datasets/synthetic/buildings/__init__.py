@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from datasets.synthetic.buildings.along_corridors import draw_corridor, draw_hospital, draw_office, draw_wings
-from datasets.synthetic.buildings.campus import draw_campus
 from datasets.synthetic.buildings.open_floors import draw_open_plan, draw_store
 from datasets.synthetic.buildings.subdivided import draw_apartment, draw_halls
 from datasets.synthetic.world.floor_plan import FloorPlan
@@ -20,10 +19,9 @@ _DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
     "apartment": draw_apartment,
     "open_plan": draw_open_plan,
     "hospital": draw_hospital,
-    "campus": draw_campus,
 }
 
-WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital", "campus")
+WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 """Names that `make_world` knows. New ones come last: a name's place is part of the seed."""
 
 _VARIETY = ("office", "halls", "store", "wings", "apartment", "open_plan")
@@ -38,8 +36,7 @@ def make_world(name: str, seed: int = 0) -> World:
         `office`: a corridor loop with rooms on both sides; `halls`: large halls with pillars; `store`: shelves and
         clutter; `corridor`: looks the same everywhere; `wings`: corridors with dead ends; `apartment`: rooms that
         open into one another; `open_plan`: partitions around a core; `variety`: the seed picks one of these, but no
-        corridor; `hospital`: long corridors around courts, 90 to 220 m long; `campus`: buildings of ring
-        corridors and passages between them, 2 km around.
+        corridor; `hospital`: long corridors around courts, 90 to 220 m long.
     seed
         Any whole number from 0; the same one gives the same building.
 

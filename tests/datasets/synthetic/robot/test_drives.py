@@ -8,7 +8,7 @@ from datasets.synthetic.buildings import WORLDS, make_world
 from datasets.synthetic.robot.drives import drive_along, plan_drives, short_tour
 from datasets.synthetic.world.clearance import ClearanceMap
 
-ALL_WORLDS = [pytest.param(name, marks=[pytest.mark.slow] if name in {"hospital", "campus"} else []) for name in WORLDS]
+ALL_WORLDS = [pytest.param(name, marks=[pytest.mark.slow] if name == "hospital" else []) for name in WORLDS]
 
 
 @pytest.mark.parametrize("name", ALL_WORLDS)
