@@ -23,8 +23,7 @@ def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executo
 
     In the first round each map is aligned with the few maps that look most like it, in later rounds with more of them,
     where that may join groups. Two maps that fit nothing so far are not tried further: a map that fits none of those
-    most like it is a stranger to the others, unless these are many that belong together. From the third round on, at
-    least one of the two groups is small: what comes so late to where it belongs are single maps.
+    most like it is a stranger to the others, unless these are many that belong together.
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executo
     for turn, neighbours in enumerate(how.neighbours):
         near = _nearest(likeliest_first, neighbours)
         new = [pair for pair in pairs if pair in near and pair not in found.alignments]
-        new = [pair for pair in new if not turn or _may_join(pair, found, later=turn > 1)]
+        new = [pair for pair in new if not turn or _may_join(pair, found)]
         if new:
             aligned = align_all(found.maps, config, executor, sorted(new, key=_place_in(order)))
             found = found.with_alignments({pair: aligned[pair] for pair in new})
@@ -81,12 +80,6 @@ def _place_in(order: Mapping[str, int]) -> Callable[[Pair], tuple[int, int]]:
     return lambda pair: (min(order[name] for name in pair), max(order[name] for name in pair))
 
 
-_SMALL = 2
-"""Of 30 maps of three real drives two were apart after two rounds. Of 40 maps of eight buildings, whose groups were
-complete after the first round, four fifths of all pairs that were aligned were of two such groups."""
-
-
-def _may_join(pair: Pair, found: MergeState, *, later: bool) -> bool:
-    """Tell whether two maps are in different groups, one of them of several maps; later, the other one small."""
-    fewer, more = sorted(len(found.group_of(name)) for name in pair)
-    return not found.are_joined(pair) and more > 1 and not (later and fewer > _SMALL)
+def _may_join(pair: Pair, found: MergeState) -> bool:
+    """Tell whether two maps are in different groups, one of them of several maps."""
+    return not found.are_joined(pair) and any(len(found.group_of(name)) > 1 for name in pair)

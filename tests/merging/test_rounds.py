@@ -4,13 +4,9 @@ from functools import partial
 import pytest
 
 from merging import MergeConfig, merge
-from merging.alignment import Alignment
-from merging.map_graph.grouping import Group, groups_of
+from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
 from merging.rounds import with_pairs_aligned
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.geometry.se2 import SE2
-from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 from tests.merging.floors import maps_of_floors
 
@@ -66,28 +62,6 @@ def test_further_rounds_align_what_may_join_groups_and_nothing_else(maps, first)
     for pair in more.alignments.keys() - first.alignments.keys():
         assert not first.are_joined(pair)
         assert joined & set(pair)  # two maps that fit nothing so far are strangers
-
-
-def test_two_groups_of_several_maps_are_tried_in_two_rounds_and_small_ones_in_all(monkeypatch):
-    """Eight maps, of which three and three are groups; each looks like its neighbours in the row."""
-    names = "abcdefgh"
-    groups = [Group(dict.fromkeys(some, SE2.identity())) for some in ("abc", "def", "g", "h")]
-    blank = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 2, 2)))
-    alike = {pair: -float(ord(pair[1]) - ord(pair[0])) for pair in itertools.combinations(names, 2)}
-    monkeypatch.setattr("merging.rounds.likeness_of_all", lambda *_: alike)
-    tried = []
-
-    def align_all(maps, config, executor, pairs):
-        tried.append(set(pairs))
-        return {pair: Alignment("correlation", accepted=False, reason="it fits nowhere") for pair in pairs}
-
-    monkeypatch.setattr("merging.rounds.align_all", align_all)
-    found = MergeState.of(dict.fromkeys(names, blank), {}, lambda _: groups)
-    with_pairs_aligned(found, in_rounds(1, 3, 7), Executor())
-    large = set(itertools.product("abc", "def"))
-    assert [len(pairs & large) for pairs in tried] == [1, 3, 0]
-    assert set.union(*tried) >= set(itertools.product("abcdef", "gh"))
-    assert ("g", "h") not in tried[1] | tried[2]
 
 
 def test_maps_of_known_poses_are_not_aligned_with_each_other(maps, first):
