@@ -177,7 +177,7 @@ class Alignment:
 
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
-        values = asdict(replace(self, T_more_less=None))
+        values = asdict(self)
         del values["T_more_less"]
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale is not a number if all inliers lie at one point.

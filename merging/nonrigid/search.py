@@ -192,9 +192,11 @@ def _bent_onto(
     """Deform a map at the places that look best, until it is aligned at one."""
     fixed = target.structure
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most need none
-    most = config.nonrigid.places
-    places = [peak.motion] if peak is not None else first_apart(proposals().motions, source.structure, most)
-    lead = lead_of(proposals(), source.structure) if peak is None else peak.lead
+    if peak is not None:
+        places, lead = [peak.motion], peak.lead
+    else:
+        places = first_apart(proposals().motions, source.structure, config.nonrigid.places)
+        lead = lead_of(proposals(), source.structure)
     found = _bent_at(target, source, places, proposals, config)
     if found is None and lead >= config.nonrigid.clear_lead:
         found = _bent_at(target, source, places, proposals, _widened(config))

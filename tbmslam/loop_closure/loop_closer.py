@@ -330,7 +330,7 @@ class _Drive:
             return None
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
 
-    def _bundle_of(self, keyframe: int) -> "_Bundle | None":
+    def _bundle_of(self, keyframe: int) -> _Bundle | None:
         """Return a keyframe's bundle, unless it has too few hits; it is searched for in several targets on end."""
         if self._bundle[0] != keyframe:
             config, bundle = self.config, None
