@@ -86,6 +86,7 @@ class MotionModel:
             start,
             lambda: self.coasting(reading),
             by_odometry=True,
+            swerve=self._swerve(start, reading.scan.stamp),
         )
 
     def coasting(self, reading: Reading) -> SE2:
@@ -189,6 +190,17 @@ class MotionModel:
     def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
         self._T_map_odom = T_map_robot @ (reading.T_odom_robot or SE2.identity()).inverse()
         self._distance, self._turn = 0.0, 0.0
+
+    def _swerve(self, start: SE2, stamp: float) -> float:
+        """Return how far a step to a pose is from the robot's last motion at equal speed [m]."""
+        before, after = self._last_move
+        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+            return 0.0
+        ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
+        # Straight on: within a step the heading hardly changes, and a pose at constant twist takes ten times as long.
+        return math.hypot(
+            start[0] - after[0] - ratio * (after[0] - before[0]), start[1] - after[1] - ratio * (after[1] - before[1])
+        )
 
     def _beyond(self) -> float:
         """Return how far the odometry came beyond what any robot's speed explains, lately and with this step [m].

@@ -11,6 +11,7 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.sensing.laser_scan import Hits, LaserScan
+from tbmslam.tracking.odometry_fault import OdometryFault
 from tbmslam.tracking.odometry_noise import FREEDOM
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
@@ -31,6 +32,9 @@ _LOST_TRUST = 0.01
 """Weight of the odometry's information there: loops may move the rest of the drive by ten times its deviations."""
 _SURPRISING = 12.8
 """Squared Mahalanobis distance from the prior beyond which other starts are tried; chance exceeds it once in 200."""
+_SWERVE = 0.1
+"""A step of the odometry that differs more from the robot's last motion may be a fault: registration converges from no
+farther away [m]. Without it csail with reversed odometry is torn."""
 _CERTAIN = 2.0
 """Standard deviations below its estimate at which a share is certain. Lasers of few hits need a denser map: with 0 the
 drive with a range of 1 m (`weak-lasers`) is off by 0.15 m instead of 0.03 m."""
@@ -85,6 +89,8 @@ class SurfelTracker:
         self._last: SE2 | None = None
         self._seen: tuple[LaserScan, Hits] | None = None
         self._rest, self._in_vain = 0, 1.0
+        self._fault = OdometryFault()
+        self._surprise: float | None = None  # of the last scan, where odometry and scan both place it
         tolerances = np.array(config.tolerances)
         self._search = FREEDOM, config.correlation_length, math.inf, tolerances, config.max_points, config.iterations
         self._narrow = *self._search[:3], tolerances[-1:], *self._search[4:]
@@ -94,17 +100,21 @@ class SurfelTracker:
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the prior's mean."""
         config = self._config
+        self._surprise = None
         if prior.deviations[0] == 0.0:  # the first scan lies where it lies
             self._seen = scan, scan.hits(config.max_range)
             return ScanMatch(prior.mean @ T_robot_sensor, 0.0, moved=False)
         result, hits = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search)
         self._seen = scan, hits
-        if result.matched < config.doubtful or result.surprise > _SURPRISING:
+        is_surprising = result.surprise > _SURPRISING or prior.swerve > _SWERVE or self._fault.is_suspected
+        if result.matched < config.doubtful or is_surprising:
             result = self._elsewhere(hits, prior, T_robot_sensor, result)
         if result.matched < config.min_matched:
             lost = result.matched < _FEW and result.independent * (1.0 - result.matched) > _MANY
             trust = _LOST_TRUST if lost else 1.0
             return ScanMatch(prior.mean @ T_robot_sensor, result.matched, moved=False, trust=trust, is_lost=lost)
+        if prior.by_odometry:
+            self._surprise = result.surprise
         trust = (FREEDOM + 3.0) / (FREEDOM + result.surprise)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust)
 
@@ -114,7 +124,7 @@ class SurfelTracker:
             return result
 
         def cost(registration: Registration) -> float:
-            return self._cost(hits, registration)
+            return self._cost(hits, registration, prior.swerve > _SWERVE)
 
         mean, coasting = prior.mean @ T_robot_sensor, prior.coasting() @ T_robot_sensor
         information = prior_information(prior.deviations, prior.mean.theta, (*T_robot_sensor,))
@@ -141,10 +151,10 @@ class SurfelTracker:
                 self._rest, self._in_vain = self._config.search_rest, best.matched
         return best
 
-    def _cost(self, hits: Hits, result: Registration) -> float:
+    def _cost(self, hits: Hits, result: Registration, swerves: bool) -> float:
         """Return the negative logarithm of a registration's posterior, up to a constant."""
         strays = self._map.strays(hits, result.pose, _THING, self._config.tolerances[-1])
-        return _STRAY * strays + 0.5 * (FREEDOM + 3.0) * math.log1p(result.surprise / FREEDOM)
+        return _STRAY * strays + self._fault.cost(result.surprise, swerves)
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""
@@ -178,6 +188,8 @@ class SurfelTracker:
             self._map.insert(Hits.joined([hits.placed(there) for hits, there in self._recent]), SE2.identity())
             self._recent.clear()
             self._travelled = 0.0
+        if self._surprise is not None:
+            self._fault.observe(self._surprise)
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))

@@ -69,6 +69,8 @@ class PosePrior(NamedTuple):
         How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0.
     by_odometry
         Whether the mean comes from odometry.
+    swerve
+        How far the odometry's step since the last scan is from the robot's last motion at equal speed [m].
     """
 
     mean: SE2
@@ -78,6 +80,7 @@ class PosePrior(NamedTuple):
     coasting: Callable[[], SE2]
     jump: float = 0.0
     by_odometry: bool = False
+    swerve: float = 0.0
 
 
 class Tracker(Protocol):

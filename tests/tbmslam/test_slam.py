@@ -17,6 +17,7 @@ from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
+from tbmslam.tracking import odometry_fault, surfel_tracker
 
 
 def mapped(readings, config=None):
@@ -304,3 +305,26 @@ def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_
     stated = ate(robot, mapped(readings, config_from_dict({"motion": {"odometry": {"learning": False}}})))
     assert learning < 0.4 * stated
     assert learning < 0.08
+
+
+def _ate_with_reversed_odometry(drive_in, seed: int) -> float:
+    """Return the ATE [m] along a corridor where the odometry tells the opposite for six seconds."""
+    alone = drive_in("corridor", 40.0, odometry="good", seed=seed)
+    robot = inject(alone, Fault("odometry_reversed", 20.0, 6.0), make_world("corridor", seed))
+    odometry = poses_at(robot.odometry, robot.truth.stamps).tolist()
+    readings = [replace(r, T_odom_robot=SE2(*p)) for r, p in zip(robot.readings, odometry, strict=True)]
+    return ate(robot, mapped(readings))
+
+
+def test_odometry_that_tells_the_opposite_along_a_corridor_is_overruled(drive_in):
+    assert _ate_with_reversed_odometry(drive_in, 1) < 0.01
+
+
+@pytest.mark.slow
+def test_keyframes_judged_alone_believe_reversed_odometry_along_a_corridor(drive_in, monkeypatch):
+    """Ablation of `tbmslam.tracking.odometry_fault`: a fault lasts for more than a keyframe."""
+    seeds = range(5)
+    assert max(_ate_with_reversed_odometry(drive_in, seed) for seed in seeds) < 0.1
+    monkeypatch.setattr(odometry_fault, "_BEGINS", 0.0)
+    monkeypatch.setattr(surfel_tracker, "_SWERVE", math.inf)
+    assert min(_ate_with_reversed_odometry(drive_in, seed) for seed in seeds) > 1.0
