@@ -282,13 +282,18 @@ def test_a_laser_of_a_single_beam_needs_no_step():
     assert len(slam.finish().drives[0].trajectory) == 30
 
 
+def _with_reversed_odometry(alone, world):
+    """Return a drive whose odometry tells the opposite for six seconds, and its readings."""
+    robot = inject(alone, Fault("odometry_reversed", 20.0, 6.0), world)
+    odometry = poses_at(robot.odometry, robot.truth.stamps).tolist()
+    return robot, [replace(r, T_odom_robot=SE2(*p)) for r, p in zip(robot.readings, odometry, strict=True)]
+
+
 def test_odometry_that_tells_the_opposite_for_six_seconds_is_overruled(drive_in):
     alone = drive_in("office", 40.0, odometry="good", seed=2)
-    robot = inject(alone, Fault("odometry_reversed", 20.0, 6.0), make_world("office", 2))
-    odometry = poses_at(robot.odometry, robot.truth.stamps)
-    readings = [replace(r, T_odom_robot=SE2(*pose)) for r, pose in zip(robot.readings, odometry.tolist(), strict=True)]
-    back = np.hypot(*(odometry - [r.T_odom_robot for r in alone.readings])[:, :2].T).max()
-    assert back > 2.0
+    robot, readings = _with_reversed_odometry(alone, make_world("office", 2))
+    told, right = (np.array([r.T_odom_robot for r in each]) for each in (readings, alone.readings))
+    assert np.hypot(*(told - right)[:, :2].T).max() > 2.0
     assert ate(robot, mapped(readings)) < 0.006
 
 
@@ -310,9 +315,7 @@ def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_
 def _ate_with_reversed_odometry(drive_in, seed: int) -> float:
     """Return the ATE [m] along a corridor where the odometry tells the opposite for six seconds."""
     alone = drive_in("corridor", 40.0, odometry="good", seed=seed)
-    robot = inject(alone, Fault("odometry_reversed", 20.0, 6.0), make_world("corridor", seed))
-    odometry = poses_at(robot.odometry, robot.truth.stamps).tolist()
-    readings = [replace(r, T_odom_robot=SE2(*p)) for r, p in zip(robot.readings, odometry, strict=True)]
+    robot, readings = _with_reversed_odometry(alone, make_world("corridor", seed))
     return ate(robot, mapped(readings))
 
 
