@@ -34,7 +34,7 @@ _SURPRISING = 12.8
 """Squared Mahalanobis distance from the prior beyond which other starts are tried; chance exceeds it once in 200."""
 _SWERVE = 0.1
 """A step of the odometry that differs more from the robot's last motion may be a fault: registration converges from no
-farther away [m]. Without it csail with reversed odometry is torn."""
+farther away [m]. Without it csail errs by 0.63 m in one of seven runs with reversed odometry."""
 _CERTAIN = 2.0
 """Standard deviations below its estimate at which a share is certain. Lasers of few hits need a denser map: with 0 the
 drive with a range of 1 m (`weak-lasers`) is off by 0.15 m instead of 0.03 m."""
