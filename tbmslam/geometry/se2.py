@@ -146,6 +146,16 @@ def log(motions: FloatArray) -> FloatArray:
     return np.column_stack((vx, vy, turn))
 
 
+def adjoints(poses: FloatArray) -> FloatArray:
+    """Return the matrices (N, 3, 3) that carry small motions in the frames of poses (N, 3) to the map; eq. 159."""
+    adjoints = np.zeros((len(poses), 3, 3))
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    adjoints[:, 0, 0], adjoints[:, 0, 1], adjoints[:, 0, 2] = cosine, -sine, poses[:, 1]
+    adjoints[:, 1, 0], adjoints[:, 1, 1], adjoints[:, 1, 2] = sine, cosine, -poses[:, 0]
+    adjoints[:, 2, 2] = 1.0
+    return adjoints
+
+
 def interpolate(begins: FloatArray, ends: FloatArray, shares: FloatArray) -> FloatArray:
     """Return the poses at shares (N,) of the constant-twist motions from some poses (N, 3) to others."""
     vx, vy, turn = (log(compose(inverse(begins), ends)) * shares[:, None]).T

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import FloatArray, inverse
+from tbmslam.geometry.se2 import FloatArray, adjoints, inverse
 from tbmslam.kernels.search.ways import nearest_stretches, shortest_ways
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.scan_hits import DriveHits
@@ -80,7 +80,7 @@ class ChainDrift:
 
     def __init__(self, poses: FloatArray, covariances: FloatArray) -> None:
         self._poses = poses
-        carried = _adjoints(poses[1:]) @ covariances @ np.swapaxes(_adjoints(poses[1:]), 1, 2)
+        carried = adjoints(poses[1:]) @ covariances @ np.swapaxes(adjoints(poses[1:]), 1, 2)
         self._sums = np.zeros((len(poses), 3, 3))
         np.cumsum(carried, axis=0, out=self._sums[1:])
 
@@ -93,21 +93,11 @@ class ChainDrift:
         al., eq. 54).
         """
         sums = self._sums[np.maximum(sources, targets)] - self._sums[np.minimum(sources, targets)]
-        to_target = _adjoints(inverse(self._poses[targets]))
+        to_target = adjoints(inverse(self._poses[targets]))
         covariances = to_target @ sums @ np.swapaxes(to_target, 1, 2)
         xx, yy, xy = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
         largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
         return np.sqrt(np.maximum(largest, 0.0)), np.sqrt(np.maximum(covariances[:, 2, 2], 0.0))
-
-
-def _adjoints(poses: FloatArray) -> FloatArray:
-    """Return the matrices (N, 3, 3) that carry errors in the frames of poses (N, 3) to that of the map; eq. 159."""
-    adjoints = np.zeros((len(poses), 3, 3))
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    adjoints[:, 0, 0], adjoints[:, 0, 1], adjoints[:, 0, 2] = cosine, -sine, poses[:, 1]
-    adjoints[:, 1, 0], adjoints[:, 1, 1], adjoints[:, 1, 2] = sine, cosine, -poses[:, 0]
-    adjoints[:, 2, 2] = 1.0
-    return adjoints
 
 
 _SUBMAPS_KEPT = 500

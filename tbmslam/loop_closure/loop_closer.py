@@ -3,8 +3,8 @@
 Stretches of the drive are joined into submaps. Wherever the drive may have come back, which a model of its drift says,
 a bundle of neighbouring keyframes is searched for in the old submap, laid onto its surfaces and verified: enough of it
 must lie on surfaces, and little in space known to be free. A direction that the fit leaves open, as along a corridor,
-stays open. Where the drive may have drifted far, finds count only when several along the way agree. Accepted closures
-enter a robust pose graph.
+stays open. Where the drive may have drifted far, finds count only when several along the way agree and the drift allows
+them. Accepted closures enter a robust pose graph.
 """
 
 import logging
@@ -20,6 +20,7 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
+from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig
@@ -164,6 +165,9 @@ class _Drive:
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
         drift = ChainDrift(poses, self._chain.covariances)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
+        search = self._chain, self._targets, self._hits, config.robust_width
+        self._drift_test = DriftTest(*search, config.bundle, config.match_points)
+        self._far_test = DriftTest(*search, _FAR_BUNDLE, 2 * config.match_points)
         self._far_votes = ClosureVotes(_FAR_VOTES, self._hits.travelled)
         self._far_stop = -1
 
@@ -271,8 +275,19 @@ class _Drive:
                 votes += self._votes_for(keyframe, target, shift, turn)
             else:
                 fits.append(self._fit(keyframe, target, shift, turn))
-        self._votes.add(votes)
-        return [fit for fit in fits if fit is not None] + (self._votes.elected(self.poses) if votes else [])
+        return [fit for fit in fits if fit is not None] + self._elected(self._votes, self._drift_test, votes)
+
+    def _elected(self, election: ClosureVotes, test: DriftTest, votes: list[PlacedBundle]) -> list[PlacedBundle]:
+        """Add votes; return those that agree, if they outvote all others and the drive's motions allow them."""
+        if not votes:
+            return []
+        election.add(votes)
+        elected = election.elected(self.poses)
+        closures = list(self.closures.values())
+        if not elected or not test.allows(elected, self._covariances(elected[-1:])[0], self.poses, closures):
+            return []
+        election.forget()
+        return elected
 
     def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
         """Return all places in a target at which a keyframe's bundle may lie."""
@@ -292,7 +307,7 @@ class _Drive:
         is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= self.config.max_slide
         if weight <= 0.0 or not is_near or self._open_direction(fit.hessian) is not None:
             return None
-        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight)
+        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight, fit.violated)
 
     def _found_far(self, keyframe: int) -> list[PlacedBundle]:
         """Return where a keyframe's bundle was found beyond its window, once several along the way agree."""
@@ -309,8 +324,7 @@ class _Drive:
             vote = self._vote(self._far_votes, keyframe, target, bundle, place)
             if vote is not None:
                 votes.append(vote)
-        self._far_votes.add(votes)
-        return self._far_votes.elected(self.poses) if votes else []
+        return self._elected(self._far_votes, self._far_test, votes)
 
     def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
         """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
@@ -341,22 +355,23 @@ class _Drive:
         return self._bundle[1]
 
     def _add_closures(self) -> None:
-        """Make closures of what was found since the last time.
-
-        A closure's information, in the keyframe's frame, is its curvature and what submaps bend at best.
-        """
+        """Make closures of what was found since the last time."""
         if not self._new:
             return
-        config = self.config
-        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
-        curvatures = np.array([found.hessian for found in self._new]) + np.eye(3) * 1e-3
-        informations = np.linalg.inv(np.linalg.inv(curvatures) + floor)
-        rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in self._new])
-        informations = np.swapaxes(rotations, 1, 2) @ informations @ rotations
+        informations = np.linalg.inv(self._covariances(self._new))
         for found, information in zip(self._new, informations, strict=True):
             edge = MotionEdge(found.anchor, found.keyframe, found.pose, information)
             self.closures[found.keyframe, found.target] = edge
         self._new = []
+
+    def _covariances(self, placed: list[PlacedBundle]) -> FloatArray:
+        """Return the covariances (N, 3, 3) of places in the keyframes' frames: of the fits, and what submaps bend."""
+        config = self.config
+        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
+        curvatures = np.array([found.hessian for found in placed]) + np.eye(3) * 1e-3
+        rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in placed])
+        covariances: FloatArray = np.swapaxes(rotations, 1, 2) @ (np.linalg.inv(curvatures) + floor) @ rotations
+        return covariances
 
     def _determined(self, hessian: FloatArray) -> FloatArray:
         """Return the curvature without the direction that a fit leaves open.

@@ -48,6 +48,8 @@ class PlacedBundle(NamedTuple):
         Curvature (3, 3) of the directions that are determined.
     weight
         How much it counts beside others.
+    violated
+        Share of the bundle in space that the target knows to be free.
     """
 
     keyframe: int
@@ -56,6 +58,7 @@ class PlacedBundle(NamedTuple):
     pose: SE2
     hessian: FloatArray
     weight: float = 1.0
+    violated: float = 0.0
 
 
 class ClosureVotes:
@@ -88,7 +91,7 @@ class ClosureVotes:
             self._votes = [vote for vote in self._votes if self._travelled[vote.keyframe] >= since] + votes
 
     def elected(self, poses: FloatArray) -> list[PlacedBundle]:
-        """Return the votes that agree, where they outvote all others, and forget them; else none.
+        """Return the votes that agree, where they outvote all others; else none.
 
         Parameters
         ----------
@@ -107,9 +110,11 @@ class ClosureVotes:
         rival = sums[apart[best]].max(initial=0.0)
         if len(np.unique(stops[agreeing])) < config.stops or sums[best] < max(config.margin * rival, config.min_sum):
             return []
-        chosen = [vote for vote, agrees in zip(self._votes, agreeing, strict=True) if agrees]
+        return [vote for vote, agrees in zip(self._votes, agreeing, strict=True) if agrees]
+
+    def forget(self) -> None:
+        """Forget all votes."""
         self._votes = []
-        return chosen
 
     def _agreement(
         self, poses: FloatArray, stops: npt.NDArray[np.int64]

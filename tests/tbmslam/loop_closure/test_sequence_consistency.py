@@ -54,11 +54,12 @@ def test_what_was_found_far_behind_is_forgotten():
     assert len(elected_after([[vote(k, SE2(1.0, 0.0, 0.0))] for k in (10, 12, 14)])) == 3
 
 
-def test_what_was_elected_is_not_elected_again():
+def test_what_was_forgotten_is_not_elected():
     votes = ClosureVotes(CONFIG, POSES[:, 0])
     for k in range(3):
         votes.add([vote(20 + k, SE2(1.0, 0.0, 0.0))])
     assert len(votes.elected(POSES)) == 3
+    votes.forget()
     votes.add([vote(23, SE2(1.0, 0.0, 0.0))])
     assert votes.elected(POSES) == []
 
