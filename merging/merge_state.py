@@ -19,7 +19,7 @@ class MergeState:
     Parameters
     ----------
     grouping
-        Joins maps to groups by alignments.
+        The function that groups maps by alignments.
     maps
         The maps by name, deformed ones as they are now.
     alignments
@@ -28,7 +28,7 @@ class MergeState:
         The groups of maps, the largest first.
     evidence_grids
         The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own.
-    straightened
+    deformed
         The deformed maps.
     """
 
@@ -37,7 +37,7 @@ class MergeState:
     alignments: Mapping[Pair, Alignment]
     groups: Sequence[Group]
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
-    straightened: Mapping[str, TbmMap] = field(default_factory=dict)
+    deformed: Mapping[str, TbmMap] = field(default_factory=dict)
 
     @classmethod
     def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":
@@ -69,11 +69,9 @@ class MergeState:
         evidence_grids = {**self.evidence_grids, **(evidence_grids or {})}
         return replace(self, alignments=alignments, groups=self.grouping(alignments), evidence_grids=evidence_grids)
 
-    def with_straightened(self, name: str, straightened: TbmMap) -> "MergeState":
+    def with_deformed(self, name: str, deformed: TbmMap) -> "MergeState":
         """Return the state with one of the maps deformed."""
-        return replace(
-            self, maps={**self.maps, name: straightened}, straightened={**self.straightened, name: straightened}
-        )
+        return replace(self, maps={**self.maps, name: deformed}, deformed={**self.deformed, name: deformed})
 
     def with_own_grids(self, pair: Pair) -> "MergeState":
         """Return the state with the present grids as those that a pair was aligned by."""

@@ -47,7 +47,7 @@ class Merge:
     evidence_grids
         The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own:
         rendered from short ranges, or deformed.
-    straightened
+    deformed
         The deformed maps by name, which were merged instead of the given ones.
     """
 
@@ -60,7 +60,7 @@ class Merge:
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
-    straightened: Mapping[str, TbmMap] = field(default_factory=dict)
+    deformed: Mapping[str, TbmMap] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return which maps were merged, and why the others were not, one line each."""
@@ -141,8 +141,8 @@ def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, Nonrigid
         return found
     before = found.groups
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
-    for name, straightened in deformed_maps(registrations, found.maps, found.groups, before).items():
-        found = found.with_straightened(name, straightened)
+    for name, deformed in deformed_maps(registrations, found.maps, found.groups, before).items():
+        found = found.with_deformed(name, deformed)
     for pair in registrations:
         if any(pair in group.used for group in found.groups):
             found = found.with_own_grids(pair)
@@ -165,7 +165,7 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
         group.used,
         group.outvoted,
         found.evidence_grids,
-        {name: deformed for name, deformed in found.straightened.items() if name in joined.poses},
+        {name: deformed for name, deformed in found.deformed.items() if name in joined.poses},
     )
 
 

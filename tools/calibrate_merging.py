@@ -132,7 +132,7 @@ def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -
     from tools.map_pairs.files import load_pair, shows_part
 
     pair = load_pair(path)
-    of = Trial.of_bent if bent else Trial.of
+    of = Trial.of_deformed if bent else Trial.of
     return of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
 
 

@@ -24,7 +24,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py -o cut-anew --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
       cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
   python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
-      maps as of two years: each is bent by 0.3 m, and everything that people move stands elsewhere
+      maps as of two years: each is distorted by 0.3 m, and all movable objects stand elsewhere
 
 exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage, 130 interrupted
 """

@@ -213,27 +213,27 @@ class NonrigidConfig(FrozenConfig):
     enabled
         Whether refused pairs are registered non-rigidly.
     side_m
-        Side of the tiles that slide at first, about [m]; later ones have half of it.
+        Approximate side of the tiles of the first round [m]; tiles of later rounds have half of it.
     most
-        Tiles of a map at the most; those of larger maps are larger.
+        The largest number of tiles of a map. Larger maps have larger tiles.
     min_lead
-        Pairs are tried in which the correlation scores the best place higher than the next one by this factor. Of 66
-        bent pairs of simulated floors that are aligned so the least has 1.08; 60 of 187 pairs of different places have
-        less than 1.05, and a quarter of the time is saved.
+        A pair is tried if the correlation scores the best pose higher than the next one by this factor. Of 66 deformed
+        pairs of simulated floors that are aligned by it, the smallest factor is 1.08. 60 of 187 pairs of different
+        places have less than 1.05. The limit saves a quarter of the time.
     places
-        So many of the places that the correlation likes most are tried.
+        The number of poses of the correlation that are tried.
     rivals
-        So many more of them, and of those that fit best as they are, must not fit as well once they are bent too.
+        The number of further poses, and of poses that fit best rigidly, that are deformed too and must not fit as well.
     min_agreement, min_wall_m
-        A tile says where it belongs if so large a share of its walls that can be compared agrees, and so much [m].
+        A registered tile is used if this share of its comparable walls agrees, and this length of walls [m].
     farthest_m
-        How far a tile may slide from where its neighbours have it [m].
+        The largest distance of a tile from its initial pose [m].
     clear_lead
-        Where the correlation scores the best place higher than the next one by this factor, a second attempt bears with
-        larger distances. Of bent pairs of simulated floors that it alone aligns the least has 2.18. One in twenty pairs
-        of different places has more than 2, but fits no better with larger distances.
+        A second attempt tolerates larger distances if the correlation scores the best pose higher than the next one by
+        this factor. Of the deformed pairs of simulated floors that only the second attempt aligns, the smallest factor
+        is 2.18. One in twenty pairs of different places has more than 2, but fits no better with larger distances.
     wide_agreement_m, wide_conflict_m, wide_see_through_m
-        The distances of `VerificationConfig` in that attempt [m]; walls slide on from as far as they may agree.
+        The distances of `VerificationConfig` in the second attempt [m]. `wide_agreement_m` also limits the refinement.
     """
 
     PUBLIC: ClassVar = ("enabled",)

@@ -1,1 +1,1 @@
-"""Maps that fit nowhere rigidly: one of two is deformed."""
+"""Non-rigid registration of two maps that no rigid transform aligns."""

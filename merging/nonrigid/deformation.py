@@ -1,4 +1,4 @@
-"""How a map is bent that lies on another tile by tile: where each of its points belongs."""
+"""A deformation of a map: rigid transforms of its tiles, interpolated between them."""
 
 import math
 from collections.abc import Sequence
@@ -15,25 +15,25 @@ from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _STEP = 8
-"""At every so many cells it is asked where they come from; between them that changes evenly."""
+"""The inverse of a deformation is computed at every eighth cell and interpolated linearly between them."""
 _BAND = 256
-"""So many rows of cells are drawn at once."""
+"""Rows of cells that are resampled at once, to limit the memory."""
 _ROUNDS = 8
-"""Steps in which that is found; each leaves a tenth of the error, or as much as a metre of way is bent by."""
+"""Fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
 
 
 @dataclass(frozen=True)
 class Deformation:
-    """Where a bent map's points belong: a mean of what the tiles near by say, the nearer the more.
+    """A mapping of points from a source map to a target map: the mean of rigid transforms, weighted by distance.
 
     Parameters
     ----------
     centroids
-        The tiles' centroids (N, 2), in the map's frame [m].
+        Centroids of the tiles (N, 2) in the source's frame [m].
     motions
-        T_target_source as each of them has it.
+        T_target_source of each tile.
     reach_m
-        How far a tile has a say, a standard deviation [m].
+        Standard deviation of the Gaussian weight of a tile over the distance from its centroid [m].
     """
 
     centroids: FloatArray
@@ -41,80 +41,83 @@ class Deformation:
     reach_m: float
 
     @classmethod
-    def none(cls, T_target_source: SE2) -> "Deformation":
-        """Return that of a map which is not bent."""
+    def of_rigid(cls, T_target_source: SE2) -> "Deformation":
+        """Return a rigid transform as a deformation."""
         return cls(np.zeros((1, 2)), [T_target_source], 1.0)
 
     @classmethod
-    def of(cls, tiles: Sequence[WallMap], motions: Sequence[SE2]) -> "Deformation":
-        """Return what tiles say that lie at T_target_source each."""
+    def of_tiles(cls, tiles: Sequence[WallMap], motions: Sequence[SE2]) -> "Deformation":
+        """Return the deformation by tiles and the T_target_source of each."""
         bounds = np.array([tile.geometry.bounds() for tile in tiles])
         centroids = np.array([tile.centroid for tile in tiles])
         return cls(centroids, motions, float((bounds[:, 2:] - bounds[:, :2]).mean()) / 2.0)
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Return where points (K, 2) of the map belong in the target's frame."""
-        shares = self._shares(points)
-        return np.asarray(sum(shares[:, [i]] * motion.apply(points) for i, motion in enumerate(self.motions)))
+        """Transform points (K, 2) of the source to the target's frame."""
+        weights = self._weights(points)
+        return np.asarray(sum(weights[:, [i]] * motion.apply(points) for i, motion in enumerate(self.motions)))
 
     def motion_at(self, point: FloatArray) -> SE2:
-        """Return T_target_source as it is near a point (2,) of the map."""
-        shares = self._shares(point[None])[0]
-        turns = np.array([motion.theta for motion in self.motions])
-        theta = math.atan2(float(shares @ np.sin(turns)), float(shares @ np.cos(turns)))
+        """Return the rigid T_target_source near a point (2,) of the source."""
+        weights = self._weights(point[None])[0]
+        angles = np.array([motion.theta for motion in self.motions])
+        theta = math.atan2(float(weights @ np.sin(angles)), float(weights @ np.cos(angles)))
         x, y = self.apply(point[None])[0] - SE2(0.0, 0.0, theta).apply(point)
         return SE2(float(x), float(y), theta)
 
-    def rigid(self) -> tuple[SE2, float, float]:
-        """Return the rigid motion nearest to it, and how far tiles are from it, root mean squares [m], [rad]."""
-        laid = self.apply(self.centroids)
-        # Tiles in a row do not tell how the map is turned as well as they tell it themselves.
+    def nearest_rigid(self) -> tuple[SE2, float, float]:
+        """Return the rigid transform that fits best, and the RMS residuals of the tiles [m], [rad]."""
+        expected = self.apply(self.centroids)
+        # The rotations of the tiles tell the rotation of the map where their centroids lie in one row.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
         before = np.vstack([centroid + around for centroid in self.centroids])
         after = np.vstack(
             [m.apply(centroid + around) for centroid, m in zip(self.centroids, self.motions, strict=True)]
         )
-        motion = fit_rigid(after, before)[0]
-        apart = np.linalg.norm(motion.apply(self.centroids) - laid, axis=1)
-        turned = [wrap_angle(one.theta - motion.theta) for one in self.motions]
-        return motion, float(np.sqrt(np.mean(apart**2))), float(np.sqrt(np.mean(np.square(turned))))
+        rigid = fit_rigid(after, before)[0]
+        distances = np.linalg.norm(rigid.apply(self.centroids) - expected, axis=1)
+        rotations = [wrap_angle(motion.theta - rigid.theta) for motion in self.motions]
+        return rigid, float(np.sqrt(np.mean(distances**2))), float(np.sqrt(np.mean(np.square(rotations))))
 
     def scale(self) -> tuple[float, float]:
-        """Return the scale that brings the tiles' centroids nearest to where they belong, and how much of it that is.
+        """Return the scale that fits the tiles' centroids best, and the share of the deformation that it explains.
 
-        The latter is the share of the squared distances that a rigid motion leaves and the scale removes; 0 with fewer
-        than three tiles, of which any two fit at some scale.
+        The share is of the squared residuals of a rigid transform. It is 0 for fewer than three tiles, since any two
+        centroids fit at some scale.
         """
         if len(self.centroids) < 3:
             return 1.0, 0.0
-        laid = np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])
-        motion, scale = fit_rigid(laid, self.centroids)
-        rigid = motion.apply(self.centroids) - laid.mean(axis=0)
-        left, left_scaled = (float(((factor * rigid + laid.mean(axis=0) - laid) ** 2).sum()) for factor in (1.0, scale))
+        targets = self._target_centroids()
+        middle = targets.mean(axis=0)
+        motion, scale = fit_rigid(targets, self.centroids)
+        rigid = motion.apply(self.centroids) - middle
+        left, left_scaled = (float(((factor * rigid + middle - targets) ** 2).sum()) for factor in (1.0, scale))
         return scale, 1.0 - left_scaled / left if left > 0.0 else 0.0
 
     def inverse(self) -> "Deformation":
-        """Return where points of the target belong in this map."""
-        centroids = np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])
-        return Deformation(centroids, [motion.inverse() for motion in self.motions], self.reach_m)
+        """Return the deformation from the target to the source."""
+        return Deformation(self._target_centroids(), [motion.inverse() for motion in self.motions], self.reach_m)
 
-    def then(self, bend: "Deformation") -> "Deformation":
-        """Return where its points belong once the target is bent, too."""
-        motions = [
-            bend.motion_at(m.apply(centroid)) @ m for centroid, m in zip(self.centroids, self.motions, strict=True)
-        ]
+    def _target_centroids(self) -> FloatArray:
+        """Return the centroids (N, 2) in the target's frame, each by the transform of its tile [m]."""
+        return np.array([m.apply(centroid) for centroid, m in zip(self.centroids, self.motions, strict=True)])
+
+    def then(self, onward: "Deformation") -> "Deformation":
+        """Return the composition with a deformation of the target."""
+        targets = self._target_centroids()
+        motions = [onward.motion_at(target) @ motion for target, motion in zip(targets, self.motions, strict=True)]
         return Deformation(self.centroids, motions, self.reach_m)
 
-    def seen_from(self, T_target_other: SE2, T_source_new: SE2) -> "Deformation":
-        """Return the same of another target, and of the map in another frame of its own."""
-        here = T_target_other.inverse()
-        motions = [here @ motion @ T_source_new for motion in self.motions]
+    def in_frames(self, T_target_other: SE2, T_source_new: SE2) -> "Deformation":
+        """Return the deformation expressed in another frame of the target and another frame of the source."""
+        T_other_target = T_target_other.inverse()
+        motions = [T_other_target @ motion @ T_source_new for motion in self.motions]
         return Deformation(T_source_new.inverse().apply(self.centroids), motions, self.reach_m)
 
-    def straightened(self, grid: TbmGrid, T_target_source: SE2) -> TbmGrid:
-        """Return the map in its own frame once it is bent so that a rigid motion lays it onto the target."""
+    def deformed(self, grid: TbmGrid, T_target_source: SE2) -> TbmGrid:
+        """Return the deformed map in the source's frame; the rigid T_target_source then aligns it with the target."""
         T_source_target = T_target_source.inverse()
-        geometry = _covering(T_source_target.apply(self.apply(_lattice(grid.geometry))), grid)
+        geometry = _covering(T_source_target.apply(self.apply(_sample_points(grid.geometry))), grid)
         masses = np.empty((geometry.rows, geometry.cols, 4), dtype=np.float32)
         for first in range(0, geometry.rows, _BAND):
             last = min(first + _BAND, geometry.rows)
@@ -125,29 +128,29 @@ class Deformation:
     def _cells_of(
         self, wanted: GridGeometry, T_source_target: SE2, source: GridGeometry
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return the rows and columns (rows, cols) of the map that come to lie in the cells wanted."""
+        """Return the row and the column in the source (rows, cols each) of each wanted cell."""
         rows, cols = (np.arange(0, size + _STEP, _STEP) for size in (wanted.rows, wanted.cols))
-        there = wanted.centres_of(*(index.ravel() for index in np.meshgrid(rows, cols, indexing="ij")))
-        points = there
+        centres = wanted.centres_of(*(index.ravel() for index in np.meshgrid(rows, cols, indexing="ij")))
+        points = centres
         for _ in range(_ROUNDS):
-            points = points + there - T_source_target.apply(self.apply(points))
+            points = points + centres - T_source_target.apply(self.apply(points))
         cells = (points - (source.origin_x, source.origin_y)) / source.resolution
         row, col = np.mgrid[: wanted.rows, : wanted.cols].astype(np.float32) / _STEP
         x, y = (
-            np.floor(cv2.remap(one, col, row, cv2.INTER_LINEAR)).astype(np.int64)
-            for one in cells.reshape(len(rows), len(cols), 2).astype(np.float32).transpose(2, 0, 1)
+            np.floor(cv2.remap(coordinate, col, row, cv2.INTER_LINEAR)).astype(np.int64)
+            for coordinate in cells.reshape(len(rows), len(cols), 2).astype(np.float32).transpose(2, 0, 1)
         )
         return y, x
 
-    def _shares(self, points: FloatArray) -> FloatArray:
-        """Return how much each tile has to say (K, N) at points."""
+    def _weights(self, points: FloatArray) -> FloatArray:
+        """Return the weights (K, N) of the tiles at points (K, 2)."""
         squares = ((points[:, None] - self.centroids) ** 2).sum(axis=2)
         weights = np.exp((squares.min(axis=1, keepdims=True) - squares) / (2.0 * self.reach_m**2))
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 def _read(grid: TbmGrid, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]) -> Masses:
-    """Return what cells of a grid hold (rows, cols, 4); outside of it nothing is known."""
+    """Return the masses (rows, cols, 4) of cells of a grid; cells outside the grid are unknown."""
     inside = (rows >= 0) & (rows < grid.geometry.rows) & (cols >= 0) & (cols < grid.geometry.cols)
     masses = np.zeros((*inside.shape, 4), dtype=np.float32)
     masses[..., UNKNOWN] = 1.0
@@ -155,8 +158,8 @@ def _read(grid: TbmGrid, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64
     return masses
 
 
-def _lattice(geometry: GridGeometry) -> FloatArray:
-    """Return points all over a grid, its corners among them."""
+def _sample_points(geometry: GridGeometry) -> FloatArray:
+    """Return evenly spaced points (N, 2) of a grid, including its corners [m]."""
     left, bottom, right, top = geometry.bounds()
     count = 2 + max(geometry.rows, geometry.cols) // 64
     x, y = np.meshgrid(np.linspace(left, right, count), np.linspace(bottom, top, count))
@@ -164,7 +167,7 @@ def _lattice(geometry: GridGeometry) -> FloatArray:
 
 
 def _covering(points: FloatArray, grid: TbmGrid) -> GridGeometry:
-    """Return a grid with a grid's cells, large enough for points and what lies between them."""
+    """Return a geometry on the lattice of a grid that contains points (N, 2) and a margin."""
     g = grid.geometry
     first = np.floor((points.min(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) - _STEP
     last = np.ceil((points.max(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) + _STEP

@@ -1,7 +1,8 @@
-"""Maps that were joined once one of two was bent: which of them stay as they are, and how the others are bent.
+"""Propagation of pairwise deformations through a group of maps.
 
-The largest lot of maps that fit each other as they are stays so. The others are bent onto it one after the other; one
-that lies on a bent map is bent as that is besides. Of a lot that is bent, maps with no place of their own go along.
+The largest set of maps that fit each other rigidly is not deformed. The other maps are deformed onto it one after
+another. A map that was registered to a deformed map takes over its deformation too. If a map of a rigid set is
+deformed, the maps of that set without a registration of their own are deformed with it.
 """
 
 import itertools
@@ -20,88 +21,89 @@ from tbmslam.map.trajectory_correction import with_keyframes_at
 
 
 def deformed_maps(
-    looks: Mapping[Pair, NonrigidRegistration],
+    registrations: Mapping[Pair, NonrigidRegistration],
     maps: Mapping[str, TbmMap],
     groups: Sequence[Group],
     before: Sequence[Group],
 ) -> dict[str, TbmMap]:
-    """Return the maps that are to be bent by name, bent, each in its own frame.
+    """Return the deformed maps by name, each in its own frame.
 
     Parameters
     ----------
-    looks
-        What was found of pairs of which one map is bent.
+    registrations
+        The non-rigid registrations of pairs.
     maps
         All maps, by name.
     groups
-        What these join.
+        The groups that these registrations join.
     before
-        What was joined without, the known ones before all and then the largest first. Of maps alone those with
-        keyframes stay as they are where others have none, since drives tell how they bent; then the one named first.
+        The groups without these registrations: the group of known poses first, then the largest first. Of single maps,
+        maps with keyframes are kept before maps without, since drives can be optimised jointly; then the first name.
     """
     return {
-        name: _straightened(maps[name], bend)
+        name: _deformed(maps[name], deformation)
         for group in groups
-        for name, bend in _bends(group, looks, _lots(group, maps, before))
-        if bend is not None
+        for name, deformation in _deformations(group, registrations, _rigid_sets(group, maps, before))
+        if deformation is not None
     }
 
 
-def _lots(group: Group, maps: Mapping[str, TbmMap], before: Sequence[Group]) -> list[list[str]]:
-    """Return the maps of a group in lots that were joined before; what is first stays as it is."""
-    lots = [lot for one in before if (lot := [name for name in one.poses if name in group.poses])]
-    return sorted(lots, key=lambda lot: (len(lot) == 1, len(lot) == 1 and not maps[lot[0]].drives))
+def _rigid_sets(group: Group, maps: Mapping[str, TbmMap], before: Sequence[Group]) -> list[list[str]]:
+    """Return the maps of a group in the sets that were joined rigidly; the first set is not deformed."""
+    sets = [names for rigid in before if (names := [name for name in rigid.poses if name in group.poses])]
+    return sorted(sets, key=lambda names: (len(names) == 1, len(names) == 1 and not maps[names[0]].drives))
 
 
-def _bends(
-    group: Group, looks: Mapping[Pair, NonrigidRegistration], lots: Sequence[Sequence[str]]
+def _deformations(
+    group: Group, registrations: Mapping[Pair, NonrigidRegistration], rigid_sets: Sequence[Sequence[str]]
 ) -> Iterator[tuple[str, Deformation | None]]:
-    """Yield how each map of a group is bent in its own frame; None of one that stays as it is."""
-    mates = {name: lot for lot in lots for name in lot}
-    used = [pair for pair in group.used if pair in looks]
-    laid, waiting = dict[str, Deformation | None](), dict.fromkeys(mates)
+    """Yield the deformation of each map of a group in its own frame; None for a map that is not deformed."""
+    mates = {name: names for names in rigid_sets for name in names}
+    used = [pair for pair in group.used if pair in registrations]
+    done, waiting = dict[str, Deformation | None](), dict.fromkeys(mates)
     while waiting:
         first = next(iter(waiting))
-        some = dict.fromkeys(mates[first])  # stay as they are, unless one of the others can be laid
-        more = next(itertools.chain(_onto_laid(laid, used, looks), _along(laid, mates, group)), None)
-        for name, bend in some.items() if more is None else [more]:
-            laid[name] = bend
+        undeformed = dict.fromkeys(mates[first])
+        reached = next(itertools.chain(_by_registration(done, used, registrations), _by_set(done, mates, group)), None)
+        for name, deformation in undeformed.items() if reached is None else [reached]:
+            done[name] = deformation
             del waiting[name]
-            yield name, bend
+            yield name, deformation
 
 
-def _onto_laid(
-    laid: Mapping[str, Deformation | None], used: Sequence[Pair], looks: Mapping[Pair, NonrigidRegistration]
+def _by_registration(
+    done: Mapping[str, Deformation | None], used: Sequence[Pair], registrations: Mapping[Pair, NonrigidRegistration]
 ) -> Iterator[tuple[str, Deformation]]:
-    """Yield the maps that are bent onto those laid already, and how."""
-    for there, its in laid.items():
+    """Yield the maps that were registered to a map that is done, with their deformations."""
+    for anchor, of_anchor in done.items():
         for target, source in used:
-            look, name = looks[target, source], source if there == target else target
-            if there not in (target, source) or name in laid:
+            found, name = registrations[target, source], source if anchor == target else target
+            if anchor not in (target, source) or name in done:
                 continue
-            motion = look.alignment.T_target_source or SE2.identity()
-            bend, motion = (look.bend, motion) if name == source else (look.bend.inverse(), motion.inverse())
-            yield name, (bend if its is None else bend.then(its)).seen_from(motion, SE2.identity())
+            motion, deformation = found.alignment.T_target_source or SE2.identity(), found.deformation
+            if name == target:
+                motion, deformation = motion.inverse(), deformation.inverse()
+            whole = deformation if of_anchor is None else deformation.then(of_anchor)
+            yield name, whole.in_frames(motion, SE2.identity())
 
 
-def _along(
-    laid: Mapping[str, Deformation | None], mates: Mapping[str, Sequence[str]], group: Group
+def _by_set(
+    done: Mapping[str, Deformation | None], mates: Mapping[str, Sequence[str]], group: Group
 ) -> Iterator[tuple[str, Deformation]]:
-    """Yield the maps that were joined with a bent one before, and how they are bent along."""
-    for there, bend in laid.items():
-        for name in mates[there]:
-            if bend is not None and name not in laid:
-                T_there_name = group.poses[there].inverse() @ group.poses[name]
-                yield name, bend.seen_from(T_there_name, T_there_name)
+    """Yield the maps of the rigid set of a deformed map, with its deformation in their frames."""
+    for anchor, deformation in done.items():
+        for name in mates[anchor]:
+            if deformation is not None and name not in done:
+                T_anchor_name = group.poses[anchor].inverse() @ group.poses[name]
+                yield name, deformation.in_frames(T_anchor_name, T_anchor_name)
 
 
-def _straightened(one: TbmMap, bend: Deformation) -> TbmMap:
-    """Deform a map's cells and its drives: what was merged before holds more than its keyframes saw."""
-    grid = bend.straightened(one.grid, SE2.identity())
-    return TbmMap(grid, tuple(_bent(drive, bend) for drive in one.drives), one.provenance)
+def _deformed(source: TbmMap, deformation: Deformation) -> TbmMap:
+    """Deform the cells and the drives of a map; a merged map may hold cells that its keyframes did not see."""
+    grid = deformation.deformed(source.grid, SE2.identity())
+    return TbmMap(grid, tuple(_deformed_drive(drive, deformation) for drive in source.drives), source.provenance)
 
 
-def _bent(drive: Drive, bend: Deformation) -> Drive:
-    """Return a drive with each keyframe where the bent map has it."""
-    poses = [bend.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
+def _deformed_drive(drive: Drive, deformation: Deformation) -> Drive:
+    poses = [deformation.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
     return with_keyframes_at(drive, np.array(poses).reshape(-1, 3))

@@ -3,8 +3,8 @@
 The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
 verification refuses them. A deformed map fits more poses than a rigid one. Therefore the deformed map must pass a new
 rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
-map, and poses of its mirror image. Tiles leave some distance between walls that belong together. Where the correlation
-leaves no doubt about the place, a second attempt bears with more of it.
+map, and poses of its mirror image. Registered tiles leave some distance between corresponding walls. If one pose stands
+out clearly in the correlation, a second attempt tolerates larger distances.
 """
 
 import itertools
@@ -42,25 +42,25 @@ logger = logging.getLogger(__name__)
 
 
 _HELD_CELLS = 1.6e7
-"""Maps in tiles take 60 bytes a cell: a process holds 1 GB of them."""
-_OTHER_SCALE = 0.01
+"""Cells of maps with tiles that a process holds: 60 bytes each, so 1 GB."""
+_MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
-_MOSTLY = 0.5
-"""A scale that explains more of the bend than this is told."""
+_MIN_SCALE_SHARE = 0.5
+"""A scale is reported if it explains a larger share of the deformation than this."""
 
 
 @dataclass(frozen=True)
 class DeformedRivals:
-    """What speaks for and against each place once the map is bent to fit there.
+    """The evidence for a pose and for its rivals, each after the map was deformed to fit there.
 
     Parameters
     ----------
     motions
-        T_target_source (K,), roughly; of the place in question first.
+        Initial T_target_source (K,); the pose in question is the first.
     evidence
-        Of each of them (K,).
+        The evidence for each of them (K,).
     decoys
-        Of places of the mirror image (D,).
+        The evidence for poses of the mirror image (D,).
     """
 
     motions: Sequence[SE2]
@@ -69,80 +69,79 @@ class DeformedRivals:
 
     @classmethod
     def of(
-        cls, target: WallMap, source: DeformableMap, place: SE2, proposals: list[SE2], config: MergeConfig
+        cls, target: WallMap, source: DeformableMap, pose: SE2, proposals: list[SE2], config: MergeConfig
     ) -> "DeformedRivals":
-        """Deform a map at a place, at its rivals, and its mirror image at its own.
+        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image.
 
         Parameters
         ----------
         target
-            The other map.
+            The fixed map.
         source
-            The map.
-        place
-            The place in question, T_target_source.
+            The map to deform.
+        pose
+            The pose in question, T_target_source.
         proposals
-            Places of the source, the best from afar first.
+            Proposed T_target_source, the best first.
         config
-            How maps are bent, and what is looked at.
+            The parameters of the deformation and the verification.
         """
         mirror = DeformableMap.of(mirrored(source.grid), config)
         decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
-        places = [place, *_rivals(target, source, proposals, config)]
-        motions = first_apart(places, source.structure, len(places))
-        own, others = (
-            [_evidence(target, one, motion, config) for motion in some]
-            for one, some in ((source, motions), (mirror, decoys))
+        poses = [pose, *_rivals(target, source, proposals, config)]
+        motions = first_apart(poses, source.structure, len(poses))
+        return cls(
+            motions,
+            [_evidence(target, source, motion, config) for motion in motions],
+            [_evidence(target, mirror, motion, config) for motion in decoys],
         )
-        return cls(motions, own, others)
 
 
-def first_apart(places: list[SE2], source: WallMap, count: int) -> list[SE2]:
-    """Return so many of the first places, none near a better one."""
-    return elsewhere(places, -np.arange(len(places), dtype=np.float64), source, count)
+def first_apart(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
+    """Return the first poses, at most `count`, without those near an earlier one."""
+    return elsewhere(poses, -np.arange(len(poses), dtype=np.float64), source, count)
 
 
 def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
-    """Return the places that look best from afar, and those that fit best as they are."""
-    fitting = [place for place, _ in best_of(proposals, target, source.structure, config)]
-    some = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
-    return first_apart(some, source.structure, len(some))
+    """Return the first proposals, and the proposals that fit best without deformation."""
+    fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
+    rivals = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
+    return first_apart(rivals, source.structure, len(rivals))
 
 
-def _evidence(target: WallMap, source: DeformableMap, place: SE2, config: MergeConfig) -> Evidence:
-    """Return what speaks for and against a place once the map is bent to fit there; as it is where it cannot be."""
-    bent = deform(target, source, place, config)
-    structure = source.structure if bent is None else WallMap.from_grid(bent.grid, config.structure)
-    motion = refine_all(target, structure, [place if bent is None else bent.motion], config)[0]
+def _evidence(target: WallMap, source: DeformableMap, pose: SE2, config: MergeConfig) -> Evidence:
+    """Return the evidence for a pose after the map was deformed there, or without deformation if that fails."""
+    deformed = deform(target, source, pose, config)
+    structure = source.structure if deformed is None else WallMap.from_grid(deformed.grid, config.structure)
+    motion = refine_all(target, structure, [pose if deformed is None else deformed.motion], config)[0]
     return examine(target, structure, motion, config.verification)
 
 
 @dataclass(frozen=True)
 class NonrigidRegistration:
-    """Two maps of which one fits the other once it is bent.
+    """The registration of two maps of which one was deformed.
 
     Parameters
     ----------
     alignment
-        Where the source lies in the target's frame as nearly as a rigid motion can tell, accepted; its evidence is that
-        of the bent map.
-    bend
-        How the source is bent, seen from the target.
+        The accepted alignment: the nearest rigid transform, with the evidence of the deformed map.
+    deformation
+        The deformation of the source to the target's frame.
     """
 
     alignment: Alignment
-    bend: Deformation
+    deformation: Deformation
 
 
 class Peak(NamedTuple):
-    """The best place of a correlation.
+    """The best pose of a correlation.
 
     Parameters
     ----------
     motion
-        Where the map with less wall lies in the other's frame, `Alignment.T_more_less`.
+        The pose of the map with less wall in the other's frame, `Alignment.T_more_less`.
     lead
-        Its score over that of the best place elsewhere.
+        Its score divided by that of the next pose.
     """
 
     motion: SE2
@@ -150,14 +149,14 @@ class Peak(NamedTuple):
 
 
 def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> NonrigidRegistration | None:
-    """Find where a source map lies in a target map's frame once one of them is bent; None where nobody can tell.
+    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted.
 
     Parameters
     ----------
     target, source
-        The maps; the one with less wall is bent, whichever it is.
+        The maps.
     config
-        How it is bent and believed.
+        The parameters of the deformation and the verification.
     """
     if not (config.nonrigid.enabled and config.method == "correlation"):
         return None
@@ -167,117 +166,114 @@ def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> No
 
 
 def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
-    """Look at a grid in cells of the given size [m]; None where nothing in it is known."""
+    """Return a deformable map of a grid at a resolution [m]; None if no cell is known."""
     return DeformableMap.of(at_resolution(grid, resolution), config) if grid.is_known().any() else None
 
 
 def register_deformable(
     target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, peak: Peak | None = None
 ) -> NonrigidRegistration | None:
-    """Do the same with two maps in cells of one size, None where nothing is known of one.
-
-    `peak` is that of the correlation; it is sought where it is not given.
-    """
+    """Align two maps of one resolution non-rigidly, as `register_nonrigid`; `peak` is computed unless it is given."""
     if target is None or source is None or without_walls(target.structure, source.structure):
         return None
-    if target.structure.wall_m < source.structure.wall_m:  # who is named first must not matter
-        found = _bent_onto(source, target, peak, config)
-        return found and NonrigidRegistration(found.alignment.reversed(), found.bend.inverse())
-    return _bent_onto(target, source, peak, config)
+    if target.structure.wall_m < source.structure.wall_m:  # so that exchanged maps give the same result
+        found = _register_onto(source, target, peak, config)
+        return found and NonrigidRegistration(found.alignment.reversed(), found.deformation.inverse())
+    return _register_onto(target, source, peak, config)
 
 
-def _bent_onto(
+def _register_onto(
     target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Deform a map at the places that look best, until it is aligned at one."""
+    """Deform the source at the best poses of the correlation, with larger distances where one pose is clear."""
     fixed = target.structure
-    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most need none
+    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
     if peak is not None:
-        places, lead = [peak.motion], peak.lead
+        poses, lead = [peak.motion], peak.lead
     else:
-        places = first_apart(proposals().motions, source.structure, config.nonrigid.places)
+        poses = first_apart(proposals().motions, source.structure, config.nonrigid.places)
         lead = lead_of(proposals(), source.structure)
-    found = _bent_at(target, source, places, proposals, config)
+    found = _attempt(target, source, poses, proposals, config)
     if found is None and lead >= config.nonrigid.clear_lead:
-        found = _bent_at(target, source, places, proposals, _widened(config))
+        found = _attempt(target, source, poses, proposals, _with_wide_distances(config))
     return found
 
 
-def _bent_at(
+def _attempt(
     target: DeformableMap,
     source: DeformableMap,
-    places: Sequence[SE2],
+    poses: Sequence[SE2],
     proposals: Callable[[], Proposals],
     config: MergeConfig,
 ) -> NonrigidRegistration | None:
+    """Deform the source at each pose, and verify the first deformed map that is aligned there rigidly."""
     fixed = target.structure
-    for place in places:
-        laid = deform(fixed, source, place, config)
-        if laid is None:
+    for pose in poses:
+        deformed = deform(fixed, source, pose, config)
+        if deformed is None:
             continue
-        again = align_whole(TbmMap(target.grid), TbmMap(laid.grid), config)
-        if not _is_aligned(again, laid.motion, config):
+        rigid = align_whole(TbmMap(target.grid), TbmMap(deformed.grid), config)
+        if not _is_aligned_at(deformed.motion, rigid, config):
             continue
-        among = DeformedRivals.of(fixed, source, laid.motion, proposals().motions, config)
-        confidence = confidences(among.evidence, among.decoys)[0]
-        return (
-            NonrigidRegistration(_answer(again, laid, confidence), laid.bend) if confidence >= _limit(config) else None
-        )
+        rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)
+        confidence = confidences(rivals.evidence, rivals.decoys)[0]
+        if confidence < config.verification.min_confidence:
+            return None
+        return NonrigidRegistration(_accepted(rigid, deformed, confidence), deformed.deformation)
     return None
 
 
-def _widened(config: MergeConfig) -> MergeConfig:
-    """Return how maps are bent and believed where walls that belong together may lie farther apart."""
-    how = config.nonrigid
+def _with_wide_distances(config: MergeConfig) -> MergeConfig:
+    """Return the parameters of the second attempt, which tolerates larger distances between corresponding walls."""
+    settings = config.nonrigid
     distances = {
-        "agreement_distance_m": how.wide_agreement_m,
-        "conflict_distance_m": how.wide_conflict_m,
-        "see_through_m": how.wide_see_through_m,
+        "agreement_distance_m": settings.wide_agreement_m,
+        "conflict_distance_m": settings.wide_conflict_m,
+        "see_through_m": settings.wide_see_through_m,
     }
     return config.model_copy(
         update={
             "verification": config.verification.model_copy(update=distances),
-            "refinement": config.refinement.model_copy(update={"last_reach_m": how.wide_agreement_m}),
+            "refinement": config.refinement.model_copy(update={"last_reach_m": settings.wide_agreement_m}),
         }
     )
 
 
-def _limit(config: MergeConfig) -> float:
-    return config.verification.min_confidence
+def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:
+    """Return whether an alignment was accepted at a pose T_target_source."""
+    aligned = found.T_target_source
+    return found.accepted and aligned is not None and is_same_pose(pose, aligned, config.graph, found.covariance)
 
 
-def _is_aligned(found: Alignment, there: SE2, config: MergeConfig) -> bool:
-    where = found.T_target_source
-    return found.accepted and where is not None and is_same_pose(there, where, config.graph, found.covariance)
+def _scale_error(deformation: Deformation) -> float | None:
+    """Return the scale of a deformation that is mostly a scale, else None."""
+    scale, share = deformation.scale()
+    return scale if abs(scale - 1.0) > _MIN_SCALE_ERROR and share > _MIN_SCALE_SHARE else None
 
 
-def _other_scale(bend: Deformation) -> float | None:
-    """Return by what a map is too small where a scale is most of how it is bent; else None."""
-    scale, share = bend.scale()
-    return scale if abs(scale - 1.0) > _OTHER_SCALE and share > _MOSTLY else None
-
-
-def _answer(again: Alignment, laid: DeformedMap, confidence: float) -> Alignment:
-    bent = f"bent by {laid.apart_m:.2f} m and {math.degrees(laid.apart_rad):.1f} degrees one map fits the other"
-    if (scale := _other_scale(laid.bend)) is not None:
+def _accepted(rigid: Alignment, deformed: DeformedMap, confidence: float) -> Alignment:
+    """Return the alignment of a deformed map, from the rigid alignment that verified it."""
+    degrees = math.degrees(deformed.residual_rad)
+    reason = f"one map was deformed by {deformed.residual_m:.2f} m and {degrees:.1f} degrees"
+    if (scale := _scale_error(deformed.deformation)) is not None:
         larger = 100.0 * (max(scale, 1.0 / scale) - 1.0)
-        bent += f", mostly as one is {larger:.1f} % larger: is the resolution of a map wrong?"
+        reason += f", mostly because one map is {larger:.1f} % larger: is the resolution of a map wrong?"
     return replace(
-        again,
-        reason=f"{bent}: confidence {format_confidence(confidence)} among rivals bent as well; "
-        f"straightened: {again.reason}",
-        T_target_source=laid.motion,
-        bent_m=laid.apart_m,
+        rigid,
+        reason=f"{reason}: confidence {format_confidence(confidence)} among deformed rivals; "
+        f"after deformation: {rigid.reason}",
+        T_target_source=deformed.motion,
+        bent_m=deformed.residual_m,
         confidence=confidence,
-        covariance=again.covariance and bent_by(again.covariance, laid.apart_m, laid.apart_rad),
+        covariance=rigid.covariance and bent_by(rigid.covariance, deformed.residual_m, deformed.residual_rad),
         alternatives=(),
     )
 
 
 def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
-    """Tell whether a pair may show one place, if it was refused: whether one place stands out in the correlation.
+    """Return whether a pair was refused although one pose stands out in the correlation.
 
-    The correlation bears with some tenths of a metre, so that the true place of a deformed map stands out in it.
+    The correlation tolerates some tenths of a metre, so the true pose of a deformed map stands out in it.
     """
     return not refused.accepted and refused.lead >= config.nonrigid.min_lead
 
@@ -287,21 +283,21 @@ def register_refused_pairs(
     config: MergeConfig,
     executor: Executor,
 ) -> dict[Pair, NonrigidRegistration]:
-    """Look at refused pairs of different groups, one of each two maps bent; return those that were aligned so.
+    """Register refused pairs of maps of different groups non-rigidly; return the accepted registrations.
 
     Parameters
     ----------
     found
-        The maps, and what is known of them so far.
+        The state of the merge.
     config
-        How maps are bent and believed.
+        The parameters of the deformation and the verification.
     executor
-        Who bends them.
+        Executes the registrations.
     """
     pairs = [pair for pair in found.apart() if may_be_deformed(found.alignments[pair], config)]
     if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}
-    grids = {name: one.grid for name, one in found.maps.items()}
+    grids = {name: tbm_map.grid for name, tbm_map in found.maps.items()}
     sizes = {pair: comparison_resolution([grids[name] for name in pair], config) for pair in pairs}
     sent = {name: CompressedGrid(grids[name]) for name in dict.fromkeys(itertools.chain.from_iterable(pairs))}
     maps = {
@@ -311,27 +307,27 @@ def register_refused_pairs(
     }
     calls = [
         Call(
-            f"{source} bent in {target}",
+            f"{source} deformed onto {target}",
             register_deformable,
             (maps[target, size], maps[source, size], config, _peak_of(found, (target, source), config)),
         )
         for (target, source), size in sizes.items()
     ]
-    looks: list[NonrigidRegistration | None] = executor.results(
-        calls, "bending", "pairs", most_held((grids[name] for name in sent), _HELD_CELLS)
+    registrations: list[NonrigidRegistration | None] = executor.results(
+        calls, "deforming", "pairs", most_held((grids[name] for name in sent), _HELD_CELLS)
     )
-    joins = {pair: look for pair, look in zip(pairs, looks, strict=True) if look is not None}
-    for (target, source), look in joins.items():
-        logger.info("%s in %s: accepted: %s", source, target, look.alignment.reason)
-        if (scale := _other_scale(look.bend)) is not None:
-            which, other = (target, source) if scale > 1.0 else (source, target)
+    accepted = {pair: result for pair, result in zip(pairs, registrations, strict=True) if result is not None}
+    for (target, source), result in accepted.items():
+        logger.info("%s in %s: accepted: %s", source, target, result.alignment.reason)
+        if (scale := _scale_error(result.deformation)) is not None:
+            larger, smaller = (target, source) if scale > 1.0 else (source, target)
             logger.warning(
-                "%s is %.1f %% larger than %s: correct the resolution of the one that is wrong",
-                which,
+                "%s is %.1f %% larger than %s: correct the map with the wrong resolution",
+                larger,
                 100.0 * (max(scale, 1.0 / scale) - 1.0),
-                other,
+                smaller,
             )
-    return joins
+    return accepted
 
 
 def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
@@ -339,7 +335,7 @@ def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) ->
 
 
 def _peak_of(found: MergeState, pair: Pair, config: MergeConfig) -> Peak | None:
-    """Return the peak of a pair's correlation; None where more places are wanted, or those of other grids."""
+    """Return the peak of a pair's correlation; None if more poses are to be tried, or if it is of other grids."""
     refused = found.alignments[pair]
     if refused.T_more_less is None or pair in found.evidence_grids or config.nonrigid.places > 1:
         return None

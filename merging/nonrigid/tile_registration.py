@@ -1,4 +1,4 @@
-"""A map in tiles: squares of its grid that are looked at one by one, as if each were a map."""
+"""Registration of a map in square tiles, each of which is registered rigidly by itself."""
 
 import math
 from collections.abc import Sequence
@@ -18,22 +18,22 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 
 _LEAST_WALL = 0.5
-"""Tiles with less wall than this share of the side that was asked for say nothing."""
+"""Tiles with less wall than this share of the requested side are not used: they do not fix a pose."""
 
 
 def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -> list[WallMap]:
-    """Cut what is known of a grid into tiles of one size; those of hardly any wall are left out.
+    """Cut the known part of a grid into tiles of one size, and leave out tiles with little wall.
 
     Parameters
     ----------
     grid
         The map.
     side_m
-        Longest side of a tile [m], but where there would be too many.
+        Longest side of a tile [m]; it is increased where there would be too many tiles.
     most
-        So many tiles at the most.
+        The largest number of tiles.
     config
-        What is wall.
+        The parameters that define walls.
     """
     known = grid.cropped_to_known()
     rows, cols = known.masses.shape[:2]
@@ -41,12 +41,12 @@ def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -
     while math.ceil(rows / side) * math.ceil(cols / side) > most:
         side *= 1.1
     cut = [_cut_out(known, row, col) for row in pairwise(_cuts(rows, side)) for col in pairwise(_cuts(cols, side))]
-    tiles = [WallMap.from_grid(one, config) for one in cut if one.is_known().any()]
-    return [one for one in tiles if one.wall_m >= _LEAST_WALL * side_m]
+    tiles = [WallMap.from_grid(part, config) for part in cut if part.is_known().any()]
+    return [tile for tile in tiles if tile.wall_m >= _LEAST_WALL * side_m]
 
 
 def _cuts(size: int, side: float) -> list[int]:
-    """Return where so many cells in a row are cut into equal pieces, none longer than a tile's side."""
+    """Return the bounds of equal parts of a row of cells, each at most a side long."""
     count = max(math.ceil(size / side), 1)
     return [round(size * index / count) for index in range(count + 1)]
 
@@ -64,16 +64,16 @@ def _cut_out(grid: TbmGrid, rows: tuple[int, int], cols: tuple[int, int]) -> Tbm
 
 @dataclass(frozen=True)
 class DeformableMap:
-    """A map that may be bent.
+    """A map that may be deformed.
 
     Parameters
     ----------
     grid
         Its cells.
     structure
-        Their walls and free space.
+        Its walls and free space.
     config
-        Into which tiles it is cut.
+        The parameters, with the size of the tiles.
     """
 
     grid: TbmGrid
@@ -82,12 +82,12 @@ class DeformableMap:
 
     @classmethod
     def of(cls, grid: TbmGrid, config: MergeConfig, structure: WallMap | None = None) -> "DeformableMap":
-        """Find the structure of a grid where it is not given."""
+        """Return a deformable map of a grid; its structure is computed unless it is given."""
         return cls(grid, structure or WallMap.from_grid(grid, config.structure), config)
 
     @cached_property
     def rounds(self) -> Sequence[Sequence[WallMap]]:
-        """The tiles that slide, round after round."""
+        """The tiles of each round of registration, large ones first."""
         how, structure = self.config.nonrigid, self.config.structure
         large = tiles_of(self.grid, how.side_m, how.most, structure)
         small = tiles_of(self.grid, how.side_m / 2.0, 4 * how.most, structure)
@@ -96,61 +96,61 @@ class DeformableMap:
 
 @dataclass(frozen=True)
 class DeformedMap:
-    """A map that was bent.
+    """A map that was deformed to fit another map.
 
     Parameters
     ----------
-    bend
-        Where its points belong.
+    deformation
+        The deformation.
     motion
-        The rigid T_target_source nearest to that, which lays the bent map there.
-    apart_m, apart_rad
-        How far its tiles lie from where that alone would lay them, root mean squares [m], [rad].
+        The rigid T_target_source nearest to it, which aligns the deformed map.
+    residual_m, residual_rad
+        RMS differences between the tiles' transforms and `motion` [m], [rad].
     grid
-        The bent map, in its own frame.
+        The deformed map in its own frame.
     """
 
-    bend: Deformation
+    deformation: Deformation
     motion: SE2
-    apart_m: float
-    apart_rad: float
+    residual_m: float
+    residual_rad: float
     grid: TbmGrid
 
 
 def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> DeformedMap | None:
-    """Deform a map so that it fits another near where it is thought to lie; None where hardly any of it fits.
+    """Deform a source map to fit a target map near an initial pose; None if fewer than two of its tiles fit.
 
     Parameters
     ----------
     target
-        The other map.
+        The fixed map.
     source
-        The map.
+        The map to deform.
     start
-        T_target_source, roughly.
+        Initial T_target_source.
     config
-        How tiles slide.
+        The parameters of the registration of tiles.
     """
-    bend = Deformation.none(start)
+    deformation = Deformation.of_rigid(start)
     for tiles in source.rounds:
-        laid = _slid(target, tiles, bend, config)
-        if len(laid) < 2:
+        fitting = _registered_tiles(target, tiles, deformation, config)
+        if len(fitting) < 2:
             return None
-        bend = Deformation.of([tile for tile, _ in laid], [motion for _, motion in laid])
-    motion, apart_m, apart_rad = bend.rigid()
-    return DeformedMap(bend, motion, apart_m, apart_rad, bend.straightened(source.grid, motion))
+        deformation = Deformation.of_tiles([tile for tile, _ in fitting], [motion for _, motion in fitting])
+    motion, residual_m, residual_rad = deformation.nearest_rigid()
+    return DeformedMap(deformation, motion, residual_m, residual_rad, deformation.deformed(source.grid, motion))
 
 
-def _slid(
-    target: WallMap, tiles: Sequence[WallMap], bend: Deformation, config: MergeConfig
+def _registered_tiles(
+    target: WallMap, tiles: Sequence[WallMap], initial: Deformation, config: MergeConfig
 ) -> list[tuple[WallMap, SE2]]:
-    """Let tiles slide from where a bent map has them; return those that fit near there, and where."""
-    how, laid = config.nonrigid, list[tuple[WallMap, SE2]]()
+    """Refine each tile from its initial pose; return the tiles that fit near it, with their T_target_source."""
+    settings, fitting = config.nonrigid, list[tuple[WallMap, SE2]]()
     for tile in tiles:
-        start = bend.motion_at(tile.centroid)
+        start = initial.motion_at(tile.centroid)
         motion = refine_all(target, tile, [start], config)[0]
         found = examine(target, tile, motion, config.verification)
-        fits = found.agreement >= how.min_agreement and found.agreed_wall_m >= how.min_wall_m
-        if fits and math.dist(motion.apply(tile.centroid), start.apply(tile.centroid)) <= how.farthest_m:
-            laid.append((tile, motion))
-    return laid
+        fits = found.agreement >= settings.min_agreement and found.agreed_wall_m >= settings.min_wall_m
+        if fits and math.dist(motion.apply(tile.centroid), start.apply(tile.centroid)) <= settings.farthest_m:
+            fitting.append((tile, motion))
+    return fitting

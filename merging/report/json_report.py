@@ -44,7 +44,7 @@ def write_report(
     FileNotWrittenError
         If the folder cannot be written.
     """
-    maps = {**maps, **merge.straightened}
+    maps = {**maps, **merge.deformed}
     merge = without_rounding(merge, maps, config.reliability)
     files = {"report.json": (json.dumps(as_json(merge, config), indent=2, allow_nan=False) + "\n").encode()}
     areas: dict[str, float] = {}
@@ -114,13 +114,13 @@ def draw_conflict(fusion: Fusion) -> Image:
 
 
 def _refinement(merge: Merge) -> dict[str, object] | None:
-    """Tell whether maps were only laid onto each other, or their drives straightened together, and which were bent."""
+    """Return whether the drives were optimised jointly, and which maps were deformed; None without a merged map."""
     if merge.merged is None:
         return None
-    bent = list(merge.straightened)
+    deformed = list(merge.deformed)
     if merge.joint is None:
-        return {"kind": "rigid", "bent": bent}
-    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m, "bent": bent}
+        return {"kind": "rigid", "bent": deformed}
+    return {"kind": "joint", "closures": merge.joint.closures, "moved_m": merge.joint.moved_m, "bent": deformed}
 
 
 def _areas(fusion: Fusion) -> dict[str, float]:

@@ -160,10 +160,10 @@ def _evidence(fusion: Fusion) -> list[Raster]:
 
 
 def _links(merge: Merge, merged: TbmMap) -> list[Marks]:
-    """Return the closures between robots that straightened their drives."""
+    """Return the loop closures between robots that the joint optimisation used."""
     if merge.joint is None or not merge.joint.closures:
         return []
     ends = merge.joint.links.reshape(-1, 2)
     points = np.array([merged.drives[drive].keyframes.poses[keyframe, :2] for drive, keyframe in ends])
-    note = "places that two robots saw, by which their drives were straightened together"
+    note = "loop closures between robots; the drives were optimised jointly with them"
     return [Marks(Switch(_EVIDENCE, "loops between robots", note=note), "links", points, (90, 24, 154))]

@@ -122,10 +122,10 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
     ]
     if merge.merged is not None and merge.joint is None:
         said.append(
-            f"{' and '.join(merge.straightened)} {'was' if len(merge.straightened) == 1 else 'were'} bent to fit: "
-            "which of the maps is bent in truth nobody can tell"
-            if merge.straightened
-            else "maps were laid as they are, not straightened together: where one is bent, walls come out double"
+            f"{' and '.join(merge.deformed)} {'was' if len(merge.deformed) == 1 else 'were'} deformed to fit the "
+            "other maps; the distorted map may be another one"
+            if merge.deformed
+            else "the maps were merged rigidly, without joint optimisation: walls of a distorted map are doubled"
         )
     if merge.fusion is not None:
         said += [

@@ -92,4 +92,4 @@ def test_bent_maps_are_joined_alike(tmp_path):
         there = register_refused_pairs(found, MergeConfig(), Executor(scheduler=cluster.address))
     here = register_refused_pairs(found, MergeConfig(), Executor())
     assert there[pair].alignment == here[pair].alignment
-    np.testing.assert_array_equal(there[pair].bend.centroids, here[pair].bend.centroids)
+    np.testing.assert_array_equal(there[pair].deformation.centroids, here[pair].deformation.centroids)

@@ -62,7 +62,7 @@ class PairResult:
     surprise
         Mean square of these errors in the standard deviations that the aligner states, 1 if it states them rightly.
     bent_m
-        How far one of the maps was bent to fit [m].
+        How far one of the maps was deformed to fit [m].
     cpu_s
         Processor time for both maps and their alignment [s].
     """

@@ -76,7 +76,7 @@ class Trial:
         return cls(pair.name, [evidence for _, evidence in found], decoys, right, near, weight)
 
     @classmethod
-    def of_bent(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
+    def of_deformed(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
         """Deform one map of a pair at the place that looks best and at its rivals; None where hardly any of it fits."""
         structures = [WallMap.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
         if not all(one.grid.is_known().any() for one in (pair.target, pair.source)) or without_walls(*structures):

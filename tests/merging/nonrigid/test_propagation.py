@@ -29,7 +29,7 @@ ASIDE = {
 
 
 def spot_of(one):
-    """Where a map has its only wall."""
+    """The position of the only wall of a map."""
     walls = np.nonzero(one.grid.masses[..., OCCUPIED] > one.grid.masses[..., FREE])
     return one.grid.geometry.centres_of(*walls).mean(axis=0)
 
@@ -42,16 +42,16 @@ def spotted():
     return TbmMap(TbmGrid(GEOMETRY, masses))
 
 
-def look(name):
-    """What was found of a map in another's frame: four tiles of it lie beside where a motion has them."""
+def registration(name):
+    """A registration whose four tiles differ from one rigid transform."""
     motion = MOTIONS[name]
-    bend = Deformation(MIDDLES, [SE2(x, y, 0.0) @ motion for x, y in ASIDE[name]], 4.0)
-    return NonrigidRegistration(Alignment("correlation", accepted=True, reason="", T_target_source=motion), bend)
+    deformation = Deformation(MIDDLES, [SE2(x, y, 0.0) @ motion for x, y in ASIDE[name]], 4.0)
+    return NonrigidRegistration(Alignment("correlation", accepted=True, reason="", T_target_source=motion), deformation)
 
 
 def backward(one):
     """The same with target and source exchanged."""
-    return NonrigidRegistration(one.alignment.reversed(), one.bend.inverse())
+    return NonrigidRegistration(one.alignment.reversed(), one.deformation.inverse())
 
 
 def alone(names):
@@ -69,75 +69,75 @@ def maps():
 
 
 def bent_spot(name):
-    """Where a bend has the spot, in the map's own frame."""
-    return MOTIONS[name].inverse().apply(look(name).bend.apply(np.array([SPOT])))[0]
+    """The position of the spot in the deformed map, in the map's frame."""
+    return MOTIONS[name].inverse().apply(registration(name).deformation.apply(np.array([SPOT])))[0]
 
 
-def test_the_source_is_bent(maps):
+def test_the_source_is_deformed(maps):
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
-    bent = deformed_maps({("a", "b"): look("b")}, maps, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): registration("b")}, maps, [group], alone("ab"))
     assert list(bent) == ["b"]
     assert math.dist(bent_spot("b"), SPOT) > 0.1
     assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
 
 
-def test_a_map_with_keyframes_is_not_bent_where_the_other_has_none(maps):
+def test_a_map_without_keyframes_is_deformed_rather_than_one_with_keyframes(maps):
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
-    bent = deformed_maps({("a", "b"): look("b")}, {**maps, "b": driven(maps["b"])}, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): registration("b")}, {**maps, "b": driven(maps["b"])}, [group], alone("ab"))
     assert list(bent) == ["a"]
-    expected = MOTIONS["b"].apply(look("b").bend.inverse().apply(np.array([SPOT])))[0]
+    expected = MOTIONS["b"].apply(registration("b").deformation.inverse().apply(np.array([SPOT])))[0]
     assert math.dist(expected, SPOT) > 0.1
     assert math.dist(spot_of(bent["a"]), expected) < NEAR_M
 
 
-def test_a_map_that_holds_more_than_its_keyframes_saw_keeps_it(maps):
-    """As one merged of a drive's and a picture."""
+def test_cells_that_no_keyframe_saw_are_kept(maps):
+    """A map merged from a drive and a picture has such cells."""
     group = Group({"a": SE2.identity(), "b": MOTIONS["b"]}, (("a", "b"),))
     all_driven = {name: driven(one) for name, one in maps.items()}
-    bent = deformed_maps({("a", "b"): look("b")}, all_driven, [group], alone("ab"))
+    bent = deformed_maps({("a", "b"): registration("b")}, all_driven, [group], alone("ab"))
     assert math.dist(spot_of(bent["b"]), bent_spot("b")) < NEAR_M
     assert bent["b"].grid.is_known().sum() == pytest.approx(maps["b"].grid.is_known().sum(), rel=0.1)
 
 
 @pytest.mark.parametrize("first", ["a", "b"])
-def test_maps_that_fit_as_they_are_stay_so(maps, first):
-    """Two that were joined before, or told, are found beside a third whichever is named first."""
+def test_maps_that_were_joined_rigidly_are_not_deformed(maps, first):
+    """Two rigidly joined maps are registered with a third map, whichever is named first."""
     poses = {"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"]}
-    looks = {("a", "b"): look("b"), ("b", "c"): backward(look("b"))}
+    registrations = {("a", "b"): registration("b"), ("b", "c"): backward(registration("b"))}
     if first == "b":
-        looks = {("b", "a"): backward(look("b")), ("b", "c"): backward(look("b"))}
-    group = Group(poses, (*looks, ("a", "c")))
+        registrations = {("b", "a"): backward(registration("b")), ("b", "c"): backward(registration("b"))}
+    group = Group(poses, (*registrations, ("a", "c")))
     before = [Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),)), *alone("b")]
-    bent = deformed_maps(looks, {**maps, "b": driven(maps["b"])}, [group], before)
+    bent = deformed_maps(registrations, {**maps, "b": driven(maps["b"])}, [group], before)
     assert list(bent) == ["b"]
 
 
-def test_a_map_that_lies_on_a_bent_one_is_bent_as_that_is_besides(maps):
-    looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
-    group = Group({"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"] @ MOTIONS["c"]}, tuple(looks))
-    bent = deformed_maps(looks, maps, [group], alone("abc"))
+def test_a_map_registered_to_a_deformed_map_takes_over_its_deformation(maps):
+    registrations = {("a", "b"): registration("b"), ("b", "c"): registration("c")}
+    group = Group({"a": SE2.identity(), "b": MOTIONS["b"], "c": MOTIONS["b"] @ MOTIONS["c"]}, tuple(registrations))
+    bent = deformed_maps(registrations, maps, [group], alone("abc"))
     assert list(bent) == ["b", "c"]
-    on_b = look("c").bend.apply(np.array([SPOT]))
-    expected = group.poses["c"].inverse().apply(look("b").bend.apply(on_b))[0]
+    on_b = registration("c").deformation.apply(np.array([SPOT]))
+    expected = group.poses["c"].inverse().apply(registration("b").deformation.apply(on_b))[0]
     assert math.dist(expected, bent_spot("c")) > 0.1
     assert math.dist(spot_of(bent["c"]), expected) < NEAR_M
 
 
-def test_a_map_goes_along_with_a_bent_one_that_it_fits(maps):
+def test_a_map_of_the_rigid_set_of_a_deformed_map_is_deformed_with_it(maps):
     T_b_c = SE2(1.0, 0.5, 0.2)
-    others = dict.fromkeys(("a0", "a1"), maps["a"])  # the larger lot
+    others = dict.fromkeys(("a0", "a1"), maps["a"])  # the larger set
     fixed = dict.fromkeys(("a", *others), SE2.identity())
     before = [Group(fixed), Group({"b": SE2.identity(), "c": T_b_c}, (("b", "c"),))]
     group = Group({**fixed, "b": MOTIONS["b"], "c": MOTIONS["b"] @ T_b_c}, (("a", "b"), ("b", "c")))
-    bent = deformed_maps({("a", "b"): look("b")}, {**maps, **others}, [group], before)
+    bent = deformed_maps({("a", "b"): registration("b")}, {**maps, **others}, [group], before)
     assert list(bent) == ["b", "c"]
     spot_in_b = T_b_c.apply(np.array([SPOT]))
-    expected = group.poses["c"].inverse().apply(look("b").bend.apply(spot_in_b))[0]
+    expected = group.poses["c"].inverse().apply(registration("b").deformation.apply(spot_in_b))[0]
     assert math.dist(expected, SPOT) > 0.1
     assert math.dist(spot_of(bent["c"]), expected) < NEAR_M
 
 
-def test_what_is_not_used_bends_nothing(maps):
-    looks = {("a", "b"): look("b"), ("b", "c"): look("c")}
+def test_unused_registrations_deform_no_map(maps):
+    registrations = {("a", "b"): registration("b"), ("b", "c"): registration("c")}
     group = Group({"a": SE2.identity(), "c": SE2.identity()}, (("a", "c"),))
-    assert deformed_maps(looks, maps, [group, *alone("b")], alone("abc")) == {}
+    assert deformed_maps(registrations, maps, [group, *alone("b")], alone("abc")) == {}

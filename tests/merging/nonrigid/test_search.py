@@ -28,7 +28,7 @@ OFF = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 
 
 def errors(motion, true, one):
-    """How far a motion puts the middle of a map from where it belongs, and how far turned."""
+    """The error of a transform at the middle of a map [m], [rad]."""
     middle = np.array([np.mean(one.grid.geometry.bounds()[i::2]) for i in range(2)])
     apart = np.hypot(*(motion.apply(middle) - true.apply(middle)))
     return apart, abs((true.inverse() @ motion).theta)
@@ -41,17 +41,17 @@ def agreement(target, source, motion):
     return examine(*structures, motion, config.verification).agreement
 
 
-def test_maps_that_fit_nowhere_as_they_are_are_aligned_once_one_is_bent():
+def test_maps_that_fit_at_no_rigid_pose_are_aligned_by_deforming_one():
     target, source, true = bent_maps("store")
     whole = align_whole(target, source)
     assert not whole.accepted, whole.reason
     found = align(target, source)
     assert found.accepted
-    assert found.reason.startswith("bent by 0.")
+    assert found.reason.startswith("one map was deformed by 0.")
     apart_m, apart_rad = errors(found.T_target_source, true, source)
     assert apart_m < 0.5
     assert apart_rad < np.radians(2.0)
-    assert deviations(found.covariance)[0] > 0.1  # a bent map lies nowhere exactly
+    assert deviations(found.covariance)[0] > 0.1  # the pose of a deformed map is uncertain
 
 
 @pytest.mark.slow
@@ -67,54 +67,54 @@ def test_a_wrong_resolution_is_named(wrong, caplog):
     larger, smaller = ("b", "a") if wrong > 1.0 else ("a", "b")
     assert said in found.reason
     assert any(line.startswith(f"{larger} is ") and f" % larger than {smaller}" in line for line in caplog.messages)
-    percent = float(found.reason.partition("mostly as one is ")[2].split()[0])
+    percent = float(found.reason.partition("mostly because one map is ")[2].split()[0])
     assert percent == pytest.approx(5.0, abs=1.0)
     for bent_target, bent_source, _ in (bent_maps("store"), bent_maps("office")):
         assert said not in align(bent_target, bent_source).reason
 
 
-def test_who_is_named_first_does_not_matter():
+def test_exchanged_maps_give_the_same_result():
     target, source, _ = bent_maps("office")
     forth, back = align(target, source), align(source, target)
     assert forth.confidence == back.confidence
     assert forth.T_target_source.inverse() == pytest.approx(back.T_target_source, abs=1e-9)
 
 
-def test_the_source_is_straightened_onto_the_target():
+def test_the_source_is_deformed_onto_the_target():
     target, source, true = bent_maps("office")
     rigid = merge({"a": target, "b": source}, OFF)
     assert rigid.merged is None
     result = merge({"a": target, "b": source})
-    assert set(result.straightened) == {"b"}
+    assert set(result.deformed) == {"b"}
     assert errors(result.poses["b"], true, source)[0] < 0.5
-    straight = align_whole(target, result.straightened["b"])
+    straight = align_whole(target, result.deformed["b"])
     assert straight.accepted
     assert straight.agreement == pytest.approx(result.alignments["a", "b"].agreement, abs=0.02)
     assert straight.agreement > agreement(target, source, result.poses["b"]) + 0.2
     assert errors(straight.T_target_source, result.poses["b"], source)[0] < 0.2
     assert result.evidence_grids["a", "b"][0] is target.grid
-    assert result.evidence_grids["a", "b"][1] is result.straightened["b"].grid
+    assert result.evidence_grids["a", "b"][1] is result.deformed["b"].grid
 
 
-def test_of_two_maps_with_keyframes_the_source_is_straightened_by_its_drive():
+def test_of_two_maps_with_keyframes_the_source_is_deformed_with_its_drive():
     world = make_world("office", 3)
     drives = plan_drives(world, 2, length=75.0, overlap=0.9, seed=1)
     straight, bent = map_of(world, drives[0], 0.0), map_of(world, drives[1], 0.004, SE2(3.0, -2.0, 0.7))
     result = merge({"a": straight, "b": bent})
-    assert set(result.straightened) == {"b"}
+    assert set(result.deformed) == {"b"}
     where = result.alignments["a", "b"].T_target_source
     assert agreement(straight, bent, where) < 0.6
-    assert agreement(straight, result.straightened["b"], where) > 0.8
+    assert agreement(straight, result.deformed["b"], where) > 0.8
     assert result.joint is not None
 
 
-def test_maps_of_two_buildings_are_not_aligned_so_either():
+def test_maps_of_two_buildings_are_not_aligned_by_deformation():
     target, _, _ = bent_maps("office")
     other, _, _ = bent_maps("store")
     assert register_nonrigid(target, other, MergeConfig()) is None
 
 
-def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
+def test_a_pose_is_refused_if_deformed_rivals_fit_as_well(monkeypatch):
     corridor = make_pair("self-similar", 1, 9)
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is None
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
@@ -122,7 +122,7 @@ def test_of_places_that_fit_alike_once_bent_none_is_believed(monkeypatch):
 
 
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
-def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, accepted, shift_m):
+def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(monkeypatch, accepted, shift_m):
     target, source, _ = bent_maps("store")
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
 
@@ -136,7 +136,7 @@ def test_bent_it_must_be_aligned_there_as_if_nobody_had_said_where(monkeypatch, 
     assert (found is not None) == (accepted and shift_m == 0.0)
 
 
-def test_a_map_that_tiles_do_not_straighten_to_a_cell_is_aligned_where_one_place_is_clear():
+def test_a_map_that_tiles_register_roughly_is_aligned_if_one_pose_is_clear():
     target, source, true = bent_maps("apartment", 0.9)
     found = register_nonrigid(target, source, MergeConfig())
     assert found is not None
@@ -147,7 +147,7 @@ def test_a_map_that_tiles_do_not_straighten_to_a_cell_is_aligned_where_one_place
 
 
 @pytest.mark.parametrize(("clear_lead", "distances_m"), [(1.0, [0.15, 0.25]), (1e6, [0.15])])
-def test_walls_may_lie_farther_apart_only_where_one_place_is_clear(monkeypatch, clear_lead, distances_m):
+def test_larger_distances_are_tolerated_only_if_one_pose_is_clear(monkeypatch, clear_lead, distances_m):
     tried = []
 
     def deformed(target, source, start, config):
@@ -162,7 +162,7 @@ def test_walls_may_lie_farther_apart_only_where_one_place_is_clear(monkeypatch, 
     assert tried == distances_m
 
 
-def test_empty_maps_and_those_without_walls_are_not_tried():
+def test_maps_without_known_cells_or_walls_are_not_tried():
     target, source, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
     bare = TbmMap(TbmGrid(empty.grid.geometry, np.tile(np.float32([0.0, 1.0, 0.0, 0.0]), (300, 300, 1))))
@@ -189,18 +189,18 @@ def test_any_number_of_workers_finds_the_same(caplog):
     assert one["a", "b"].alignment == two["a", "b"].alignment
 
 
-def test_maps_that_are_joined_or_accepted_already_are_not_tried():
+def test_joined_and_accepted_pairs_are_not_tried():
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
     together, apart = [Group(dict.fromkeys("ab", SE2.identity()))], [Group({name: SE2.identity()}) for name in "ab"]
     assert closer(maps, together, {pair: REFUSED}) == {}
     assert closer(maps, apart, {pair: replace(REFUSED, accepted=True)}) == {}
     assert closer(maps, apart, {pair: REFUSED}, OFF) == {}
-    assert closer(maps, apart, {pair: replace(REFUSED, lead=1.04)}) == {}  # in the correlation no place stands out
+    assert closer(maps, apart, {pair: replace(REFUSED, lead=1.04)}) == {}  # no pose stands out in the correlation
 
 
-def test_where_it_is_not_aligned_once_bent_the_next_place_is_tried(monkeypatch):
-    """The right place of the target, which has less wall, is offered twice, and refused when it is first tried."""
+def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
+    """The correct pose of the target, which has less wall, is proposed twice and refused the first time."""
     target, source, true = bent_maps("store")
     tried = []
 

@@ -21,35 +21,35 @@ def agreement(target, grid, motion):
     return examine(target, structure, motion, CONFIG.verification).agreement
 
 
-def test_a_map_that_is_not_bent_stays_as_it_is(rooms):
+def test_an_equal_map_is_not_deformed(rooms):
     floor = rooms(1)
     found = deform(
         WallMap.from_grid(floor, CONFIG.structure), DeformableMap.of(floor, CONFIG), SE2(0.2, -0.1, 0.02), CONFIG
     )
     assert found.motion == pytest.approx(SE2.identity(), abs=1e-3)
-    assert (found.apart_m, found.apart_rad) == pytest.approx((0.0, 0.0), abs=2e-3)
+    assert (found.residual_m, found.residual_rad) == pytest.approx((0.0, 0.0), abs=2e-3)
     np.testing.assert_array_equal(found.grid.is_known().sum(), floor.is_known().sum())
 
 
-def test_a_bent_map_fits_better_once_it_is_straightened():
+def test_a_distorted_map_fits_better_after_deformation():
     target, source, true = bent_maps("store")
     fixed = WallMap.from_grid(target.grid, CONFIG.structure)
     found = deform(fixed, DeformableMap.of(source.grid, MergeConfig()), true, MergeConfig())
     assert agreement(fixed, found.grid, found.motion) > agreement(fixed, source.grid, found.motion) + 0.2
     middle = np.array([np.mean(source.grid.geometry.bounds()[i::2]) for i in range(2)])
     assert math.dist(found.motion.apply(middle), true.apply(middle)) < 0.5
-    assert 0.1 < found.apart_m < 1.0
+    assert 0.1 < found.residual_m < 1.0
 
 
 @pytest.mark.parametrize("elsewhere", [SE2(100.0, 0.0, 0.0), SE2(9.0, 4.0, 1.0)])
-def test_where_hardly_any_of_it_fits_it_is_not_bent(rooms, elsewhere):
+def test_no_map_is_deformed_at_a_pose_where_few_tiles_fit(rooms, elsewhere):
     floor = rooms(1)
     assert (
         deform(WallMap.from_grid(floor, CONFIG.structure), DeformableMap.of(floor, CONFIG), elsewhere, CONFIG) is None
     )
 
 
-def test_a_map_no_larger_than_a_tile_slides_in_halves_at_once(rooms):
+def test_a_map_of_one_large_tile_starts_with_small_tiles(rooms):
     large, small = (
         DeformableMap.of(rooms(1), MergeConfig.model_validate({"nonrigid": {"side_m": side}})) for side in (8.0, 20.0)
     )
@@ -57,7 +57,7 @@ def test_a_map_no_larger_than_a_tile_slides_in_halves_at_once(rooms):
     assert [len(tiles) for tiles in small.rounds] == [4, 4]
 
 
-def test_two_large_tiles_slide_before_their_halves(rooms):
+def test_two_large_tiles_are_registered_before_small_ones(rooms):
     floor = rooms(1)
     floor.masses[160:] = (0.0, 0.0, 0.0, 1.0)  # 16 x 8 m are left
     first, *others = DeformableMap.of(floor, CONFIG).rounds
@@ -70,7 +70,7 @@ def cut(floor, side_m, most=100):
     return tiles_of(floor, side_m, most, StructureConfig())
 
 
-def test_tiles_are_alike_in_size_and_hold_what_the_map_does(rooms):
+def test_tiles_have_one_size_and_the_cells_of_the_map(rooms):
     floor = rooms(1)  # 16 x 12 m
     tiles = cut(floor, 4.0)
     assert {tile.geometry[3:] for tile in tiles} == {(80, 80)}
@@ -81,11 +81,11 @@ def test_tiles_are_alike_in_size_and_hold_what_the_map_does(rooms):
         np.testing.assert_array_equal(tile.free, free[row : row + 80, col : col + 80])
 
 
-def test_a_side_that_does_not_divide_the_map_is_the_longest(rooms):
+def test_no_side_is_longer_than_requested(rooms):
     assert {tile.geometry[3:] for tile in cut(rooms(1), 7.0)} <= {(120, 107), (120, 106)}
 
 
-def test_what_nobody_saw_is_cut_off_first(rooms):
+def test_unknown_margins_are_cropped_first(rooms):
     floor = rooms(1)
     masses = np.zeros((400, 700, 4), dtype=np.float32)
     masses[..., UNKNOWN] = 1.0
@@ -98,14 +98,14 @@ def test_large_maps_have_larger_tiles(rooms):
     assert 4 <= len(cut(rooms(1), 2.0, most=6)) <= 6
 
 
-def test_tiles_of_hardly_any_wall_are_left_out(rooms):
+def test_tiles_with_little_wall_are_left_out(rooms):
     floor = rooms(1)
     floor.masses[:, :160] = (0.0, 1.0, 0.0, 0.0)
     floor.masses[50:90, 40] = (0.0, 0.0, 1.0, 0.0)  # two metres of wall
     assert {tile.geometry.origin_x for tile in cut(floor, 8.0)} == {8.0}
 
 
-def test_the_middle_is_that_of_the_walls(rooms):
+def test_the_centroid_is_of_the_walls(rooms):
     floor = rooms(1)
     floor.masses[:] = (0.0, 1.0, 0.0, 0.0)
     floor.masses[40:80, 60] = (0.0, 0.0, 1.0, 0.0)

@@ -54,7 +54,7 @@ def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tm
     result = merge(maps, CONFIG)
     write_report(tmp_path / "as-merged", result, maps, CONFIG)
     bent = {**maps, "there": TbmMap(warp(maps["there"].grid, SE2(40.0, 0.0, 1.0), maps["there"].grid.geometry))}
-    write_report(tmp_path / "bent", replace(result, straightened={"there": maps["there"]}), bent, CONFIG)
+    write_report(tmp_path / "bent", replace(result, deformed={"there": maps["there"]}), bent, CONFIG)
     for name in ("overlay.png", "contradictions.png"):
         assert (tmp_path / "bent" / name).read_bytes() == (tmp_path / "as-merged" / name).read_bytes()
     told, as_merged = (json.loads((tmp_path / name / "report.json").read_text()) for name in ("bent", "as-merged"))
@@ -62,10 +62,10 @@ def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tm
     assert as_merged["refinement"].pop("bent") == []
     assert told == as_merged
     page = (tmp_path / "bent" / "report.html").read_text()
-    assert "there was bent to fit" in page
-    write_report(tmp_path / "both", replace(result, straightened=maps), maps, CONFIG)
-    assert f"{' and '.join(maps)} were bent to fit" in (tmp_path / "both" / "report.html").read_text()
-    assert "there was bent to fit" not in (tmp_path / "as-merged" / "report.html").read_text()
+    assert "there was deformed to fit" in page
+    write_report(tmp_path / "both", replace(result, deformed=maps), maps, CONFIG)
+    assert f"{' and '.join(maps)} were deformed to fit" in (tmp_path / "both" / "report.html").read_text()
+    assert "there was deformed to fit" not in (tmp_path / "as-merged" / "report.html").read_text()
 
 
 def test_a_map_that_nobody_believes_contradicts_nobody(maps, tmp_path):

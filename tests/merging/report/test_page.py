@@ -61,7 +61,7 @@ def test_a_merge_is_told_with_every_layer_pose_and_warning(maps):
     said = " ".join(page.warnings)
     assert "foreign was left out: " in said
     assert "here: 3 scans are stamped earlier" in said
-    assert "not straightened together" in said
+    assert "without joint optimisation" in said
     assert (page.command, page.seconds) == ("merge a b", {"aligning": 2.0})
     assert page.to_html().count("<article") == 3
 

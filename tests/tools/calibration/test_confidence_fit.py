@@ -53,7 +53,7 @@ def test_a_pair_of_bent_maps_is_judged_once_one_is_bent(swapped):
     pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
     if swapped:
         pair = KnownPair("crop_store_1_100", source, target, true.inverse(), 1.0)
-    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_bent))
+    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_deformed))
     assert bent.near[0]
     assert bent.near.sum() == 1
     assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
@@ -65,7 +65,7 @@ def test_maps_of_which_hardly_any_fits_are_not_judged_bent():
     target, _, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 30, 30)))
     for other in (empty, bent_maps("office")[0]):
-        assert Trial.of_bent(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None
+        assert Trial.of_deformed(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None
 
 
 def test_the_fit_tells_true_places_from_false_ones():
