@@ -118,7 +118,7 @@ def trials_of(
     PairFileError
         If a file there is no pair of maps, or there is none.
     """
-    from tools.map_pairs.files import PairFileError
+    from tools.map_pairs import PairFileError
 
     paths = sorted(folder.glob("*.npz"))
     if not paths:
@@ -129,7 +129,7 @@ def trials_of(
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
     from tools.calibration.confidence_fit import Trial
-    from tools.map_pairs.files import load_pair, shows_part
+    from tools.map_pairs import load_pair, shows_part
 
     pair = load_pair(path)
     of = Trial.of_deformed if bent else Trial.of

@@ -166,8 +166,7 @@ def make(args: argparse.Namespace) -> None:
     from datasets.synthetic.buildings import make_world
     from datasets.synthetic.robot.drives import plan_drives
     from datasets.synthetic.robot.faults import Fault, inject
-    from datasets.synthetic.robot.odometry_noise import OdometryNoise
-    from datasets.synthetic.robot.simulation import simulate, write_truth
+    from datasets.synthetic.robot.simulation import OdometryNoise, simulate, write_truth
     from tbmslam.io.atomic_file import write_bytes
     from tbmslam.io.pictures import encode_png
     from tools.command_line.progress import ProgressBars

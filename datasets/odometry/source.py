@@ -6,8 +6,8 @@ from operator import matmul
 
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, plain
-from datasets.odometry.pose_buffer import PoseHistory
 from datasets.odometry.se3 import SE3
+from datasets.odometry.synchronisation import PoseHistory
 from tbmslam.geometry.se2 import SE2
 
 _STEEPEST = math.cos(math.radians(60.0))

@@ -7,11 +7,9 @@ from itertools import combinations, islice
 from pathlib import Path
 from typing import NamedTuple
 
-from datasets.clouds.cloud_slice import CloudSlice
-from datasets.clouds.point_cloud import PointCloud
+from datasets.clouds import CloudSlice, PointCloud
 from datasets.errors import DatasetError
-from datasets.rosbag.message_decoder import Content, MessageDecoder
-from datasets.rosbag.messages import FramedScan, standard_md5_sum
+from datasets.rosbag.messages import Content, FramedScan, MessageDecoder, standard_md5_sum
 from datasets.rosbag.source import BagSource
 from datasets.salvage.salvaged_bag import BagConnection, Loss
 

@@ -1,4 +1,4 @@
-"""The ROS messages that are read: their standard definitions, and their content as this project's types."""
+"""The ROS messages that are read: their definitions, and their bytes decoded to the types of this project."""
 
 from functools import cache
 from typing import TYPE_CHECKING
@@ -6,11 +6,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import logging
+import struct
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from datasets.clouds import PointCloud, PointCloudError, cloud_of
 from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
 from tbmslam.io.printable import printable
@@ -118,3 +122,180 @@ def poses_of(message: Any) -> Iterator[StampedTransform]:
 def stamp_of(header: Any) -> float:
     """Return a header's stamp [s]."""
     return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)
+
+
+logger = logging.getLogger(__name__)
+
+Content: TypeAlias = FramedScan | list[StampedTransform]
+
+_LITTLE_ENDIAN = b"\x00\x01"
+_PADDING = 3
+"""Bytes at the end of a message that CDR may add."""
+_SIZE = struct.Struct("<I")
+_STAMP = struct.Struct("<iI")
+_POSE = struct.Struct("<7d")
+_BEHIND_POSE = 8 * (36 + 6 + 36)
+"""Bytes of an Odometry's covariance, twist and covariance of the twist."""
+
+
+class NotAsUsualError(ValueError):
+    """Bytes are not as this module reads them, which a library may still do."""
+
+
+def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | None:
+    """Return a reader of messages of a type; None if only a library reads them.
+
+    What is returned raises a ValueError (`NotAsUsualError`) or struct.error where the bytes are not laid out as usual.
+
+    Parameters
+    ----------
+    msgtype
+        Name of the type.
+    is_cdr
+        Whether they are written as in ROS 2.
+    """
+    readers: dict[str, Callable[[bytes, bool], Content]] = {SCAN_TYPE: _scan, ODOMETRY_TYPE: _odometry}
+    readers |= dict.fromkeys(TF_TYPES, _transforms)
+    read = readers.get(msgtype)
+    if read is None:
+        return None
+    return _checked_cdr(read) if is_cdr else lambda data: read(data, False)
+
+
+def _checked_cdr(read: Callable[[bytes, bool], Content]) -> Callable[[bytes], Content]:
+    """Return a reader of ROS 2 messages that are little-endian."""
+
+    def read_checked(data: bytes) -> Content:
+        if bytes(data[:2]) != _LITTLE_ENDIAN:
+            raise NotAsUsualError("not little-endian")
+        return read(data, True)
+
+    return read_checked
+
+
+def _scan(data: bytes, is_cdr: bool) -> FramedScan:
+    """Read a LaserScan."""
+    (size,) = _SIZE.unpack_from(data, 12)
+    if size > len(data):
+        raise NotAsUsualError(f"a name of {size} bytes")
+    layout = _scan_layout(size, is_cdr)
+    values = layout.unpack_from(data, 4)
+    seconds, nanoseconds, _, frame, angle_min, _, angle_step, time_step, _, range_min, range_max, beams = values
+    start = 4 + layout.size
+    (intensities,) = _SIZE.unpack_from(data, start + 4 * beams)
+    _check_end(data, start + 4 * beams + 4 + 4 * intensities, is_cdr)
+    ranges = np.frombuffer(data, np.float32, beams, start)
+    scan = RawScan(seconds + 1e-9 * nanoseconds, angle_min, angle_step, range_min, range_max, ranges, time_step)
+    return FramedScan(_text(frame, is_cdr), scan)
+
+
+@lru_cache(64)
+def _scan_layout(size: int, is_cdr: bool) -> struct.Struct:
+    """Return the fields of a LaserScan up to the number of its ranges, the frame's name being of some size [bytes]."""
+    padding = -size % 4 if is_cdr else 0
+    return struct.Struct(f"<iII{size}s{padding}x7fI")
+
+
+def _transforms(data: bytes, is_cdr: bool) -> list[StampedTransform]:
+    """Read a TFMessage, without invalid poses."""
+    place = 4 if is_cdr else 0
+    (number,) = _SIZE.unpack_from(data, place)
+    place += 4
+    transforms = []
+    for _ in range(number):
+        parent, child, stamp, place = _frames(data, (place + 3) & -4 if is_cdr else place + 4, is_cdr)
+        pose = SE3.from_values(*_POSE.unpack_from(data, place))
+        place += _POSE.size
+        if pose is not None:
+            transforms.append(StampedTransform(parent, child, stamp, pose))
+    _check_end(data, place, is_cdr)
+    return transforms
+
+
+def _odometry(data: bytes, is_cdr: bool) -> list[StampedTransform]:
+    """Read an Odometry, which holds one pose; none where it is no motion."""
+    parent, child, stamp, place = _frames(data, 4, is_cdr)
+    pose = SE3.from_values(*_POSE.unpack_from(data, place))
+    _check_end(data, place + _POSE.size + _BEHIND_POSE, is_cdr)
+    return [StampedTransform(parent, child, stamp, pose)] if pose is not None else []
+
+
+def _frames(data: bytes, place: int, is_cdr: bool) -> tuple[str, str, float, int]:
+    """Read a stamp and the names of two frames; return parent, child, stamp [s], and where the numbers behind begin."""
+    seconds, nanoseconds = _STAMP.unpack_from(data, place)
+    place += _STAMP.size
+    (size,) = _SIZE.unpack_from(data, place)
+    end = place + 4 + size
+    parent = data[place + 4 : end]
+    place = (end + 3) & -4 if is_cdr else end
+    (size,) = _SIZE.unpack_from(data, place)
+    end = place + 4 + size
+    child = data[place + 4 : end]
+    if is_cdr:  # counted from behind the first four bytes
+        end = ((end + 3) & -8) + 4
+    return _text(parent, is_cdr), _text(child, is_cdr), seconds + 1e-9 * nanoseconds, end
+
+
+def _check_end(data: bytes, end: int, is_cdr: bool) -> None:
+    """Refuse bytes that go on where the message should end, or end before."""
+    if not 0 <= len(data) - end <= (_PADDING if is_cdr else 0):
+        raise NotAsUsualError(f"{len(data)} bytes, and its fields end at {end}")
+
+
+@lru_cache(1024)
+def _text(data: bytes, is_cdr: bool) -> str:
+    """Return the text of a string's bytes, with control characters escaped."""
+    if not is_cdr:
+        return printable(data.decode())
+    if data[-1:] != b"\0":
+        raise NotAsUsualError("a string without a zero at its end")
+    return printable(data[:-1].decode())
+
+
+class MessageDecoder:
+    """Decodes messages by the standard definitions of their types.
+
+    Parameters
+    ----------
+    is_ros1
+        Whether they are written as in ROS 1.
+    """
+
+    def __init__(self, is_ros1: bool) -> None:
+        self._is_ros1 = is_ros1
+        self._readers = {name: reader_of(name, is_cdr=not is_ros1) for name in (SCAN_TYPE, *TF_TYPES)}
+
+    def decoded(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
+        """Return the content of a message; None if its bytes cannot be decoded."""
+        if msgtype not in self._readers:
+            self._readers[msgtype] = reader_of(msgtype, is_cdr=not self._is_ros1)
+        read = self._readers[msgtype]
+        if read is not None:
+            try:
+                return read(data)
+            except Exception as error:  # noqa: BLE001 - a damaged database may even hold what are no bytes
+                logger.debug("a %s is not laid out as usual: %r", msgtype, error)
+        return self._by_rosbags(msgtype, data)
+
+    def _by_rosbags(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
+        """Return the same by rosbags, for any type and byte order."""
+        try:
+            store = standard_types(self._is_ros1)
+            message = (store.deserialize_ros1 if self._is_ros1 else store.deserialize_cdr)(data, msgtype)
+        except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged bytes
+            logger.debug("a %s cannot be decoded: %r", msgtype, error)
+            return None
+        if msgtype in (SCAN_TYPE, ECHOES_TYPE):
+            return scan_of(message)
+        if msgtype == CLOUD_TYPE:
+            return _cloud(message)
+        return list(transforms_of(message) if msgtype in TF_TYPES else poses_of(message))
+
+
+def _cloud(message: Any) -> PointCloud | None:
+    """Return the points of a message; None if it holds none in space."""
+    try:
+        return cloud_of(message)
+    except PointCloudError as error:
+        logger.debug("a point cloud cannot be read: %s", error)
+        return None

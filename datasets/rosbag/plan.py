@@ -7,8 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from datasets.clouds.cloud_slice import CloudSlice
-from datasets.clouds.slice_choice import choose_slice, mounting
+from datasets.clouds import CloudSlice, choose_slice, mounting
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
 from datasets.odometry.se3 import SE3

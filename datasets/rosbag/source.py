@@ -207,7 +207,7 @@ class BagSource:
             self.connections = [connection for part in self._parts for connection in part.connections]
             spans = [part.span for part in self._parts]
         else:
-            from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415 - needed rarely
+            from datasets.salvage.ros2 import salvage_mcap  # noqa: PLC0415 - needed rarely
 
             found = salvage_mcap(self._file, "")
             if found.reason or found.holes:
@@ -249,7 +249,7 @@ def _is_indexed(path: Path) -> bool:
     files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
     if not files:
         return True
-    from datasets.salvage.mcap import has_full_index  # noqa: PLC0415 - other files do not need it
+    from datasets.salvage.ros2 import has_full_index  # noqa: PLC0415 - other files do not need it
 
     try:
         return all(map(has_full_index, files))
@@ -259,10 +259,9 @@ def _is_indexed(path: Path) -> bool:
 
 def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
     """Salvage a file of any format; `path` is its name in messages."""
-    # A salvager is needed rarely.
-    from datasets.salvage.mcap import salvage_mcap  # noqa: PLC0415
+    # Salvagers are needed rarely.
     from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415
-    from datasets.salvage.sqlite import salvage_sqlite  # noqa: PLC0415
+    from datasets.salvage.ros2 import salvage_mcap, salvage_sqlite  # noqa: PLC0415
 
     try:
         if is_ros1(file):

@@ -2,8 +2,9 @@ import json
 
 import pytest
 
-from datasets import DatasetError, ReadingCounts, Recording, RecordingOptions
-from datasets.recording import in_blocks
+from datasets import DatasetError, RecordingOptions
+from datasets.counts import ReadingCounts, Span
+from datasets.recording import Recording, in_blocks, recording_warnings
 from tbmslam.geometry.se2 import SE2
 
 
@@ -99,3 +100,107 @@ def test_counts_as_text_and_as_json():
 def test_options_that_cannot_be_meant(options, message):
     with pytest.raises(ValueError, match=message):
         RecordingOptions(**options)
+
+
+def recording(description=None, **counts):
+    made = Recording("r", lambda _: iter(()), description or {})
+    made.counts = ReadingCounts(scans_read=100, scans_used=90, **counts)
+    return made
+
+
+def test_a_recording_without_fault_has_nothing_to_be_said():
+    assert recording_warnings(recording(beams={"hit": 1000, "nan": 1}, description={"clock_warning": None})) == []
+
+
+def test_every_fault_is_a_sentence():
+    said = recording_warnings(
+        recording(
+            {
+                "sensor_pose_known": False,
+                "clock_warning": "the laser's clock is 82 s behind",
+                "first_scan": {"angle_warning": "angles do not fit"},
+            },
+            dropped={"empty": 8, "something_new": 2},
+            beams={"hit": 80, "nan": 20},
+            backward_stamps=3,
+            same_stamps=1,
+            clock_disagreements=4,
+            extrapolated=5,
+            without_odometry=9,
+            doubtful_sweeps=7,
+            lost_scans=40,
+            lost_seconds=8.0,
+            beam_count_changes=6,
+            pauses=[(1.0, 2.0), (5.0, 7.0)],
+        )
+    )
+    assert said == [
+        "8 of 100 scans were dropped: they were empty",
+        "2 of 100 scans were dropped: something_new",
+        "3 scans are stamped earlier than the scan before: the clock stepped back",
+        "1 scans have the stamp of an earlier scan",
+        "4 scans are stamped by another clock than the rest of the recording",
+        "5 scans came after the last odometry, which was extrapolated",
+        "9 scans had no odometry, so scan matching alone estimated the motion",
+        "7 scans state an impossible time between beams",
+        "the number of beams changed 6 times",
+        "about 40 scans, 8.0 s, are lost in a damaged file",
+        "20% of the beams are not a number",
+        "2 gaps of 9.0 s in all without a scan, the longest 7.0 s: motion during a gap is unknown",
+        "the mount of the laser on the robot is not recorded: a default was used",
+        "the laser's clock is 82 s behind",
+        "angles do not fit",
+    ]
+
+
+def test_a_gap_is_one():
+    said = recording_warnings(recording(pauses=[(1.0, 3.0)]))
+    assert said == ["1 gap of 3.0 s without a scan: motion during a gap is unknown"]
+
+
+def test_nobody_who_told_the_angles_is_asked_for_them():
+    assert recording_warnings(recording({"first_scan": {"angle_warning": "do not fit"}, "angle_step_deg": 1.0})) == []
+
+
+def test_a_part_is_told_of_its_own_gaps_and_of_the_counts_of_all():
+    made = recording(dropped={"empty": 8}, beams={"hit": 80, "nan": 20})
+    made.counts.add_gap(10.0, 3.0)
+    made.counts.add_gap(50.0, 4.0)
+    counted = [
+        "in the whole recording, 8 of 100 scans were dropped: they were empty",
+        "in the whole recording, 20% of the beams are not a number",
+    ]
+    assert recording_warnings(made, Span(60.0, 90.0)) == counted
+    assert recording_warnings(made, Span(20.0, 60.0)) == [
+        *counted,
+        "1 gap of 4.0 s without a scan: motion during a gap is unknown",
+    ]
+
+
+def test_a_part_that_a_gap_ends_or_begins_has_not_seen_it():
+    made = recording()
+    made.counts.add_gap(10.0, 3.0)
+    for part in (Span(0.0, 10.0), Span(13.0, 20.0)):
+        assert recording_warnings(made, part) == []
+        assert made.counts.incidents_in(part) == []
+    assert len(made.counts.incidents_in(Span(0.0, 13.0))) == 1
+
+
+def test_a_moment_is_of_the_part_whose_end_it_is():
+    made = recording()
+    made.counts.incidents.add(10.0, "the stamps of the scans step back")
+    assert [len(made.counts.incidents_in(span)) for span in (Span(0.0, 10.0), Span(10.0, 20.0), Span(11.0, 20.0))] == [
+        1,
+        1,
+        0,
+    ]
+
+
+def test_a_code_that_was_taken_for_a_wall_is_told_with_the_option():
+    made = recording(beams={"hit": 1000}, farthest_m=8.0, farthest_beams=40, farthest_scans=10)
+    said = (
+        "40 beams end at exactly 8 m, the longest range of all, which may be a code for no return: try "
+        "--no-return-code 8"
+    )
+    assert recording_warnings(made) == [said]
+    assert "odd: 40 beams of exactly 8 m (try --no-return-code 8)" in made.counts.summary()

@@ -12,8 +12,7 @@ from datasets.synthetic.bag_writing import Messages
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.geometry.se2 import SE2, compose
 from tests.end_to_end.programs import build
 from tools import benchmark, evaluate

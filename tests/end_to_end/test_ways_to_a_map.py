@@ -11,7 +11,7 @@ from datasets.synthetic.bag_writing import write_ros1_bag
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import OdometryNoise
 from datasets.synthetic.robot.simulation import simulate as simulate_robots
 from datasets.synthetic.world.world import load_world
 from tbmslam.belief.grid_resampling import resample

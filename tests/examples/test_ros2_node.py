@@ -12,8 +12,7 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam import load_map
 
 PACKAGE = Path(__file__).parents[2] / "examples" / "ros2" / "tbmslam_ros" / "tbmslam_ros"

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.synthetic.map_pairs.floors import pairs_of
 from datasets.synthetic.map_pairs.pairs import building_of_world
 from merging.config import MergeConfig
 from merging.fusion.fusion import fuse
@@ -36,7 +35,7 @@ from tbmslam.map.map_check import MapFileError, check_size
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
-from tools.map_pairs.files import grid_of
+from tools.map_pairs import grid_of, pairs_of
 
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

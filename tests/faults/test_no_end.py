@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from datasets import DatasetError, open_recording
-from datasets.recording_files import file_digests, list_recordings
+from datasets.opening import file_digests, list_recordings
 from datasets.synthetic.world.world import WorldError, load_world
 from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.errors import TbmSlamError
@@ -25,7 +25,7 @@ from tools.benchmarks.strangers import EarlierRunError, _tried_before
 from tools.command_line.configuration import read_configuration
 from tools.command_line.output_folder import NAME, changed_files
 from tools.evaluation.truth_file import TruthFileError
-from tools.map_pairs.files import PairFileError, load_pair
+from tools.map_pairs import PairFileError, load_pair
 from tools.paper.maps import load_pairs
 
 NO_FILE, EMPTY = "is a device or a pipe", "is empty"

@@ -10,12 +10,10 @@ import numpy as np
 from datasets.counts import ReadingCounts
 from datasets.odometry.frames import FrameGraph, choose_frames
 from datasets.options import RecordingOptions
-from datasets.rosbag.message_decoder import MessageDecoder
-from datasets.rosbag.messages import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
-from datasets.salvage.mcap import salvage_mcap
+from datasets.rosbag.messages import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES, FramedScan, MessageDecoder
 from datasets.salvage.ros1 import salvage_ros1
+from datasets.salvage.ros2 import salvage_mcap, salvage_sqlite
 from datasets.salvage.salvaged_bag import SalvagedBag
-from datasets.salvage.sqlite import salvage_sqlite
 from datasets.scans.cleaning import KNOWN_CODES, RangeRules
 from datasets.scans.intake import ScanIntake
 from tbmslam.sensing.laser_scan import Reading

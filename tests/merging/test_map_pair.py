@@ -12,7 +12,7 @@ from datasets.synthetic.map_pairs.pairs import (
     mirrored,
 )
 from merging import MergeConfig, align
-from tools.map_pairs.files import KnownPair
+from tools.map_pairs import KnownPair
 
 
 @pytest.fixture(scope="module")

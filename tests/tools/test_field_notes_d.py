@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from datasets.synthetic.map_pairs.floors import pairs_of
 from datasets.synthetic.map_pairs.pairs import building_of_world
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
@@ -16,7 +15,7 @@ from tbmslam.io.ros_map import write_ros_map
 from tests.datasets.conftest import BagScript
 from tools import build_maps
 from tools import merge as merge_program
-from tools.map_pairs.files import grid_of
+from tools.map_pairs import grid_of, pairs_of
 
 ROUND_ROOM = np.full(180, 3.0)
 

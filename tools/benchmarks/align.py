@@ -22,7 +22,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.calibration.calibration_table import BINS, calibration_table
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
-from tools.map_pairs.files import KnownPair
+from tools.map_pairs import KnownPair
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
@@ -129,7 +129,7 @@ def measure(path: Path, method: str) -> PairResult:
     from merging.baselines import howard
     from merging.config import MergeConfig
     from tools.benchmarks.align import encounters_of
-    from tools.map_pairs.files import load_pair
+    from tools.map_pairs import load_pair
 
     pair = load_pair(path)
     encounters = encounters_of(pair)

@@ -27,7 +27,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
-from tools.map_pairs.files import KnownPair, grid_of
+from tools.map_pairs import KnownPair, grid_of
 
 HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),

@@ -10,7 +10,7 @@ from merging.alignment import Pair
 from merging.map_graph.grouping import Group
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
-from tools.map_pairs.files import KnownPair, grid_of
+from tools.map_pairs import KnownPair, grid_of
 
 
 def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from datasets.synthetic.robot.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import OdometryNoise
 from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.atomic_file import write_text

@@ -13,7 +13,7 @@ import numpy as np
 from datasets import open_recording
 from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import align_trajectories

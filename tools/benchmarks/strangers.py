@@ -32,7 +32,7 @@ from tbmslam.parallel.worker_pool import worker_pool
 from tbmslam.special_file import why_unreadable
 from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
-from tools.map_pairs.files import KnownPair
+from tools.map_pairs import KnownPair
 
 KINDS = {
     "unrelated": "maps of two buildings, whole or in part",

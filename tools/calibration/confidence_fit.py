@@ -21,7 +21,7 @@ from merging.verification.evidence import Evidence
 from merging.walls.wall_map import WallMap, without_walls
 from tbmslam.geometry.se2 import FloatArray
 from tools.calibration.calibration_table import Judgement
-from tools.map_pairs.files import KnownPair, floors_of
+from tools.map_pairs import KnownPair, floors_of
 
 BoolArray = npt.NDArray[np.bool_]
 

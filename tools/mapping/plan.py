@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from datasets.recording_files import file_digests, list_recordings
+from datasets.opening import file_digests, list_recordings
 from tbmslam.configuration.parameters import changed
 from tbmslam.parallel.progress import Progress
 from tbmslam.sensing.segmentation import (

@@ -16,7 +16,7 @@ import numpy as np
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
 from datasets.buffering import cached, read_ahead
 from datasets.counts import Span
-from datasets.recording_warnings import recording_warnings
+from datasets.recording import recording_warnings
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import write_text

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from datasets.recording_files import file_digests
+from datasets.opening import file_digests
 from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_errors import TrajectoryAlignmentError, align_trajectories
 from tbmslam.geometry.trajectory import Trajectory

@@ -14,7 +14,7 @@ from tbmslam.io.map_folder import load_map
 from tools import build_maps, make_world
 from tools.evaluation.truth_file import NAME as TRUTH_FILE
 from tools.evaluation.truth_file import read_truth_file
-from tools.map_pairs.files import KnownPair
+from tools.map_pairs import KnownPair
 
 logger = logging.getLogger(__name__)
 

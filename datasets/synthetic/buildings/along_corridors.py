@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.world.furniture import furnish
-from datasets.synthetic.world.room_row import CorridorSide, add_rooms
+from datasets.synthetic.world.rooms import CorridorSide, add_rooms, furnish
 
 PITCH = 4.0
 """Distance from one door to the next [m]."""

@@ -3,8 +3,7 @@
 import numpy as np
 
 from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.world.furniture import furnish, stand_box
-from datasets.synthetic.world.room_row import CorridorSide, add_rooms
+from datasets.synthetic.world.rooms import CorridorSide, add_rooms, furnish, stand_box
 
 
 def draw_open_plan(rng: np.random.Generator) -> FloorPlan:

@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.map_pairs.distortion import Distortion, Draw, Spoilt
-from datasets.synthetic.world.corridor_lattice import CorridorLattice
-from datasets.synthetic.world.world import World
+from datasets.synthetic.world.world import CorridorLattice, World
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2

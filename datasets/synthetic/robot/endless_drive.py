@@ -10,10 +10,8 @@ import numpy as np
 
 from datasets.synthetic.robot.drives import START_STAMP, drive_along
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import poses_at
-from datasets.synthetic.world.corridor_lattice import CorridorLattice
-from datasets.synthetic.world.world import World
+from datasets.synthetic.robot.simulation import OdometryNoise, poses_at
+from datasets.synthetic.world.world import CorridorLattice, World
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.sensing.laser_scan import Reading

@@ -11,8 +11,7 @@ from datasets.synthetic.bag_writing import LASER_HEIGHT, BagWritingError, Messag
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.geometry.se2 import SE2
 
 WORLD = make_world("apartment", 1)

@@ -6,8 +6,7 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.faults import Fault, inject
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 
 
 def test_a_knocked_laser_looks_ten_degrees_to_the_left():

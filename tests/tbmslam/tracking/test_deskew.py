@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.configuration.slam_config import config_from_dict
 from tbmslam.evaluation.trajectory_errors import align_trajectories

@@ -14,7 +14,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
 from tools.calibration import confidence_fit
 from tools.calibration.confidence_fit import Trial, fit_model, held_out
-from tools.map_pairs.files import KnownPair
+from tools.map_pairs import KnownPair
 
 CHANCE = Evidence(
     overlap_m2=30.0, compared_wall_m=20.0, agreed_wall_m=12.0, conflicting_wall_m=4.0, unseen_wall_m=1.0,

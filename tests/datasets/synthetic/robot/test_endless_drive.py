@@ -5,7 +5,7 @@ import pytest
 
 from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
+from datasets.synthetic.robot.simulation import OdometryNoise
 
 LASER = SimulatedLaser(beams=180, angle_min=-np.pi / 2, angle_increment=np.pi / 180, rate=5.0)
 

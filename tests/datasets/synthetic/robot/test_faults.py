@@ -9,8 +9,7 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.faults import FAULTS, Fault, inject
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.odometry_noise import OdometryNoise
-from datasets.synthetic.robot.simulation import simulate
+from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.geometry.se2 import compose, inverse
 from tools.make_world import FAULTS as OFFERED
 

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from datasets.clouds.cloud_slice import rotation_of
-from datasets.clouds.point_cloud import PointCloud
+from datasets.clouds import PointCloud, rotation_of
 from datasets.odometry.se3 import SE3
 
 HALF_LENGTH, HALF_WIDTH = 4.0, 2.5

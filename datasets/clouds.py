@@ -1,0 +1,357 @@
+"""Point clouds, cut between two heights into scans.
+
+The points of a message are transformed to the robot's frame and cut between two heights. The nearest wall of each
+direction becomes a beam. The heights and the beams are chosen by the first clouds of a recording, unless options state
+them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from datasets.errors import DatasetError
+from datasets.odometry.se3 import SE3
+from datasets.scans.intake import RawScan
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.io.printable import printable
+
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""Types of a field by their number (sensor_msgs/PointField)."""
+_TIMES = ("t", "time", "time_offset", "timestamp", "timeStamp", "point_time_offset")
+"""Names that drivers of spinning lidars give the time of a point."""
+_NANOSECOND = 1e-9
+
+
+class PointCloudError(ValueError):
+    """A message holds no points in space."""
+
+
+class PointCloud(NamedTuple):
+    """The points of one message.
+
+    Parameters
+    ----------
+    frame
+        The sensor's.
+    stamp
+        The message's [s]; 0 or less is unset.
+    points
+        Points (N, 3) in the sensor's frame [m], all finite.
+    times
+        When each was measured (N,), after the first of them [s]; None if unknown.
+    delay
+        Time of the first of them after the stamp [s].
+    """
+
+    frame: str
+    stamp: float
+    points: FloatArray
+    times: FloatArray | None = None
+    delay: float = 0.0
+
+
+def cloud_of(message: Any) -> PointCloud:
+    """Read a sensor_msgs/PointCloud2.
+
+    Raises
+    ------
+    PointCloudError
+        It has no fields x, y and z, or holds fewer bytes than it states.
+    """
+    order = ">" if message.is_bigendian else "<"
+    fields = {
+        field.name: (order + _KINDS[field.datatype], field.offset)
+        for field in message.fields
+        if field.datatype in _KINDS and field.count in (0, 1)
+    }
+    if not {"x", "y", "z"} <= fields.keys():
+        raise PointCloudError(f"fields x, y and z are missing, there are {', '.join(fields) or 'none'}")
+    try:
+        dtype = np.dtype(
+            {
+                "names": list(fields),
+                "formats": [kind for kind, _ in fields.values()],
+                "offsets": [offset for _, offset in fields.values()],
+                "itemsize": message.point_step,
+            }
+        )
+    except ValueError as error:
+        raise PointCloudError(f"its fields do not fit into {message.point_step} bytes: {error}") from error
+    rows, cols = message.height, message.width
+    data = np.frombuffer(message.data, np.uint8)
+    if message.row_step * rows > len(data) or message.point_step * cols > message.row_step or not message.point_step:
+        raise PointCloudError(f"{rows} rows of {cols} points take more than its {len(data)} bytes")
+    lines = data[: message.row_step * rows].reshape(rows, message.row_step)[:, : message.point_step * cols]
+    records = np.ascontiguousarray(lines).view(dtype).reshape(-1)
+    points = np.column_stack([records[axis].astype(np.float64) for axis in "xyz"])
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    stamp = float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+    times, delay = _times(records, finite, stamp)
+    return PointCloud(printable(message.header.frame_id), stamp, points[finite], times, delay)
+
+
+def _times(records: npt.NDArray[Any], finite: npt.NDArray[np.bool_], stamp: float) -> tuple[FloatArray | None, float]:
+    """Return when finite points were measured after the first [s], and the first after the stamp [s]."""
+    names = [name for name in _TIMES if name in (records.dtype.names or ())]
+    if not names or not finite.any():
+        return None, 0.0
+    stated = records[names[0]][finite]
+    unit = _NANOSECOND if stated.dtype.kind in "iu" else 1.0
+    first = stated.min()
+    times = (stated - first).astype(np.float64) * unit
+    if not (np.isfinite(times).all() and 0.0 < times.max() < 1.0):  # no lidar turns more slowly
+        return None, 0.0
+    delay = float(first) * unit
+    if delay > 1.0:  # the driver states times of the day, not times since the stamp
+        delay -= stamp
+    return times, delay if abs(delay) < 1.0 else 0.0
+
+
+_TIE = 1e-6
+"""Of a beam: directions midway between two beams fall to one of them, whatever rounding does to their rings."""
+_WALL_DEPTH = 0.15
+"""Points of one direction that are this much farther than the nearest [m] lie on the same wall: ranges are noisy."""
+_WIDEST_GAP, _BESIDE = 2.0, 0.6
+"""A wall is seen between points that are so many beams apart, and a point counts for beams so near: directions vary."""
+_NEAREST, _FARTHEST = 0.1, 300.0
+"""Limits of a range [m]; a cloud states none."""
+
+
+@dataclass(frozen=True)
+class CloudSlice:
+    """How point clouds are cut into scans.
+
+    Parameters
+    ----------
+    T_robot_sensor
+        Where the sensor is mounted. Where only its place in the plane is known, heights count from the sensor.
+    low, high
+        Heights between which points count, above the robot's frame [m].
+    angle_min, angle_step
+        Direction of the first beam and angle to the next, seen from the sensor along the robot's axes [rad].
+    beams
+        Their number.
+    time_step
+        Time between two beams [s]; 0 if unknown or if all are measured at once.
+    """
+
+    T_robot_sensor: SE3
+    low: float
+    high: float
+    angle_min: float = -math.pi
+    angle_step: float = math.radians(1.0)
+    beams: int = 360
+    time_step: float = 0.0
+
+    @property
+    def T_robot_scan(self) -> SE2:
+        """Where the scans are seen from: the sensor's place, along the robot's axes."""
+        return SE2(self.T_robot_sensor.x, self.T_robot_sensor.y, 0.0)
+
+    def scan(self, cloud: PointCloud) -> RawScan:
+        """Return the scan of a cloud's slice: for each direction the range of the nearest wall, or nan."""
+        points, times = self.points(cloud)
+        angles = np.arctan2(points[:, 1], points[:, 0])
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        turned = (angles - self.angle_min) / self.angle_step % (2.0 * math.pi / abs(self.angle_step))
+        found = _nearest_walls(turned, ranges, self.beams)
+        stamp = cloud.stamp
+        if times is not None and len(times) and self.time_step > 0.0 and stamp > 0.0:
+            stamp += cloud.delay + float(np.median(times - turned * self.time_step))
+        return RawScan(
+            stamp, self.angle_min, self.angle_step, _NEAREST, _FARTHEST, found.astype(np.float32), self.time_step
+        )
+
+    def points(self, cloud: PointCloud) -> tuple[FloatArray, FloatArray | None]:
+        """Return the slice's points (N, 2), seen from the sensor along the robot's axes, and their times (N,)."""
+        turned = rotation_of(self.T_robot_sensor) @ cloud.points.T
+        heights = turned[2] + self.T_robot_sensor.z
+        ranges = np.hypot(turned[0], turned[1])
+        inside = (heights >= self.low) & (heights <= self.high) & (ranges > _NEAREST) & (ranges < _FARTHEST)
+        return turned[:2, inside].T, None if cloud.times is None else cloud.times[inside]
+
+
+def rotation_of(pose: SE3) -> FloatArray:
+    """Return the matrix (3, 3) that turns vectors as a motion does."""
+    x, y, z, w = pose.qx, pose.qy, pose.qz, pose.qw
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatArray:
+    """Return the range (beams,) of the nearest wall at the middle of each beam; nan if there is none.
+
+    Within a beam's width the points of the nearest wall are averaged, direction and range. Between two such averages of
+    one wall the wall is straight: the inverse of its range is linear in the direction over so small an angle.
+
+    Parameters
+    ----------
+    turned
+        Directions (N,) in beams from the first.
+    ranges
+        Their ranges (N,) [m].
+    beams
+        Number of beams.
+    """
+    if not len(ranges):
+        return np.full(beams, np.nan)
+    beam = np.rint(turned + _TIE).astype(np.int64)
+    offset = turned - beam
+    beam %= beams
+    nearest = np.full(beams, np.inf)
+    np.minimum.at(nearest, beam, ranges)
+    on_wall = ranges <= nearest[beam] + _WALL_DEPTH
+    beam, offset, ranges = beam[on_wall], offset[on_wall], ranges[on_wall]
+    counts = np.bincount(beam, minlength=beams)
+    filled = np.flatnonzero(counts)
+    mean = np.bincount(beam, ranges, beams)[filled] / counts[filled]
+    place = filled + np.bincount(beam, offset, beams)[filled] / counts[filled]
+    mean = np.concatenate((mean[-1:], mean, mean[:1]))
+    place = np.concatenate((place[-1:] - beams, place, place[:1] + beams))
+    middle = np.arange(beams)
+    right = np.clip(np.searchsorted(place, middle), 1, len(place) - 1)
+    left = right - 1
+    gap, from_left = place[right] - place[left], middle - place[left]
+    share = np.divide(from_left, gap, out=np.zeros(beams), where=gap > 0.0)
+    between = 1.0 / ((1.0 - share) / mean[left] + share / mean[right])
+    one_wall = (gap <= _WIDEST_GAP) & (np.abs(mean[right] - mean[left]) <= _WALL_DEPTH)
+    alone = np.where(share <= 0.5, mean[left], mean[right])
+    is_near = np.minimum(np.abs(from_left), np.abs(place[right] - middle)) <= _BESIDE
+    return np.where(one_wall, between, np.where(is_near, alone, np.nan))
+
+
+_HALF_HEIGHT = 0.25
+"""Of the slice where no heights are stated, up and down from the sensor [m]; two to four of 16 rings look into it."""
+_FLOOR = 0.1
+"""What is lower than this above the robot's frame counts as floor where no heights are stated [m]."""
+_FEWEST_DIRECTIONS = 0.05
+"""Share of the directions in which a slice must hold points: a camera sees an eighth of a turn."""
+_STEPS_DEG = (0.2, 0.25, 0.4, 0.5, 1.0)
+"""Angles between beams to choose from: those of spinning lidars."""
+_FILLED = 0.9
+"""Share of the directions in which a degree holds points that the chosen step must fill, too."""
+_STEADY = 0.8
+"""Share of the points that must be as late as in a steady turn, within the larger of the next two:"""
+_LATE_S, _LATE_TURN = 1e-3, 0.02
+"""A time [s], and a share of a turn."""
+_LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi
+"""In one cloud [rad]."""
+
+
+def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:
+    """Return where a sensor is mounted in space.
+
+    Parameters
+    ----------
+    T_robot_sensor
+        The mount in tf; None if unknown.
+    sensor_pose
+        Its place in the plane, to be used instead; height and tilt stay those of tf.
+    upside_down
+        Whether it hangs, where tf does not know.
+    """
+    if T_robot_sensor is None:
+        hanging = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if upside_down else SE3.identity()
+        return SE3.from_planar(sensor_pose or SE2.identity()) @ hanging
+    if sensor_pose is None:
+        return T_robot_sensor
+    return SE3.from_planar(sensor_pose) @ SE3.from_planar(T_robot_sensor.planar()).inverse() @ T_robot_sensor
+
+
+def choose_slice(
+    T_robot_sensor: SE3,
+    heights: tuple[float, float] | None,
+    step_deg: float | None,
+    clouds: Sequence[PointCloud],
+    topic: str,
+) -> CloudSlice:
+    """Choose heights and beams for the clouds of a recording.
+
+    Parameters
+    ----------
+    T_robot_sensor
+        Where the sensor is mounted.
+    heights
+        Lowest and highest point above the robot's frame [m]; None chooses a band around the sensor without floor.
+    step_deg
+        Angle between beams [degrees]; None chooses the finest one that the points fill.
+    clouds
+        The first ones of the recording.
+    topic
+        Name of their topic, for errors.
+
+    Raises
+    ------
+    DatasetError
+        Hardly any point lies between the heights.
+    """
+    low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
+    if heights is None and T_robot_sensor.z > _FLOOR:
+        low = max(low, _FLOOR)
+    cut = CloudSlice(T_robot_sensor, low, high)
+    _check_walls(cut, clouds, topic)
+    step = math.radians(step_deg or _finest_step(cut, clouds))
+    cut = replace(cut, angle_step=step, beams=round(2.0 * math.pi / step))
+    turns = [turn for cloud in clouds if (turn := _turn(cut, cloud)) is not None]
+    if 2 * len(turns) <= len(clouds):
+        return cut
+    rate = float(np.median([rate for rate, _ in turns]))
+    start = float(np.angle(np.exp([1j * first for _, first in turns]).mean()))
+    return replace(cut, angle_min=start, angle_step=math.copysign(step, rate), time_step=step / abs(rate))
+
+
+def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], topic: str) -> None:
+    shares = [float(np.isfinite(cut.scan(cloud).ranges).mean()) for cloud in clouds]
+    if np.median(shares) >= _FEWEST_DIRECTIONS:
+        return
+    upwards = rotation_of(cut.T_robot_sensor)[2]
+    heights = np.concatenate([cloud.points @ upwards for cloud in clouds]) + cut.T_robot_sensor.z
+    where = "are empty"
+    if len(heights):
+        lowest, highest = np.percentile(heights, (5.0, 95.0))
+        where = f"lie mostly between {lowest:.2f} and {highest:.2f} m"
+    raise DatasetError(
+        f"the clouds of {topic} hold hardly any point between {cut.low:.2f} and {cut.high:.2f} m above the robot's "
+        f"frame; they {where}: choose heights at which there are walls with --cloud-heights"
+    )
+
+
+def _finest_step(cut: CloudSlice, clouds: Sequence[PointCloud]) -> float:
+    """Return the finest angle between beams that leaves hardly any of them without points [degrees]."""
+    filled: dict[float, list[float]] = {step: [] for step in _STEPS_DEG}
+    for cloud in clouds:
+        points, _ = cut.points(cloud)
+        if not len(points):
+            continue
+        angles = np.degrees(np.arctan2(points[:, 1], points[:, 0])) + 180.0
+        degrees = len(np.unique(np.floor(angles)))
+        for step, shares in filled.items():
+            shares.append(len(np.unique(np.floor(angles / step))) * step / degrees)
+    return next((step for step, shares in filled.items() if shares and np.median(shares) >= _FILLED), _STEPS_DEG[-1])
+
+
+def _turn(cut: CloudSlice, cloud: PointCloud) -> tuple[float, float] | None:
+    """Return how fast a sensor turns [rad/s] and in which direction it begins [rad]; None if it does not turn."""
+    points, times = cut.points(cloud)
+    if times is None or len(times) < cut.beams // 4:
+        return None
+    order = np.argsort(times, kind="stable")
+    times, angles = times[order], np.arctan2(points[order, 1], points[order, 0])
+    total, lasts = float(np.angle(np.exp(1j * np.diff(angles))).sum()), float(times[-1] - times[0])
+    if not (lasts > 0.0 and _LEAST_TURN < abs(total) < _MOST_TURN):
+        return None
+    rate = total / lasts
+    starts = np.exp(1j * (angles - rate * times))
+    start = float(np.angle(np.median(starts.real) + 1j * np.median(starts.imag)))
+    late_s = np.abs(np.angle(starts * np.exp(-1j * start))) / abs(rate)
+    allowed_s = max(_LATE_S, _LATE_TURN * 2.0 * math.pi / abs(rate))
+    return (rate, start) if float((late_s <= allowed_s).mean()) >= _STEADY else None

@@ -1,1 +1,0 @@
-"""Point clouds, cut at the height of a laser into scans."""

@@ -1,1 +1,0 @@
-"""Files of map pairs, and the floors they are cut from."""
