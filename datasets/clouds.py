@@ -16,8 +16,8 @@ import numpy.typing as npt
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
+from tbmslam.errors import printable
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.io.printable import printable
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Types of a field by their number (sensor_msgs/PointField)."""

@@ -11,8 +11,8 @@ from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.map.scan_inserter import ScanInserter
-from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig
-from tbmslam.related.tile_maps import TileMaps
+from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig, TileMaps
+from tbmslam.related.viny_tracker import GridTracker, GridTrackerConfig
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.sensor_model import beam_factors
 from tbmslam.tracking.deskew import deskewed
@@ -20,7 +20,6 @@ from tbmslam.tracking.motion_model import MotionModel
 from tbmslam.tracking.surfel_tracker import SurfelTracker
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
-from tbmslam.vinyslam.grid_tracker import GridTracker, GridTrackerConfig
 
 _AT_START = 1e8 * np.eye(3)
 """Information of the motion to the first keyframe: the drive begins where it begins."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from tbmslam.back_end import BackEnd, OptimisedDrive
 from tbmslam.belief.grid import TbmGrid
-from tbmslam.calibration.laser_check import laser_doubts
-from tbmslam.calibration.laser_fit import fit_laser
+from tbmslam.calibration.laser_check import fit_laser, laser_warnings
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.front_end import FrontEnd, make_tracker
 from tbmslam.geometry.se2 import SE2, FloatArray
@@ -157,7 +156,7 @@ class Slam:
         with self._progress.during("checking the laser"):
             errors = fit_laser(keyframes, drive.poses, drive.steps, config.laser_fit, config.adjustment)
         if errors is not None:
-            doubts = laser_doubts(errors, keyframes, config.laser_check, self._corrections.range_offset)
+            doubts = laser_warnings(errors, keyframes, config.laser_check, self._corrections.range_offset)
             for subject, message in doubts.items():
                 self._monitor.warn_of_whole_drive(subject, message, self.start_stamp)
 

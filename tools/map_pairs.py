@@ -22,9 +22,8 @@ from datasets.synthetic.map_pairs.pairs import (
     mirrored,
     room_of,
 )
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.belief.masses import FREE, OCCUPIED
-from tbmslam.belief.occupancy import masses_from_probability
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.map.map_check import check_geometry

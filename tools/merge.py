@@ -279,7 +279,7 @@ def _given(**values: object) -> dict[str, object]:
 def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> int:
     with loading():
         from merging.merger import merge
-        from merging.report.provenance import drives_given_twice
+        from merging.report.provenance import duplicate_drives
         from tbmslam.configuration.parameters import ConfigError
         from tbmslam.io.map_folder import load_map
         from tbmslam.report.page import Making
@@ -295,7 +295,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
     _check_files(options.maps, options.out)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in progress.each(named.items(), "loading", len(named), "maps")}
-        for first, second, shared, of in drives_given_twice(maps):
+        for first, second, shared, of in duplicate_drives(maps):
             counts = "one drive would count as two robots that agree: omit one of them"
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, progress, options.scheduler)

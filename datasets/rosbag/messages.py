@@ -17,7 +17,7 @@ import numpy as np
 from datasets.clouds import PointCloud, PointCloudError, cloud_of
 from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
-from tbmslam.io.printable import printable
+from tbmslam.errors import printable
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ECHOES_TYPE = "sensor_msgs/msg/MultiEchoLaserScan"

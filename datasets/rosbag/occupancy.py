@@ -16,9 +16,8 @@ from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
 from datasets.rosbag.messages import standard_types
 from datasets.rosbag.source import BagSource
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
 from tbmslam.belief.grid_resampling import canvas_of, resample
-from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
 from tbmslam.io.atomic_file import replacing
 from tbmslam.map.map_check import MapFileError, check_geometry
 

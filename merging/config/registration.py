@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
-from tbmslam.io.drive_check import MAX_DISTANCE, MAX_TURN
+from tbmslam.map.map_check import MAX_DISTANCE, MAX_TURN
 
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
 """How the descriptors of a keypoint in two images of a map become one."""

@@ -1,1 +1,1 @@
-"""What a merge did, for programs and for people."""
+"""The report of a merge, as JSON and as a page."""

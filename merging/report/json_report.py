@@ -1,4 +1,4 @@
-"""What a merge did: for programs as JSON, for people as pictures."""
+"""The report of a merge as JSON and as pictures."""
 
 import json
 from collections.abc import Mapping
@@ -19,9 +19,8 @@ from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.downloads import downloads
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.report.page import Making
+from tbmslam.report.page import Making, downloads
 
 _UNKNOWN_GREY = 205
 _AREAS_TOLD = {
@@ -35,9 +34,9 @@ _AREAS_TOLD = {
 def write_report(
     folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, making: Making | None = None
 ) -> None:
-    """Write report.json, report.html and, of merged maps, overlay.png and contradictions.png; older ones go.
+    """Write report.json, report.html and, for merged maps, overlay.png and contradictions.png; replace older files.
 
-    What they show of conflict is where walls are elsewhere, not where they fall into the next cell.
+    Conflict by the rounding of walls to cells is not shown; see `merging.report.layers.without_rounding`.
 
     Raises
     ------
@@ -62,7 +61,7 @@ def write_report(
 
 
 def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
-    """Return the report as JSON can hold it; poses and motions are [x m, y m, theta rad]."""
+    """Return the report for JSON; poses are [x m, y m, theta rad]."""
     merged_maps: dict[str, object] = {
         name: {"merged": True, "T_merged_map": list(pose)} for name, pose in merge.poses.items()
     }
@@ -91,7 +90,7 @@ def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
 
 
 def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Image:
-    """Draw every map's walls in its own colour (rows, cols, 3) as RGB; walls that coincide come out dark."""
+    """Draw every map's walls in its own colour (rows, cols, 3) as RGB; coinciding walls are dark."""
     canvas = fusion.grid.geometry
     picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
     picture[fusion.seen_by > 0] = 255
@@ -106,7 +105,7 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
 
 
 def draw_conflict(fusion: Fusion) -> Image:
-    """Draw where the maps contradict each other (rows, cols, 3) as RGB: red on a faint picture of the merged map."""
+    """Draw the contradictions (rows, cols, 3) as RGB: red on a faint picture of the merged map."""
     faint = 191 + Channels.from_grid(fusion.grid).pignistic.astype(np.float64) / 4.0
     strength = np.asarray(flipped(fusion.conflict), dtype=np.float64)
     red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)

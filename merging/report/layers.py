@@ -14,29 +14,26 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.map.drive import Drive
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, map_layers, trouble_layer
-from tbmslam.report.palette import Colour, Levels, Palette, levels_of
-from tbmslam.report.sheet import Marks, Raster, Sheet, Switch
-from tbmslam.report.timed_way import timed_ways
+from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, incident_layer, map_layers
+from tbmslam.report.sheet import Colour, Levels, Marks, Palette, Raster, Sheet, Switch, drive_tracks, levels_of
 
 _ONE_WALL, _ONE_WALL_M = 2, 0.2
-"""Walls at most so many cells apart are one, but no farther than so many metres, or a cell where they are coarse: cells
-round each by half a cell, and noise moves hits into the next. A door is wider than twice as much."""
+"""Two walls at most this number of cells and this distance apart are one wall (one cell at least): cells round by half
+a cell, and noise moves hits to the next cell. A door is wider than twice this distance."""
 
 
 def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapping[str, float]) -> Merge:
-    """Return a merge whose conflict is only where another map calls all within two cells of a wall free.
+    """Return a merge that keeps conflict only at walls where another map is free within two cells all around.
 
-    Where a map ends there it says little: a beam that grazes a wall clears cells of it. What is fused stays as it is. A
-    map of reliability 0 neither has walls nor denies any, as it has no part in the conflict either; with any other,
-    what is free in a map stays free, and a wall a wall.
+    Other conflict is caused by rounding and by beams that graze a wall. The fused masses do not change. Maps of
+    reliability 0 are ignored, since they do not contribute to the conflict.
 
     Parameters
     ----------
     merge, maps
-        What became of which maps.
+        The merge and its maps.
     reliability
-        Probability that a map, by name, is to be believed; 1 for those not named.
+        Reliability of the maps by name; 1 for maps that are not named.
     """
     if merge.fusion is None:
         return merge
@@ -64,55 +61,53 @@ _SEEN_BY = Palette(
     tuple((int(238 - 7 * n), int(232 - 11 * n), int(250 - 4 * n)) for n in range(_MOST_SEEN + 1)), alphas=(0, 0)
 )
 _LEAST_WALL, _LEAST_FREE = 0.1, 0.3
-"""Shares of a shown cell that must be wall, or free, for it to be drawn so where several cells are shown as one."""
+"""Least shares of wall and of free cells with which a shown cell, made of several cells, is drawn as wall or free."""
 _EVIDENCE, _ROBOTS = "Evidence", "Robots"
 
 
 def colours_of(names: list[str]) -> dict[str, Colour]:
-    """Return every map's colour."""
+    """Return the colour of each map."""
     return {name: ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index, name in enumerate(names)}
 
 
 def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str, TbmMap]) -> Sheet:
-    """Return the merged map with everything that can be laid over it."""
+    """Return the sheet of the merged map with all layers."""
     colours = colours_of(list(merge.poses))
     robots = [_walls(name, _laid(merge, maps, name), colours[name]) for name in merge.poses]
     owners = [name for name in merge.poses for _ in maps[name].drives]
     drives = [_named(drive, name, maps) for drive, name in zip(merged.drives, owners, strict=True)]
     owned = [colours[name] for name in owners]
-    ways = drive_layers(drives, owned, _ROBOTS, merged.grid.geometry.resolution)
-    incidents = [known for name in merge.poses for known in incidents_of(maps[name])]
-    trouble = _trouble(drives, incidents)
+    lines = drive_layers(drives, owned, _ROBOTS, merged.grid.geometry.resolution)
+    incidents = _incident_layers(drives, [known for name in merge.poses for known in incidents_of(maps[name])])
     layers: tuple[Raster | Marks, ...]
-    layers = (*map_layers(fusion.grid), *robots, *ways, *trouble, *_evidence(fusion), *_links(merge, merged))
-    note = "Where walls of several robots coincide, their colours mix to a dark one."
-    return Sheet("Merged map", layers, note, timed_ways(drives, owned))
+    layers = (*map_layers(fusion.grid), *robots, *lines, *incidents, *_evidence(fusion), *_links(merge, merged))
+    note = "The colours of several robots mix to a dark colour where their walls coincide."
+    return Sheet("Merged map", layers, note, drive_tracks(drives, owned))
 
 
 def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
-    """Return a map that was not merged, in its own frame."""
+    """Return the sheet of a map that was not merged, in its own frame."""
     colours = [colour] * len(one.drives)
     drives = drive_layers(one.drives, colours, _ROBOTS, one.grid.geometry.resolution)
-    trouble = _trouble(one.drives, incidents_of(one))
+    incidents = _incident_layers(one.drives, incidents_of(one))
     rasters = map_layers(one.grid.cropped_to_known())
-    return Sheet(name, (*rasters, *drives, *trouble), ways=timed_ways(one.drives, colours))
+    return Sheet(name, (*rasters, *drives, *incidents), tracks=drive_tracks(one.drives, colours))
 
 
-def _trouble(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:
-    """Return where on each drive something went wrong."""
+def _incident_layers(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:
     return [
-        mark for drive, known in zip(drives, incidents, strict=True) for mark in trouble_layer(drive, known, _ROBOTS)
+        mark for drive, known in zip(drives, incidents, strict=True) for mark in incident_layer(drive, known, _ROBOTS)
     ]
 
 
 def _laid(merge: Merge, maps: Mapping[str, TbmMap], name: str) -> TbmGrid:
     """Return a map's grid in the merged frame."""
-    assert merge.fusion is not None  # noqa: S101  # who asks for the merged sheet has one
+    assert merge.fusion is not None  # noqa: S101  # only merged maps have this sheet
     return warp(*merge.laid(name, maps), merge.fusion.grid.geometry)
 
 
 def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:
-    """Return a drive that bears its map's name where it is the only one in it, so that both share a line."""
+    """Return a drive under its map's name if it is the only drive of the map, so that both share a row of switches."""
     if len(maps[name].drives) > 1:
         return drive
     return replace(drive, name=name)
@@ -129,7 +124,7 @@ def _walls(name: str, grid: TbmGrid, colour: Colour) -> Raster:
     red, green, blue = colour
     tint = ((red + 255) // 2, (green + 255) // 2, (blue + 255) // 2)
     palette = Palette(((255, 255, 255), tint, colour), alphas=(0, 30))
-    switch = Switch(_ROBOTS, name, "map", shown=True, note="its walls, and a tint where it knows free space")
+    switch = Switch(_ROBOTS, name, "map", shown=True, note="walls, and free space as a tint")
     return Raster(switch, geometry, levels, palette)
 
 
@@ -138,7 +133,7 @@ def _evidence(fusion: Fusion) -> list[Raster]:
     _, seen_by = for_display(fusion.grid.geometry, fusion.seen_by.astype(np.float32))
     return [
         Raster(
-            Switch(_EVIDENCE, "overlap", note="how many maps saw a cell, where more than one did"),
+            Switch(_EVIDENCE, "overlap", note="number of maps that saw a cell, if more than one"),
             geometry,
             np.minimum(np.rint(seen_by), _MOST_SEEN).astype(np.uint8),
             _SEEN_BY,
@@ -149,7 +144,7 @@ def _evidence(fusion: Fusion) -> list[Raster]:
             Switch(
                 _EVIDENCE,
                 "contradictions",
-                note="how much the maps contradict each other: walls with another map's free space all around",
+                note="contradictions of the maps: walls in the free space of another map",
             ),
             geometry,
             levels_of(conflict),

@@ -1,4 +1,4 @@
-"""The report of a merge as a page: the map, how sure it is, and what speaks for and against every pair."""
+"""The report of a merge as a page: the map, the confidence of the poses, and the evidence for every pair."""
 
 from collections.abc import Mapping
 
@@ -10,14 +10,14 @@ from merging.report.layers import colours_of, merged_sheet, single_sheet
 from merging.report.pair_cards import pair_cards
 from merging.report.provenance import warnings_of
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.maps_page import by_whom
+from tbmslam.report.maps_page import joined_warnings
 from tbmslam.report.page import Making, Page, Table, versions
 from tbmslam.report.sheet import Sheet
 
 _DOUBTFUL = 0.9
 _LARGE_CONFLICT_M2 = 0.25
 _MOST_SHEETS = 30
-"""So many maps that were not merged are shown; a page with hundreds would be too large to open."""
+"""Number of maps shown that were not merged; a page with hundreds would be too large to open."""
 
 
 def merge_page(
@@ -28,15 +28,15 @@ def merge_page(
     Parameters
     ----------
     merge
-        What became of the maps.
+        The merge.
     maps
         The maps, by name.
     config
-        How they were merged.
+        The parameters of the merge.
     areas_m2
-        Areas to tell, by name [m^2].
+        Areas to show, by name [m^2].
     making
-        What was typed, and how long it took.
+        The run of the program.
     """
     cards, more = pair_cards(merge, maps, config)
     areas = [Table("Areas", ("area", "#m²"), [(name, f"{area:.1f}") for name, area in areas_m2.items()])]
@@ -50,7 +50,7 @@ def merge_page(
         tables=[_maps_table(merge), *more, *(areas if areas_m2 else [])],
         cards=cards,
         cards_title="Pairs",
-        cards_note="Where each source lies in its target’s frame. The transform of a refused pair was not used.",
+        cards_note="The pose of each source in its target’s frame. The pose of a refused pair was not used.",
         seconds=making.seconds,
         command=making.command,
         versions=versions(),
@@ -60,10 +60,10 @@ def merge_page(
 
 
 def confidences_of(merge: Merge) -> dict[str, float]:
-    """Return how sure each merged map's pose is.
+    """Return the confidence of the pose of each merged map.
 
-    The weakest alignment on the strongest way from the map whose frame the merged map has: a chain is as strong as its
-    weakest link. Confirmation by other ways is not counted, so this is rather too low.
+    It is the confidence of the weakest alignment on the best path from the map whose frame the merged map has.
+    Confirmation by other paths is not counted, so it is a lower bound.
     """
     sure = dict.fromkeys(merge.poses, 0.0)
     first = next(iter(sure), None)
@@ -105,35 +105,35 @@ def _sheets(merge: Merge, maps: Mapping[str, TbmMap]) -> list[Sheet]:
 
 
 def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
-    said = [f"{name} was left out: {reason}" for name, reason in merge.left_out.items()]
-    said += [
+    warnings = [f"{name} was left out: {reason}" for name, reason in merge.left_out.items()]
+    warnings += [
         f"{source} in {target} is ambiguous: the maps fit in {len(found.alternatives) + 1} places"
         for (target, source), found in merge.alignments.items()
         if found.ambiguous
     ]
-    said += [
+    warnings += [
         f"{source} in {target} was accepted by itself, but contradicts the other alignments and was not used"
         for target, source in merge.outvoted
     ]
-    said += [
+    warnings += [
         f"the pose of {name} is not sure: confidence {format_confidence(confidence)}"
         for name, confidence in confidences_of(merge).items()
         if confidence < _DOUBTFUL
     ]
     if merge.merged is not None and merge.joint is None:
-        said.append(
+        warnings.append(
             f"{' and '.join(merge.deformed)} {'was' if len(merge.deformed) == 1 else 'were'} deformed to fit the "
             "other maps; the distorted map may be another one"
             if merge.deformed
             else "the maps were merged rigidly, without joint optimisation: walls of a distorted map are doubled"
         )
     if merge.fusion is not None:
-        said += [
+        warnings += [
             f"maps contradict each other over {place.area_m2:.2f} m² near x {place.x:.1f} m, y {place.y:.1f} m"
             for place in conflict_places(merge.fusion)
             if place.conflict_m2 >= _LARGE_CONFLICT_M2
         ]
-    return said + by_whom({name: warnings_of(one.provenance) for name, one in maps.items()})
+    return warnings + joined_warnings({name: warnings_of(one.provenance) for name, one in maps.items()})
 
 
 def _maps_table(merge: Merge) -> Table:
@@ -145,9 +145,7 @@ def _maps_table(merge: Merge) -> Table:
     rows += [(name, *format_pose(None), "–", f"left out: {reason}") for name, reason in merge.left_out.items()]
     marks = [f"rgb{colour}" for colour in colours_of(list(merge.poses)).values()]
     heads = ("map", "#x [m]", "#y [m]", "#θ [°]", "#confidence", "")
-    note = (
-        "Poses in the frame of the merged map. A pose is as sure as the weakest alignment on the strongest way to it."
-    )
+    note = "Poses in the frame of the merged map. The confidence is that of the weakest alignment on the best path."
     return Table("Maps", heads, rows, note, marks)
 
 

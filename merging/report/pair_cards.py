@@ -17,16 +17,16 @@ from merging.walls.wall_map import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.page import Card, Picture, Table
-from tbmslam.report.palette import Levels, Palette
+from tbmslam.report.sheet import Levels, Palette
 from tbmslam.wall_limits import FACING
 
-_NOBODY, _ONE, _BOTH, _TARGET, _SOURCE, _AGREED, _CONTRADICTED = range(7)
+_NEITHER, _ONE, _BOTH, _TARGET, _SOURCE, _AGREED, _CONTRADICTED = range(7)
 _PALETTE = Palette(
     ((248, 249, 251), (232, 236, 241), (214, 224, 236), (28, 94, 170), (222, 130, 20), (16, 138, 76), (206, 22, 28))
 )
 CAPTION = (
-    "Walls of {target} blue, of {source} orange; green where they agree, red where one stands on the other's free "
-    "space; darker ground is known to both."
+    "Walls of {target} are blue, of {source} orange. Green walls agree, red walls lie in the other map's free space. "
+    "The darker ground is known to both maps."
 )
 _PIXELS_ALONG = 520
 _MARGIN_M = 0.5
@@ -62,7 +62,7 @@ class _Canvas:
 
 
 def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> bytes:
-    """Return a picture of the source's walls laid onto the target's, as PNG."""
+    """Return a PNG of the target's walls and the transformed walls of the source."""
     moved = T_target_source.apply(source.points)
     canvas = _Canvas.over(
         np.vstack((_corners(target, SE2.identity()), _corners(source, T_target_source))),
@@ -70,9 +70,9 @@ def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: Ve
     )
     centres = canvas.centres()
     known = _is_known(target, centres).astype(int) + _is_known(source, T_target_source.inverse().apply(centres))
-    picture = np.choose(known, (_NOBODY, _ONE, _BOTH)).astype(np.uint8).reshape(canvas.rows, canvas.cols)
-    forth = _judged(source, target, T_target_source, config)
-    back = _judged(target, source, T_target_source.inverse(), config)
+    picture = np.choose(known, (_NEITHER, _ONE, _BOTH)).astype(np.uint8).reshape(canvas.rows, canvas.cols)
+    forth = _compared(source, target, T_target_source, config)
+    back = _compared(target, source, T_target_source.inverse(), config)
     canvas.draw(picture, target.points, _TARGET)
     canvas.draw(picture, moved, _SOURCE)
     for which, level in ((0, _AGREED), (1, _CONTRADICTED)):
@@ -82,16 +82,16 @@ def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: Ve
 
 
 def draw_alone(structure: WallMap, level: int = _TARGET) -> bytes:
-    """Return a picture of one map's walls, as PNG."""
+    """Return a PNG of the walls of one map."""
     canvas = _Canvas.over(_corners(structure, SE2.identity()), structure.geometry.resolution)
     known = _is_known(structure, canvas.centres())
-    picture = np.where(known, np.uint8(_ONE), np.uint8(_NOBODY)).reshape(canvas.rows, canvas.cols)
+    picture = np.where(known, np.uint8(_ONE), np.uint8(_NEITHER)).reshape(canvas.rows, canvas.cols)
     canvas.draw(picture, structure.points, level)
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
 def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
-    """Return the corners (4, 2) of what a map knows."""
+    """Return the corners (4, 2) of the known area of a map."""
     g = structure.geometry
     rows, cols = (np.flatnonzero(structure.known.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
@@ -106,7 +106,7 @@ def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
     return np.asarray(inside & structure.known[rows, cols])
 
 
-def _judged(
+def _compared(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Return which walls (N,) agree with the other map, and which contradict it; see `tbmslam.map.walls.compare`."""
@@ -122,17 +122,17 @@ def _judged(
 
 
 MOST_CARDS = 60
-"""More pairs than these are told in a table: pictures of thousands would make the page too large to open."""
+"""Further pairs are listed in a table: pictures of thousands would make the page too large to open."""
 
-_AS_JUDGED = "The maps are drawn as they were judged."
+_EVIDENCE_GRIDS = "The picture shows the deformed or short-range maps that were compared."
 
 
 def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> tuple[list[Card], list[Table]]:
-    """Return cards of the pairs that tell most, and a table of the others where there are too many."""
-    telling = sorted(merge.alignments, key=lambda pair: _telling(merge.alignments[pair]), reverse=True)[:MOST_CARDS]
-    # Features are for finding an alignment, and these have been found.
-    looks = config.model_copy(update={"method": "correlation"})
-    views = PreparedMaps({name: one.grid for name, one in maps.items()}, looks)
+    """Return the cards of the most important pairs, and a table of the others if there are more."""
+    important = set(sorted(merge.alignments, key=lambda pair: _rank(merge.alignments[pair]), reverse=True)[:MOST_CARDS])
+    # The pictures show walls, whichever method found the alignment.
+    walls = config.model_copy(update={"method": "correlation"})
+    views = PreparedMaps({name: one.grid for name, one in maps.items()}, walls)
     cards = [
         Card(
             title=f"{pair[1]} in {pair[0]}",
@@ -141,16 +141,16 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
             reason=_sentence(merge.alignments[pair].reason),
             figures=_figures(merge.alignments[pair]),
             copied=_pose_words(merge.alignments[pair]),
-            pictures=_pictures(pair, merge, views, looks),
+            pictures=_pictures(pair, merge, views, walls),
         )
         for pair in merge.alignments
-        if pair in set(telling)
+        if pair in important
     ]
-    others = [pair for pair in merge.alignments if pair not in set(telling)]
+    others = [pair for pair in merge.alignments if pair not in important]
     return cards, [_table(others, merge)] if others else []
 
 
-def _telling(found: Alignment) -> tuple[bool, bool, float]:
+def _rank(found: Alignment) -> tuple[bool, bool, float]:
     return found.accepted, found.ambiguous, found.agreed_wall_m
 
 
@@ -188,7 +188,7 @@ def _figures(found: Alignment) -> dict[str, str]:
 
 
 def _pose_words(found: Alignment) -> str:
-    """Return where the source lies as `--pose` takes it, X Y DEG; nothing where nobody knows."""
+    """Return the pose as the argument X Y DEG of `--pose`; empty if it is unknown."""
     if found.T_target_source is None:
         return ""
     x, y, theta = found.T_target_source
@@ -200,7 +200,7 @@ def _pictures(pair: Pair, merge: Merge, views: PreparedMaps, config: MergeConfig
     if pair in merge.evidence_grids:
         views, caption = (
             PreparedMaps(dict(zip(pair, merge.evidence_grids[pair], strict=True)), config),
-            f"{CAPTION} {_AS_JUDGED}",
+            f"{CAPTION} {_EVIDENCE_GRIDS}",
         )
     target, source = views.of_pair(pair)
     if target is None or source is None or found.T_target_source is None:

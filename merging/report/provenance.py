@@ -5,18 +5,18 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.maps_page import by_whom
+from tbmslam.report.maps_page import joined_warnings
 
 
 def warnings_of(provenance: Mapping[str, object]) -> list[str]:
-    """Return what was odd while a map was made; of a merged map, while those in it were, under their names."""
-    odd = provenance.get("warnings")
-    said = [str(warning) for warning in odd] if isinstance(odd, list | tuple) else []
-    return said + by_whom({name: warnings_of(inner) for name, _, inner in _parts(provenance)})
+    """Return the warnings of a map, and for a merged map the warnings of its parts with their names."""
+    recorded = provenance.get("warnings")
+    warnings = [str(warning) for warning in recorded] if isinstance(recorded, list | tuple) else []
+    return warnings + joined_warnings({name: warnings_of(inner) for name, _, inner in _parts(provenance)})
 
 
 def incidents_of(one: TbmMap) -> list[object]:
-    """Return what went wrong on each drive of a map, as its `run.json` says; None where nobody knows."""
+    """Return the incidents of each drive of a map, as in `run.json`; None for drives without a record."""
     return _incidents(one.provenance, len(one.drives))
 
 
@@ -28,10 +28,7 @@ def _incidents(provenance: Mapping[str, object], drives: int) -> list[object]:
 
 
 def _parts(provenance: Mapping[str, object]) -> list[tuple[str, int, Mapping[str, object]]]:
-    """Return the name, the number of drives and the provenance of every map that went into a merged one.
-
-    Merges wrote no number of drives before they were shown where those had trouble; then it is 0.
-    """
+    """Return the name, the number of drives (0 if unknown) and the provenance of every part of a merged map."""
     parts, found = provenance.get("merged_from"), list[tuple[str, int, Mapping[str, object]]]()
     for name, part in parts.items() if isinstance(parts, Mapping) else ():
         inner = part.get("provenance") if isinstance(part, Mapping) else None
@@ -42,18 +39,18 @@ def _parts(provenance: Mapping[str, object]) -> list[tuple[str, int, Mapping[str
 
 
 _ONE_DRIVE = 0.5
-"""Robots cut from one recording share less of their keyframes by default; copies of one drive share all."""
+"""Least share of common keyframes for one drive: parts of a recording share less, copies of a drive share all."""
 
 
 class SharedScans(NamedTuple):
-    """Two maps and the keyframes that both hold.
+    """Two maps with common keyframes.
 
     Parameters
     ----------
     first, second
-        The maps' names.
+        The names of the maps.
     shared, of
-        How many keyframes are the same, and how many the map with fewer has.
+        The number of common keyframes, and the number of keyframes of the map with fewer.
     """
 
     first: str
@@ -62,8 +59,8 @@ class SharedScans(NamedTuple):
     of: int
 
 
-def drives_given_twice(maps: Mapping[str, TbmMap]) -> list[SharedScans]:
-    """Return the pairs of maps, most of whose keyframes are the same scans taken at the same times."""
+def duplicate_drives(maps: Mapping[str, TbmMap]) -> list[SharedScans]:
+    """Return the pairs of maps that share most keyframes: equal scans with equal stamps."""
     scans = {name: _scans_of(one) for name, one in maps.items()}
     found = []
     for first, second in itertools.combinations(scans, 2):

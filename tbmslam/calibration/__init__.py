@@ -1,1 +1,1 @@
-"""How the laser is mounted, and what its ranges and angles are off by."""
+"""Checks of the laser's stated mount, ranges and angles against odometry, scans and walls."""

@@ -1,13 +1,13 @@
-"""Where the laser sits on the robot, by how odometry and scans say that both moved.
+"""Hand-eye calibration: the pose of the laser on the robot from the motions of odometry and scans.
 
-A laser that goes along with a robot turns about it, and a laser that is turned on it drives askew: between two moments
+Between two moments
 
-    T_robot_sensor B = A T_robot_sensor
+    A T_robot_sensor = T_robot_sensor B
 
-where A is the motion that the odometry tells and B the one that the scans tell. Its translations are linear in the
-laser's place and in the cosine and sine of its turn, all of them longer by as much as wheels are larger than they are
-thought to be (A. Censi et al., "Simultaneous calibration of odometry and sensor parameters for mobile robots", T-RO
-2013). A clock that lags carries the laser ahead as fast as the robot drives: one more unknown.
+where A is the motion of the robot by odometry and B the motion of the laser by scans. The translations are linear in
+the position of the laser and in the cosine and sine of its rotation. An error of the odometry's scale multiplies all
+four (A. Censi et al., "Simultaneous calibration of odometry and sensor parameters for mobile robots", T-RO 2013). A lag
+of the clock displaces the laser along the robot's velocity; it is the fifth unknown.
 """
 
 import math
@@ -21,36 +21,36 @@ from tbmslam.geometry.se2 import FloatArray, compose, inverse
 from tbmslam.geometry.trajectory import drive_speeds, turn_rates
 
 _LENGTH, _TURN = 0.5, 0.3
-"""Way [m] or turn [rad] of a motion: over less, scans err by as much, and over more the odometry does."""
+"""Distance [m] or rotation [rad] of a motion: the scans err over shorter motions, the odometry over longer ones."""
 _LONGEST_S = 20.0
 LEAST_ERROR = 0.005
-"""Of a motion: scans know it no better [m]."""
+"""Smallest standard deviation of a motion by scans [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
 FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
-"""What holds unknowns that no motion tells: the place, the turn twice, and the lag."""
+"""Prior information of the unknowns: position, cosine and sine, and the lag."""
 
 
 class SensorPlace(NamedTuple):
-    """A laser's place on the robot, and how well it is known."""
+    """The estimated pose of a laser on the robot."""
 
     pose: tuple[float, float, float]
     """T_robot_sensor: x, y [m], theta [rad]."""
     deviations: tuple[float, float, float]
     """Standard deviations of the same."""
     scale: float
-    """How many times as far as the scans the odometry went."""
+    """Distance by odometry divided by distance by scans."""
 
 
 class Motions(NamedTuple):
-    """Motions between two moments, and the equations that odometry and scans give of them.
+    """Motions between two poses each, and their linear equations.
 
     Parameters
     ----------
     ends
-        Between which poses (2, M) there is a motion.
+        Indices of the first and the last pose of each motion (2, M).
     slopes
-        Slopes (M, 2, 5) by the laser's x, y, by cosine and sine of its turn, and by the lag.
+        Coefficients (M, 2, 5) of the laser's x, y, of the cosine and sine of its rotation, and of the lag.
     sides
         Right sides (M, 2) [m].
     """
@@ -63,27 +63,27 @@ class Motions(NamedTuple):
 def sensor_place(
     stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, parts: int, least: int
 ) -> SensorPlace | None:
-    """Return where the laser sits; None where there are too few motions.
+    """Estimate the pose of the laser on the robot; None if there are too few motions.
 
     Parameters
     ----------
     stamps
         Times (K,) [s] of the poses.
     odometry
-        Poses (K, 3) of the robot as the odometry has them; nan where there was none.
+        Poses (K, 3) of the robot by odometry; nan where there was none.
     sensors
         Poses (K, 3) of the laser in the map.
     parts
-        Parts of the drive, which tell it each by itself: how far they differ is how well it is known.
+        The drive is divided into so many parts. The differences of their estimates give the standard deviations.
     least
-        Motions that each must have.
+        The least number of motions of a part.
     """
     _, slopes, sides = motions_of(stamps, odometry, sensors)
     if len(sides) < parts * least:
         return None
     whole, _ = solved(slopes, sides)
-    told = [solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
-    values, informations = (np.array(some) for some in zip(*told, strict=True))
+    by_part = [solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
+    values, informations = (np.array(column) for column in zip(*by_part, strict=True))
     deviations = deviations_of_parts(values, informations, whole)
     scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
     x, y, *_ = (whole / scale).tolist()
@@ -92,19 +92,19 @@ def sensor_place(
 
 
 def turns(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return by how much the robot turned by the odometry and the laser by the scans, (M,) each [rad].
+    """Return the rotations of the robot by odometry and of the laser by scans, (M,) each [rad].
 
-    Parameters are those of `sensor_place`. The motions are the same, and a turned laser turns as its robot does.
+    Parameters and motions are those of `sensor_place`. The rotations are equal whatever the pose of the laser.
     """
     first, last = _ends(sensors)
     wheels = np.remainder(odometry[last, 2] - odometry[first, 2] + math.pi, math.tau) - math.pi
     seen = np.remainder(sensors[last, 2] - sensors[first, 2] + math.pi, math.tau) - math.pi
-    told = np.isfinite(wheels) & (stamps[last] - stamps[first] < _LONGEST_S)
-    return wheels[told], seen[told]
+    usable = np.isfinite(wheels) & (stamps[last] - stamps[first] < _LONGEST_S)
+    return wheels[usable], seen[usable]
 
 
 def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> Motions:
-    """Return the motions of a drive that both know; parameters are those of `sensor_place`."""
+    """Return the motions of a drive with their equations; parameters are those of `sensor_place`."""
     ends = _ends(sensors)
     first, last = ends
     wheels = compose(inverse(odometry[first]), odometry[last])
@@ -116,13 +116,13 @@ def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) ->
     along = np.column_stack((1.0 - cosine, sine, seen[:, 0], -seen[:, 1], ahead))
     across = np.column_stack((-sine, 1.0 - cosine, seen[:, 1], seen[:, 0], aside))
     slopes, sides = np.stack((along, across), axis=1), wheels[:, :2]
-    lasted = stamps[last] - stamps[first]
-    told = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(sides).all(axis=1) & (lasted < _LONGEST_S)
-    return Motions(ends[:, told], slopes[told], sides[told])
+    duration = stamps[last] - stamps[first]
+    usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(sides).all(axis=1) & (duration < _LONGEST_S)
+    return Motions(ends[:, usable], slopes[usable], sides[usable])
 
 
 def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
-    """Return between which poses (2, M) there is a motion."""
+    """Return the first and the last pose of each motion (2, M)."""
     ends, first, poses = [], 0, sensors.tolist()
     x, y, heading = poses[0] if poses else (0.0, 0.0, 0.0)
     for k, (there_x, there_y, turned) in enumerate(poses):
@@ -133,9 +133,9 @@ def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
 
 
 def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the unknowns (5,) and their information (5, 5); motions in which wheels slipped lose their say."""
+    """Return the robust estimate of the unknowns (5,) and its information (5, 5); outliers are slipping wheels."""
     weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), FREE
-    # Both equations of each motion, one after the other: products of matrices take a fraction of the time of sums.
+    # All equations in one matrix: matrix products are much faster than sums over motions.
     rows, right = slopes.reshape(-1, 5), sides.ravel()
     for _ in range(_ROUNDS):
         weighted = rows * np.repeat(weights, 2)[:, None]

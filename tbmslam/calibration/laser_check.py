@@ -1,111 +1,219 @@
-"""Whether a laser is described wrong, and what would mend it."""
+"""Check of the stated laser geometry: the angle step and the range offset are fitted to the walls of the drive."""
 
+import logging
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
-from tbmslam.calibration.laser_fit import LaserErrors
+from tbmslam.calibration.cluster_deviation import deviations_of_parts
+from tbmslam.calibration.self_calibration import LaserFitConfig, SelfCalibration
 from tbmslam.frozen_config import FrozenConfig
+from tbmslam.geometry.se2 import FloatArray, path_lengths
+from tbmslam.geometry.trajectory import turn_rates
 from tbmslam.map.keyframes import Keyframes
+from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.trajectory_segments import stretch_begins
+
+logger = logging.getLogger(__name__)
+
+
+class LaserErrors(NamedTuple):
+    """Estimated errors of the stated laser geometry."""
+
+    scale: float
+    """Relative error of the angle step: the true step is larger by this share."""
+    scale_deviation: float
+    """Standard deviation of `scale`."""
+    offset: float
+    """The correction to add to every range [m]."""
+    offset_deviation: float
+    """Standard deviation of `offset` [m]."""
+
+
+_SETTLED = np.array([5e-4, 2e-3])
+"""The rounds end if they change the scale [1] and the offset [m] by less,"""
+_OF_DEVIATION = 0.3
+"""or by less than this share of their standard deviations,"""
+_CHANCE = 2.0
+"""or if both are within this number of standard deviations from zero."""
+_FARTHEST = np.array([0.1, 0.5])
+"""Largest plausible scale [1] and offset [m]. Beyond them the fit diverges: all hits contract to one point."""
+
+
+def fit_laser(
+    keyframes: Keyframes,
+    poses: FloatArray,
+    steps: Sequence[MotionEdge],
+    config: LaserFitConfig,
+    pieces: AdjustmentConfig,
+) -> LaserErrors | None:
+    """Estimate the errors of the stated laser geometry; None if the drive or the field of view is too small.
+
+    Parameters
+    ----------
+    keyframes
+        The scans.
+    poses
+        Adjusted poses (K, 3) of the laser at the keyframes.
+    steps
+        Tracked motions from each keyframe to the next.
+    config, pieces
+        The parameters of the fit, and of wall pieces.
+    """
+    fans = np.diff(keyframes.offsets) * np.abs(keyframes.beams[:, 1])
+    if not len(fans) or float(np.median(fans)) < config.least_fan:
+        return None
+    chosen = [scans for scans in _parts(poses, config, pieces) if len(scans) > 1]
+    if len(chosen) < config.least_parts:
+        return None
+    rates = turn_rates(keyframes.stamps, poses[:, 2]) * np.sign(keyframes.beams[:, 1])
+    parts = [SelfCalibration(keyframes, poses, steps, rates, scans, config, pieces) for scans in chosen]
+    found = _settled(parts, config)
+    if found is None:
+        return None
+    scale, offset, scale_deviation, offset_deviation = found.tolist()
+    logger.info(
+        "angles between beams fit %+.2f%% (%.2f%%) larger, ranges %+.3f m (%.3f m) longer",
+        *(100.0 * scale, 100.0 * scale_deviation, offset, offset_deviation),
+    )
+    return LaserErrors(scale, scale_deviation, offset, offset_deviation)
+
+
+def _settled(parts: Sequence[SelfCalibration], config: LaserFitConfig) -> FloatArray | None:
+    """Improve the parts until their joint estimate (see `_joined`) converges; None if it diverges."""
+    before, notable = np.full(2, np.inf), np.array([config.notable_scale, config.notable_offset])
+    for _ in range(config.rounds):
+        found = _joined([part.improved() for part in parts])
+        numbers, deviations = found[:2], found[2:]
+        if (np.abs(numbers) > _FARTHEST).any():
+            return None
+        is_nothing = (np.abs(numbers) < np.maximum(notable, _CHANCE * deviations)).all()
+        if is_nothing or (np.abs(numbers - before) < np.maximum(_SETTLED, _OF_DEVIATION * deviations)).all():
+            return found
+        before = numbers
+    return None
+
+
+def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:
+    """Return the scans of each part: one scan of each short segment, since scans within a segment are alike."""
+    way = path_lengths(poses)
+    count = min(int(way[-1] / config.shortest), config.most_parts)
+    if count < config.least_parts:
+        return []
+    scans = stretch_begins(poses, pieces)
+    begins = np.linspace(0.0, way[-1], count + 1)[:-1]
+    ends = begins + min(way[-1] / count, config.longest)
+    return [scans[(way[scans] >= begin) & (way[scans] < end)] for begin, end in zip(begins, ends, strict=True)]
+
+
+def _joined(estimates: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Return the joint scale and offset of the parts and their standard deviations (4,)."""
+    values, informations = (np.array(column) for column in zip(*estimates, strict=True))
+    mean = np.linalg.solve(informations.sum(axis=0), np.einsum("pij,pj->i", informations, values))
+    return np.concatenate((mean[:2], deviations_of_parts(values, informations, mean)[:2]))
+
 
 _USUAL_STEPS_DEG = (2.0, 1.0, 0.5, 0.36, 360.0 / 1024.0, 1.0 / 3.0, 0.25, 0.225, 0.2, 0.125, 0.1)
 _NEARLY = 0.002
-"""Share by which walls miss the step of lasers that are described right, at the most: a usual step so near is meant."""
+"""Largest relative error of the fitted step for correctly described lasers."""
 _HALFWAY = 0.5 * min(larger / smaller - 1.0 for larger, smaller in pairwise(_USUAL_STEPS_DEG))
-"""Half the least share between two usual steps, 1.2 %: up to there, walls that miss one speak for no other."""
+"""Half the least relative difference of two usual steps, 1.2 %."""
 
 
 class LaserCheckConfig(FrozenConfig):
-    """When walls contradict what a laser is described by."""
+    """Thresholds of warnings about the stated laser geometry."""
 
-    scale: float = Field(
-        0.0035,
-        gt=0,
-        description="share by which angles between beams are wrong that is worth a warning, where no laser has them",
+    scale: float = Field(0.0035, gt=0, description="relative error of an unusual angle step that causes a warning")
+    offset: float = Field(
+        0.06, gt=0, description="range offset that causes a warning [m]; the fit of a correct laser had 0.05"
     )
-    offset: float = Field(0.06, gt=0, description="offset of ranges that is [m]; a real laser without looked like 0.05")
-    sure: float = Field(4.0, gt=0, description="standard deviations that either must be, too")
+    sure: float = Field(4.0, gt=0, description="standard deviations that an error must exceed to cause a warning")
 
 
-def laser_doubts(
+def laser_warnings(
     errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig, range_offset: float = 0.0
 ) -> dict[str, str]:
-    """Return a sentence for each number of a laser's description that walls contradict.
+    """Return the warnings about the angles and the ranges that the walls contradict.
 
     Parameters
     ----------
     errors
-        What is wrong with scans as they were read.
+        Estimated errors of the scans as they were read.
     keyframes
         The scans.
     config
-        What is worth a warning.
+        The thresholds.
     range_offset
-        What was added to every range when it was read [m].
+        The correction that was added to every range when it was read [m].
     """
-    said = {}
+    warnings = {}
     if abs(errors.scale) > max(config.scale, config.sure * errors.scale_deviation):
-        said["angles"] = _angles_said(errors, keyframes, config)
+        warnings["angles"] = _angle_warning(errors, keyframes, config)
     if abs(errors.offset) > max(config.offset, config.sure * errors.offset_deviation):
-        said["ranges"] = _ranges_said(errors.offset + range_offset, range_offset)
-    return {about: what for about, what in said.items() if what}
+        warnings["ranges"] = _range_warning(errors.offset + range_offset, range_offset)
+    return {about: warning for about, warning in warnings.items() if warning}
 
 
-def _ranges_said(offset: float, added: float) -> str:
-    """Return what to say of ranges to which so much is to be added, and was when they were read [m]."""
+def _range_warning(offset: float, added: float) -> str:
+    """Return the warning about a range offset; `added` was added when the ranges were read [m]."""
     instead = "" if added == 0.0 else f", not {_longer(added)}"
     remedy = f"try --range-offset {offset:.2f}" if round(offset, 2) else "try without --range-offset"
     return f"walls fit best where ranges are {_longer(offset)}{instead}: {remedy}"
 
 
 def _longer(offset: float) -> str:
-    """Return by how much ranges are longer than measured, in words."""
+    """Return an offset of the ranges [m] as text."""
     if not round(offset, 2):
         return "as measured"
     return f"{abs(offset):.2f} m {'longer' if offset > 0.0 else 'shorter'} than measured"
 
 
-def _angles_said(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> str:
-    """Return what to say of the angles between beams; nothing where they go once round, or are a real laser's, as is.
+def _angle_warning(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> str:
+    """Return the warning about the angle step; empty if the stated step is plausible.
 
-    Real lasers have few steps, so that one that is stated is hardly wrong by less than leads halfway to another. What
-    walls miss it by then is theirs: of a pitched laser, or of a part of a building that tells little.
+    A stated step is plausible if the beams cover a full turn, or if it is a usual step of real lasers and the error is
+    less than half the difference to another usual step. A smaller error is one of the fit: of a pitched laser, or of a
+    part of a building with few walls.
     """
     steps, counts = np.degrees(np.abs(keyframes.beams[:, 1])), np.diff(keyframes.offsets)
-    if np.ptp(counts) or np.ptp(steps) > 1e-6 * steps[0]:  # no one angle can be told
+    if np.ptp(counts) or np.ptp(steps) > 1e-6 * steps[0]:  # the scans have different angle steps
         apart = f"{abs(errors.scale):.1%} {'larger' if errors.scale > 0.0 else 'smaller'}"
-        return f"walls fit best where angles between beams are {apart}: look how the laser's driver makes them"
+        return f"walls fit best where angles between beams are {apart}: check the driver of the laser"
     stated, beams = float(steps[0]), int(counts[0])
     goes_once_round = abs(stated * beams - 360.0) <= _NEARLY * 360.0
     if abs(errors.scale) <= _HALFWAY and (goes_once_round or _nearest_usual(stated, _NEARLY)):
         return ""
     fit = stated * (1.0 + errors.scale)
     closes = abs(stated * beams - 360.0) <= 1.5 * stated
-    meant = _meant(fit, stated, beams, max(_NEARLY, config.sure * errors.scale_deviation), closes=closes)
-    if meant is None and closes:  # whose beams come round to the first, so that no other angle can be true
+    likely = _likely_step(fit, stated, beams, max(_NEARLY, config.sure * errors.scale_deviation), closes=closes)
+    if likely is None and closes:  # the last beam meets the first, so no other step is possible
         return ""
-    mended = f"{fit:.4g}" if meant is None else f"{meant:.6g}"
-    turned = f", or -{mended} where it is stated negative" if keyframes.beams[0, 1] < 0.0 else ""
+    corrected = f"{fit:.4g}" if likely is None else f"{likely:.6g}"
+    negative = f", or -{corrected} where it is stated negative" if keyframes.beams[0, 1] < 0.0 else ""
     return (
         f"walls fit best where beams are {fit:.4g} degrees apart, not {stated:.5g}: "
-        f"try --angle-step-deg {mended}{turned}"
+        f"try --angle-step-deg {corrected}{negative}"
     )
 
 
-def _meant(fit: float, stated: float, beams: int, nearly: float, *, closes: bool) -> float | None:
-    """Return the step that a laser has whose walls fit one best [degrees]; None where none is so near."""
-    once_round = [360.0 / beams, 360.0 / (beams - 1)]
+def _likely_step(fit: float, stated: float, beams: int, nearly: float, *, closes: bool) -> float | None:
+    """Return the likely true step near the fitted one [degrees]; None if no likely step is that near."""
+    full_turn = [360.0 / beams, 360.0 / (beams - 1)]
     if not closes:
         usual = _nearest_usual(fit, max(_HALFWAY, nearly))
         if usual and abs(usual - fit) < abs(stated - fit):
             return usual
-    others = once_round if closes else [stated * (beams - 1) / beams, *once_round]
+    others = full_turn if closes else [stated * (beams - 1) / beams, *full_turn]
     near = min(others, key=lambda step: abs(step - fit))
     return near if abs(near - fit) <= nearly * fit else None
 
 
 def _nearest_usual(step: float, nearly: float) -> float | None:
-    """Return the step of real lasers that is so near to one, as a share of it [degrees]."""
+    """Return the usual step of real lasers within a relative distance of a step [degrees]."""
     nearest = min(_USUAL_STEPS_DEG, key=lambda usual: abs(usual - step))
     return nearest if abs(nearest - step) <= nearly * step else None

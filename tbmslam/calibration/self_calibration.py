@@ -1,4 +1,4 @@
-"""The laser's numbers as one part of a drive tells them, poses and walls being free."""
+"""Self-calibration of the laser from one part of a drive: its parameters, the poses and the walls are unknown."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -28,57 +28,54 @@ from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 from tbmslam.optimisation.wall_lines import WallLines
 
 _GAUGE = 1e8
-"""Information that holds the first pose where it is [1/m^2]."""
+"""Information that fixes the first pose [1/m^2]."""
 _DAMPING = 0.01
-"""Of every pose [1/m^2]: what no wall tells, as the way along a bare corridor, stays."""
+"""Information that holds every pose [1/m^2], for directions that no wall determines, as along a corridor."""
 _PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
-"""Information of the numbers without any wall: no laser is wrong by more."""
+"""Prior information of the parameters, from the largest plausible errors."""
 _SHIFT = 0.382
-"""Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
+"""Shift of the cells of wall pieces in each round, as a share of a cell, so that no fixed cell borders matter."""
 
 
 class LaserFitConfig(FrozenConfig):
-    """Search for the angle between beams and the range offset that fit walls best."""
+    """Fit of the angle step and the range offset to the walls."""
 
     PUBLIC: ClassVar = ("enabled",)
 
-    enabled: bool = Field(True, description="search for them after the adjustment")
-    most_parts: int = Field(6, ge=2, description="parts of a drive that tell them each by itself, at the most")
-    least_parts: int = Field(4, ge=2, description="and at the least, or else nothing is told")
-    shortest: float = Field(5.0, gt=0, description="travelled length of a part at the least [m]")
-    longest: float = Field(40.0, gt=0, description="and at the most, the rest of the drive not being looked at [m]")
+    enabled: bool = Field(True, description="fit them after the adjustment")
+    most_parts: int = Field(6, ge=2, description="largest number of parts of a drive that are fitted separately")
+    least_parts: int = Field(4, ge=2, description="smallest number of parts; shorter drives are not checked")
+    shortest: float = Field(5.0, gt=0, description="least travelled length of a part [m]")
+    longest: float = Field(40.0, gt=0, description="largest travelled length of a part that is used [m]")
     least_fan: float = Field(
-        1.75, gt=0, description="from the first beam to the last [rad]: narrower ones fit best with all hits in a heap"
+        1.75, gt=0, description="least field of view [rad]; with a narrower one the fit contracts all hits to a point"
     )
     max_range: float = Field(12.0, gt=0, description="hits beyond this are not used [m]")
-    hits: int = Field(180, ge=10, description="hits of a scan that are used, about")
-    deviation: float = Field(0.03, gt=0, description="of a hit from its wall [m]")
+    hits: int = Field(180, ge=10, description="approximate number of hits of a scan that are used")
+    deviation: float = Field(0.03, gt=0, description="standard deviation of a hit from its wall [m]")
     trust: float = Field(
-        0.01,
-        gt=0,
-        le=1,
-        description="share of the tracked motions' information that counts: they err as the laser does",
+        0.01, gt=0, le=1, description="weight of the tracked motions, which share the errors of the laser"
     )
     notable_scale: float = Field(
-        0.002, gt=0, description="share by which angles must be wrong at first sight for more rounds"
+        0.002, gt=0, description="relative error of the angle step in the first round that asks for more rounds"
     )
-    notable_offset: float = Field(0.02, gt=0, description="offset of ranges that does, too [m]")
-    rounds: int = Field(12, ge=1, description="rounds at the most")
+    notable_offset: float = Field(0.02, gt=0, description="range offset that asks for more rounds [m]")
+    rounds: int = Field(12, ge=1, description="largest number of rounds")
 
 
 class SelfCalibration:
-    """One part of a drive, whose poses and laser are improved round by round.
+    """One part of a drive, whose poses and laser parameters are improved round by round.
 
     Parameters
     ----------
     keyframes, poses, steps
-        The whole drive, as of `tbmslam.calibration.laser_fit.fit_laser`.
+        The whole drive, as of `tbmslam.calibration.laser_check.fit_laser`.
     rates
-        How fast the laser turned at each keyframe of it (K,), positive the way its beams turn [rad/s].
+        Rotation rate of the laser at each keyframe (K,), positive in the direction of the beams [rad/s].
     scans
-        The keyframes (N,), two at least, that are looked at.
+        The keyframes (N >= 2,) of this part.
     config, pieces
-        How it is sought, and what a piece of wall is.
+        The parameters of the fit, and of wall pieces.
     """
 
     def __init__(
@@ -117,7 +114,7 @@ class SelfCalibration:
         self._round = 0
 
     def improved(self) -> tuple[FloatArray, FloatArray]:
-        """Do a round; return the numbers (M,) and their information (M, M)."""
+        """Do one round; return the parameters (M,) and their information (M, M)."""
         pieces, numbers, at = self._pieces, self._numbers, self._poses
         scales = numbers[SCALE] + numbers[SWEEP] * self._rates
         hits = bent_hits(self._hits, self._begins, scales, float(numbers[OFFSET]))
@@ -129,8 +126,7 @@ class SelfCalibration:
         limits = pieces.enough, pieces.deviation, pieces.robust_width
         laser = laser_equations(hits, self._hits[:, 2], self._rates, at, walls.seen, walls.system, limits)
         gradient = walls.gradient + pull
-        # How poses follow each number; what is left of the equations once they do (Schur complement), in a form whose
-        # error is the square of the solver's.
+        # The Schur complement of the poses, in a form whose error is the square of the solver's.
         following = [solver.solved(np.ascontiguousarray(laser.across[:, :, j])) for j in range(NUMBERS)]
         follow = np.array(following).reshape(NUMBERS, -1)
         curved = np.array([solver.curved(changes) for changes in following]).reshape(NUMBERS, -1)

@@ -18,14 +18,13 @@ from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.optimisation.config import AdjustmentConfig
 from tbmslam.related.particle_tracker import ParticleTrackerConfig
+from tbmslam.related.viny_tracker import GridTrackerConfig, HillClimbingConfig, MonteCarloConfig
 from tbmslam.sensing.sensor_model import SensorModelConfig
 from tbmslam.tracking.deskew import DeskewConfig
 from tbmslam.tracking.forgetting import ForgettingConfig
 from tbmslam.tracking.motion_model import MotionConfig
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
-from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
-from tbmslam.vinyslam.matching import HillClimbingConfig, MonteCarloConfig
 
 __all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "config_from_dict", "preset"]
 

@@ -1,7 +1,6 @@
-"""True relative poses between moments of a drive, and how far a trajectory is from them.
+"""True relative poses between moments of a drive, and the errors of a trajectory in them.
 
-Source of the metric: Kuemmerle et al., "On measuring the accuracy of SLAM algorithms", 2009, eq. 3: only relative
-motions are compared, so that an error is charged where it happened and not to all that follows.
+Poses of two trajectories are matched by their stamps, also where the clock steps back.
 """
 
 import warnings
@@ -12,11 +11,110 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.evaluation.pose_matching import matching_stamps
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
+
+_MOST_LIKE = 64
+"""Poses of about the same stamp that are considered: where a clock stands still, all poses have it."""
+
+_Cost = tuple[int, float]
+
+
+def matching_stamps(
+    first: FloatArray, second: FloatArray, tolerance: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return indices into stamps (N,), (M,), in any order, that lie nearest to each other and within the tolerance."""
+    if not len(first) or not len(second):
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    order = np.argsort(first, kind="stable")
+    ordered = first[order]
+    after = np.searchsorted(ordered, second)
+    left, right = np.clip(after - 1, 0, len(first) - 1), np.clip(after, 0, len(first) - 1)
+    nearest = np.where(np.abs(ordered[left] - second) <= np.abs(ordered[right] - second), left, right)
+    matched = np.flatnonzero(np.abs(ordered[nearest] - second) <= tolerance)
+    return order[nearest[matched]], matched
+
+
+def matching_poses(
+    first: FloatArray, second: FloatArray, tolerance: float
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return indices into the stamps (N,), (M,) of two trajectories, both in the order of the recording.
+
+    Where the first one's stamps step back, several of its poses may have about the same stamp. Stamps rise within runs,
+    from one step back to the next; of these poses those are taken that go on in the first trajectory's run as long as
+    the second goes on in its own, and pass into a later run where that does; among equals, those of the nearest stamps.
+
+    Parameters
+    ----------
+    first, second
+        Stamps in the order of the recording [s].
+    tolerance
+        How far stamps that belong together may be apart [s].
+    """
+    if len(first) < 2 or (np.diff(first) > 0.0).all():
+        return matching_stamps(first, second, tolerance)
+    like = _alike(first, second, tolerance)
+    matched = np.flatnonzero([len(candidates) > 0 for candidates in like])
+    costs: list[list[_Cost]] = []
+    origins: list[list[int]] = []
+    runs, own_runs = _runs(first).tolist(), _runs(second).tolist()
+    for number, index in enumerate(matched.tolist()):
+        before = int(matched[number - 1]) if number else index
+        passed = own_runs[index] - own_runs[before]
+        costs.append([])
+        origins.append([])
+        for candidate in like[index].tolist():
+            paths = (
+                [
+                    (cost[0] + abs(runs[candidate] - runs[other] - passed), cost[1], origin)
+                    for origin, (cost, other) in enumerate(zip(costs[-2], like[before].tolist(), strict=True))
+                ]
+                if number
+                else [(0, 0.0, 0)]
+            )
+            breaks, apart, origin = min(paths)
+            costs[-1].append((breaks, apart + abs(float(first[candidate] - second[index]))))
+            origins[-1].append(origin)
+    return _traced(like, matched, costs, origins), matched
+
+
+def _runs(stamps: FloatArray) -> npt.NDArray[np.int64]:
+    """Return the number (N,) of each stamp's run: within one, stamps rise."""
+    return np.concatenate(([0], np.cumsum(np.diff(stamps) <= 0.0)))[: len(stamps)]
+
+
+def _alike(first: FloatArray, second: FloatArray, tolerance: float) -> list[npt.NDArray[np.intp]]:
+    """Return for each of the second stamps the indices of the first that it may belong to, the nearest of each run."""
+    order, runs = np.argsort(first, kind="stable"), _runs(first)
+    ordered = first[order]
+    middle = np.searchsorted(ordered, second)
+    begins = np.maximum(np.searchsorted(ordered, second - tolerance, side="left"), middle - _MOST_LIKE // 2)
+    ends = np.minimum(np.searchsorted(ordered, second + tolerance, side="right"), middle + _MOST_LIKE // 2)
+    found = []
+    for stamp, begin, end in zip(second.tolist(), begins.tolist(), ends.tolist(), strict=True):
+        near = order[begin:end]
+        if len(near) > 1:
+            near = near[np.argsort(np.abs(first[near] - stamp), kind="stable")]
+            near = near[np.sort(np.unique(runs[near], return_index=True)[1])]
+        found.append(near)
+    return found
+
+
+def _traced(
+    like: list[npt.NDArray[np.intp]],
+    matched: npt.NDArray[np.intp],
+    costs: list[list[_Cost]],
+    origins: list[list[int]],
+) -> npt.NDArray[np.intp]:
+    """Return the path of least cost through the candidates of each matched pose (M,)."""
+    chosen = np.empty(len(matched), dtype=np.intp)
+    choice = costs[-1].index(min(costs[-1])) if costs else 0
+    for number in range(len(matched) - 1, -1, -1):
+        chosen[number] = like[matched[number]][choice]
+        choice = origins[number][choice]
+    return chosen
 
 
 class RelationsError(TbmSlamError):

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.occupancy import masses_from_probability
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry, check_size
 

@@ -11,13 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
 from tbmslam.belief.grid_resampling import canvas_of, resample
-from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.atomic_file import write_bytes, write_text
-from tbmslam.io.drive_check import MAX_TURN
-from tbmslam.map.map_check import MapFileError, check_file, check_geometry
+from tbmslam.map.map_check import MAX_TURN, MapFileError, check_file, check_geometry
 from tbmslam.map.map_image import (
     FREE_THRESHOLD,
     OCCUPIED_THRESHOLD,
@@ -193,7 +191,7 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
 def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a turned map is resampled to lie along the axes.
 
-    `tbmslam.belief.occupancy` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that
+    `tbmslam.belief.grid` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that
     a map saver wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and
     another of a map without any unknown cell.
 

@@ -7,9 +7,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import RELIABILITY, GridGeometry, TbmGrid, occupancy_of
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
-from tbmslam.belief.occupancy import RELIABILITY, occupancy_of
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
 from tbmslam.belief.grid_resampling import canvas_of, resample
-from tbmslam.belief.occupancy import masses_from_occupancy, occupancy_of
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.drive import Drive
 from tbmslam.map.map_check import check_geometry

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.calibration.mount_change import MountChange, mount_changes
-from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
+from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.kernels import BoolArray, IntArray
@@ -197,7 +196,7 @@ class DriveReview:
                 float(trajectory.stamps[-1]) + _BEYOND_S,
             ]
             return [self._knocked(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
-        what = mount_doubt(keyframes, wheels, self._mount)
+        what = mount_warning(keyframes, wheels, self._mount)
         return [EndWarning("mount", what)] if what else []
 
     def _knocked(self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes) -> EndWarning:

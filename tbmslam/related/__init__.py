@@ -1,1 +1,1 @@
-"""A particle filter over grids, after FastSLAM; no default preset uses it."""
+"""Trackers of the related work: vinySLAM, and a particle filter after FastSLAM. The default preset uses neither."""

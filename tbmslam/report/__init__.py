@@ -1,1 +1,1 @@
-"""One self-contained page that shows what a program made: maps with layers, figures, warnings and how it was run."""
+"""The report of a program: one page with maps in layers, figures, warnings, and the parameters of the run."""

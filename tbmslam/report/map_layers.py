@@ -1,4 +1,4 @@
-"""The layers of a map: its masses, and the drives behind it."""
+"""The layers of a map: its masses, its drives, and their incidents."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,8 +9,7 @@ from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.map.drive import Drive
-from tbmslam.report.palette import Colour, Levels, Palette, levels_of
-from tbmslam.report.sheet import Kind, Marks, Raster, Switch
+from tbmslam.report.sheet import Colour, Kind, Levels, Marks, Palette, Raster, Switch, levels_of
 
 ROBOT_COLOURS: tuple[Colour, ...] = (
     (0, 114, 178),
@@ -26,13 +25,13 @@ ROBOT_COLOURS: tuple[Colour, ...] = (
     (20, 92, 60),
     (240, 128, 128),
 )
-"""Red, green, blue of each robot, repeated for more; most tell colour-blind readers apart too (Okabe and Ito)."""
+"""Red, green, blue of each robot, repeated for more robots. Colour-blind readers can distinguish most (Okabe, Ito)."""
 
 MOST_CELLS = 9_000_000
 """Larger pictures are shown in coarser cells: a browser needs four bytes for each, in every layer."""
 
 _BAND = 256
-"""So many rows of cells are computed at once: whole maps of numbers would take more memory than the map."""
+"""Rows of cells that are computed at once, to limit the memory."""
 
 _WHITE, _UNSEEN, _INK = (255, 255, 255), (204, 210, 217), (24, 28, 34)
 _STEP = 0.05
@@ -40,17 +39,17 @@ _PIGNISTIC = Palette.ramp(_WHITE, _UNSEEN, _INK)
 _MASSES = (
     ("occupied", OCCUPIED, Palette.ramp(_WHITE, (104, 124, 166), (16, 24, 60)), "mass on occupied: walls"),
     ("free", FREE, Palette.ramp(_WHITE, (120, 190, 150), (0, 92, 56)), "mass on free"),
-    ("unknown", UNKNOWN, Palette.ramp(_WHITE, (226, 222, 210), (150, 140, 120)), "mass on unknown: nobody could tell"),
+    ("unknown", UNKNOWN, Palette.ramp(_WHITE, (226, 222, 210), (150, 140, 120)), "mass on unknown: no evidence"),
     ("conflict", CONFLICT, Palette.ramp(_WHITE, (240, 140, 120), (160, 0, 20)), "mass on conflict: scans contradict"),
 )
 _LINE_STEP = 0.5
-"""Points of a trajectory nearer to each other than this share of a cell are left out."""
+"""Points of a trajectory that are nearer to each other than this share of a cell are left out."""
 
 MAP = "Map"
 
 
 def map_layers(grid: TbmGrid) -> list[Raster]:
-    """Return the pignistic picture and each mass, one of which is shown at a time."""
+    """Return the pignistic picture and each mass; one of them is shown at a time."""
     geometry, masses = for_display(grid.geometry, grid.masses)
     switch = Switch(MAP, "pignistic", only_one=True, shown=True, note="probability of being occupied; 0.5 is unknown")
     layers = [Raster(switch, geometry, _pignistic_levels(masses), _PIGNISTIC, _STEP)]
@@ -68,7 +67,7 @@ def _pignistic_levels(masses: Masses) -> Levels:
 
 
 def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Masses]:
-    """Return cells (rows, cols, ...) averaged over blocks where there are too many to be shown one by one."""
+    """Return cells (rows, cols, ...), averaged over blocks if there are more than `MOST_CELLS`."""
     block = int(np.ceil(np.sqrt(geometry.rows * geometry.cols / MOST_CELLS)))
     if block <= 1:
         return geometry, cells
@@ -85,42 +84,42 @@ def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Ma
 
 
 def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str, resolution: float) -> list[Marks]:
-    """Return every drive's way, keyframes and closed loops.
+    """Return every drive's path, keyframes and closed loops.
 
     Parameters
     ----------
     drives, colours
         The drives and a colour for each.
     group
-        Heading under which they are switched.
+        The group of their switches.
     resolution
         Size of a cell of the map below them [m].
     """
     layers: list[Marks] = []
     for drive, colour in zip(drives, colours, strict=True):
         keyframes = drive.keyframes.poses[:, :2]
-        ways: list[tuple[str, Kind, FloatArray]] = [
+        columns: list[tuple[str, Kind, FloatArray]] = [
             ("drive", "line", _thinned(drive.trajectory.poses[:, :2], _LINE_STEP * resolution)),
             ("key\u00adframes", "dots", keyframes),
             ("loops", "links", keyframes[drive.closures].reshape(-1, 2)),
         ]
-        for column, kind, points in ways:
+        for column, kind, points in columns:
             switch = Switch(group, drive.name, column, shown=kind == "line", note=_NOTES[column])
             layers.append(Marks(switch, kind, points, colour))
     return layers
 
 
-def trouble_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
-    """Return where on its way a robot was when something went wrong; nothing where nothing did.
+def incident_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
+    """Return the positions of the robot at the incidents of a drive; empty if there are none.
 
     Parameters
     ----------
     drive
         The drive.
     incidents
-        What run.json says of it: objects with `stamp` [s], `at_s` [s], `what` and `all_along`; all else is nothing.
+        The incidents of run.json: objects with `stamp` [s], `at_s` [s], `what` and `all_along`. Others are ignored.
     group
-        Heading under which it is switched.
+        The group of the switch.
     """
     listed = incidents if isinstance(incidents, list | tuple) else []
     known = [one for one in listed if isinstance(one, Mapping) and isinstance(one.get("stamp"), int | float)]
@@ -129,33 +128,33 @@ def trouble_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
     stamps = drive.trajectory.stamps  # not sorted where the clock stepped back
     nearest = [int(np.argmin(np.abs(stamps - float(one["stamp"])))) for one in known]
     switch = Switch(
-        group, drive.name, "trouble", shown=True, note="where something went wrong; point at it to read what"
+        group, drive.name, "incidents", shown=True, note="incidents of the drive; point at a dot to read its text"
     )
     texts = [
         f"{_time_of(one, float(stamps[index] - stamps[0]))}: {one.get('what')}"
         for one, index in zip(known, nearest, strict=True)
     ]
-    return [Marks(switch, "dots", drive.trajectory.poses[nearest, :2], _TROUBLE, texts)]
+    return [Marks(switch, "dots", drive.trajectory.poses[nearest, :2], _INCIDENT, texts)]
 
 
 def _time_of(incident: Mapping[str, object], since_start: float) -> str:
-    """Return when an incident was, as it was told: since the recording began; else since the drive did."""
+    """Return the time of an incident since the begin of the recording, or else since the begin of the drive."""
     if incident.get("all_along") is True:
         return "all along"
     at_s = incident.get("at_s")
     return f"{float(at_s) if isinstance(at_s, int | float) else since_start:.1f} s"
 
 
-_TROUBLE: Colour = (200, 0, 30)
+_INCIDENT: Colour = (200, 0, 30)
 _NOTES = {
-    "drive": "where the robot drove",
-    "key\u00adframes": "where the scans were taken that the map is made of",
-    "loops": "places found to be one, though they were seen at different times",
+    "drive": "the path of the robot",
+    "key\u00adframes": "positions of the scans that the map is rendered from",
+    "loops": "loop closures: places that were seen at different times",
 }
 
 
 def _thinned(points: FloatArray, step: float) -> FloatArray:
-    """Return points (K, 2) that are at least about a step apart, the first and the last among them."""
+    """Return points (K, 2) about a step apart [m], including the first and the last."""
     if len(points) < 3:
         return points
     _, first = np.unique((path_lengths(points) / step).astype(np.int64), return_index=True)

@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: no server, no network, no other file."""
+"""A report as one HTML file: no server, no network, and links to the files beside it."""
 
 import base64
 import hashlib
@@ -9,7 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from urllib.parse import unquote
+from pathlib import Path
+from urllib.parse import quote, unquote
 
 from tbmslam.report.sheet import Sheet
 
@@ -18,18 +19,18 @@ _ASSETS = files("tbmslam.report") / "assets"
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text.
+    """A table of text.
 
     Parameters
     ----------
     title
-        Its heading.
+        The heading.
     heads
-        Names of the columns; those that begin with # hold numbers.
+        Names of the columns. Columns of numbers begin with #.
     rows
-        Cells, as many in each row as there are columns.
+        The cells of each row.
     note
-        What to know about it.
+        A remark below the table.
     colours
         CSS colour of each row's mark; empty for none.
     """
@@ -43,7 +44,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with what is seen on it."""
+    """A picture with a caption."""
 
     png: bytes
     caption: str
@@ -56,24 +57,24 @@ class Picture:
 
 @dataclass(frozen=True)
 class Card:
-    """A question that was decided: how, why, and what to judge it by.
+    """A decision with its reason and the evidence.
 
     Parameters
     ----------
     title
-        What was asked.
+        The question.
     verdict
-        The answer in a word.
+        The decision in a word.
     good
-        Whether the answer is yes.
+        Whether the decision is positive.
     reason
-        Why, in a sentence.
+        The reason, one sentence.
     figures
         Numbers, by name.
     pictures
-        To see it oneself.
+        Pictures of the evidence.
     copied
-        What a button copies: a pose as the programs take it; no button where empty.
+        The text that a button copies, such as a pose; no button if empty.
     """
 
     title: str
@@ -87,36 +88,36 @@ class Card:
 
 @dataclass(frozen=True)
 class Page:
-    """What a report says.
+    """The content of a report.
 
     Parameters
     ----------
     title, verdict
-        What was done, and what came of it in a sentence.
+        The task, and its result in one sentence.
     good
-        Whether that is what one wants.
+        Whether the task succeeded.
     figures
-        The few numbers to see first, by name.
+        The most important numbers, by name.
     sheets
-        Maps to look at.
+        The maps.
     warnings
-        What may be wrong with the data or the result, a sentence each.
+        Possible problems of the data or the result, one sentence each.
     tables
-        Figures in rows.
+        Tables of figures.
     downloads
-        Addresses of files beside the page, by whose they are.
+        Addresses of files beside the page, by the name of the robot.
     cards, cards_title, cards_note
-        Decisions, and what they are about.
+        Decisions, with a heading and a remark.
     seconds
-        How long each step took [s].
+        Duration of each step [s].
     command
-        What was typed.
+        The command line.
     versions
-        Of the program and what it stands on.
+        Versions of the program and its dependencies.
     config
-        Every parameter; may be nested.
+        All parameters; may be nested.
     defaults
-        Those that are usual: others are marked as changed. Nothing is marked where empty.
+        The default parameters. Parameters with other values are marked; none are marked if this is empty.
     """
 
     title: str
@@ -137,7 +138,7 @@ class Page:
     defaults: Mapping[str, object] = field(default_factory=dict)
 
     def to_html(self) -> str:
-        """Return the page; what came from outside is text in it and never markup."""
+        """Return the page; text from files is escaped."""
         import jinja2  # noqa: PLC0415  # only reports need it
 
         environment = jinja2.Environment(
@@ -160,22 +161,22 @@ def _asset(name: str) -> str:
 
 
 def _leaflet() -> str:
-    """Return the library without the hint to a source map, which a browser would ask for."""
+    """Return the library without its reference to a source map, which a browser would request."""
     return re.sub(r"^//# sourceMappingURL=.*$", "", _asset("leaflet.js"), flags=re.MULTILINE)
 
 
 def _without_pictures(style: str) -> str:
-    """Return a style sheet without references to pictures, none of which is used here."""
+    """Return a style sheet without references to pictures; the page uses none."""
     return re.sub(r"url\([^)]*\)", "none", style)
 
 
 def _digest(script: str) -> str:
-    """Return what the content security policy of the page knows a script by."""
+    """Return the hash of a script for the content security policy."""
     return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
 
 
 def _as_script_data(value: object) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+    """Return JSON that cannot close the script element around it."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
@@ -191,12 +192,10 @@ def _flat(config: Mapping[str, object], before: str = "") -> list[tuple[str, str
 
 
 def _marked(config: Mapping[str, object], defaults: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """Return name, value, and the usual value where it is another, of every parameter; changed ones first."""
-    usual = dict(_flat(defaults))
-    marked = [(name, value, usual.get(name, value)) for name, value in _flat(config)]
-    return sorted(
-        ((name, value, "" if was == value else was) for name, value, was in marked), key=lambda row: not row[2]
-    )
+    """Return name, value and, if it differs, the default value of every parameter; changed parameters first."""
+    default = dict(_flat(defaults))
+    rows = [(name, value, default.get(name, value)) for name, value in _flat(config)]
+    return sorted(((name, value, "" if was == value else was) for name, value, was in rows), key=lambda row: not row[2])
 
 
 _NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
@@ -204,16 +203,16 @@ _NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
 
 @dataclass(frozen=True)
 class Making:
-    """What a report says of the run that it reports.
+    """The run of a program, for its report.
 
     Parameters
     ----------
     command
-        What was typed.
+        The command line.
     seconds
-        How long each step took [s].
+        Duration of each step [s].
     defaults
-        Every parameter as it is usually; may be nested.
+        The default parameters; may be nested.
     """
 
     command: str = ""
@@ -222,7 +221,7 @@ class Making:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of what results depend on, as far as it is installed."""
+    """Return the versions of Python and of the installed packages that results depend on."""
     found = {"python": platform.python_version()}
     for name in _NAMED:
         try:
@@ -230,3 +229,33 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+_WANTED = (
+    "map.yaml",
+    "map.pgm",
+    "map.npz",
+    "map.tif",
+    "map.bag",
+    "map.mcap",
+    "trajectory*.tum",
+    "pignistic.png",
+    "run.json",
+    "report.json",
+    "config.toml",
+)
+"""Patterns of file names in the order of the links."""
+
+
+def downloads(page: Path, folder: Path) -> Sequence[str]:
+    """Return the addresses of a map's files, relative to a page.
+
+    Parameters
+    ----------
+    page
+        Folder of the page.
+    folder
+        Folder of the map: the same folder, or a folder in it.
+    """
+    found = [path for pattern in _WANTED for path in sorted(folder.glob(pattern)) if path.is_file()]
+    return [quote(bytes(path.relative_to(page))) for path in found]

@@ -1,4 +1,4 @@
-"""Mapping to be watched in Rerun: scans, the growing map, the drive and closed loops, live or into a file."""
+"""Shows the mapping in Rerun, live or in a file: scans, the growing map, the drive and closed loops."""
 
 import logging
 import math
@@ -24,21 +24,21 @@ _PATIENCE_S = 30.0
 _SCAN_EVERY_S, _ROUNDING_S = 0.2, 1e-3
 _SCAN_POINTS = 360
 _MAP_EVERY = 25
-"""Shown scans between two times that the growing map is shown."""
+"""Shown scans between two updates of the growing map."""
 _MAP_CELL_M = 0.1
 _SCAN_COLOUR, _MAP_COLOUR, _DRIVE_COLOUR, _LOOP_COLOUR = (213, 94, 0), (90, 100, 112), (0, 114, 178), (160, 60, 160)
 _HEIGHTS = {"map": 0.0, "drive": 0.02, "scan": 0.04}
 
 
 class ViewerError(TbmSlamError):
-    """What should be watched cannot be shown."""
+    """The viewer cannot be started, or its file cannot be written."""
 
 
 class RerunViewer:
-    """Streams what a SLAM does to Rerun; a context manager, at whose end a file is complete.
+    """Streams the progress of a SLAM to Rerun; a context manager that completes the file at its end.
 
-    Every robot is an entity of its own, since nobody knows how their frames lie to each other. Times are the
-    recording's. Live viewing starts the viewer that comes with the package.
+    Every robot is a separate entity, since the relative poses of their frames are unknown. Times are those of the
+    recording. Live viewing starts the viewer of the package.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ class RerunViewer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """Bring everything to the viewer or the file.
+        """Flush the stream to the viewer or the file.
 
         Raises
         ------
         ViewerError
-            If the file is not complete. A viewer that somebody closed is only warned of: the map does not need it.
+            If the file is not complete. A viewer that was closed causes only a warning.
         """
         try:
             self._stream.flush(timeout_sec=_PATIENCE_S)
@@ -97,10 +97,10 @@ class RerunViewer:
                 raise ViewerError(
                     f"{self._file}: is not complete ({reason}): make room or give another file"
                 ) from fault
-            logger.warning("the viewer was gone before the end (%s)", reason)
+            logger.warning("the viewer was closed before the end (%s)", reason)
 
     def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
-        """Show where a robot is, and now and then what it sees and the map so far."""
+        """Show the pose of a robot, and at intervals its scan and the map so far."""
         robot = self._robot(name)
         stamp = reading.scan.stamp
         robot.way.append((T_map_robot.x, T_map_robot.y))
@@ -133,7 +133,7 @@ class RerunViewer:
             self._strips(f"{name}/closures", list(keyframes[drive.closures]), _LOOP_COLOUR)
 
     def _robot(self, name: str) -> "_Robot":
-        """Return what is known of a robot; a new one gets a view."""
+        """Return the state of a robot; a new robot gets a view."""
         if name not in self._robots:
             self._robots[name] = _Robot()
             import rerun.blueprint as rrb  # noqa: PLC0415
@@ -145,8 +145,8 @@ class RerunViewer:
     def _points(self, path: str, points: FloatArray, colour: tuple[int, int, int], radius: float, height: str) -> None:
         self._stream.log(path, self._rerun.Points3D(_raised(points, height), radii=radius, colors=[colour]))
 
-    def _strips(self, path: str, ways: list[FloatArray], colour: tuple[int, int, int]) -> None:
-        strips = [_raised(way, "drive") for way in ways]
+    def _strips(self, path: str, lines: list[FloatArray], colour: tuple[int, int, int]) -> None:
+        strips = [_raised(line, "drive") for line in lines]
         self._stream.log(path, self._rerun.LineStrips3D(strips, colors=[colour] * len(strips), radii=0.03))
 
     def _picture(self, tbm_map: TbmMap) -> Any:
@@ -163,7 +163,7 @@ class RerunViewer:
 
 @contextmanager
 def _own_programs_found() -> Iterator[None]:
-    """Let the viewer be found beside this Python, also where its environment was not activated."""
+    """Find the viewer beside this Python, even if its environment is not activated."""
     before = os.environ.get("PATH", "")
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{before}"
     try:
@@ -173,7 +173,7 @@ def _own_programs_found() -> Iterator[None]:
 
 
 class _Robot:
-    """What has been shown of one robot."""
+    """The shown state of one robot."""
 
     def __init__(self) -> None:
         self.way: list[tuple[float, float]] = []
@@ -182,7 +182,7 @@ class _Robot:
         self._cells = np.zeros((0, 2), dtype=np.int64)
 
     def is_due(self, stamp: float) -> bool:
-        """Tell whether a scan is to be shown; after a clock that stepped back, every one is until it caught up."""
+        """Return whether to show a scan. After the clock stepped back every scan is shown until it caught up."""
         if 0.0 <= stamp - self.last_stamp < _SCAN_EVERY_S - _ROUNDING_S:
             return False
         self.last_stamp = stamp
@@ -198,5 +198,5 @@ class _Robot:
 
 
 def _raised(points: FloatArray, height: str) -> FloatArray:
-    """Return points (N, 3) at the height of their kind, so that what matters more lies above."""
+    """Return points (N, 3) at the height of their kind, so that more important kinds lie above."""
     return np.column_stack((points, np.full(len(points), _HEIGHTS[height])))

@@ -97,7 +97,7 @@ def test_the_laser_s_truth_scores_as_the_robot_s(bag, bags, tmp_path, capsys):
 
 
 def test_a_map_holds_what_only_the_end_of_its_drive_tells(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr("tbmslam.monitoring.drive_review.mount_doubt", lambda *_: "the laser sits elsewhere")
+    monkeypatch.setattr("tbmslam.monitoring.drive_review.mount_warning", lambda *_: "the laser sits elsewhere")
     assert run(bag, "-o", tmp_path) == 0
     record, provenance = run_record(tmp_path / "robot_0"), load_map(tmp_path / "robot_0").provenance
     assert any("the laser sits elsewhere" in warning for warning in record["warnings"])

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.evaluation.pose_matching import matching_stamps
-from tbmslam.evaluation.relations import Relations, read_relations, relation_errors
+from tbmslam.evaluation.relations import Relations, matching_stamps, read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.geometry.trajectory import Trajectory

@@ -21,7 +21,7 @@ from merging.joint_slam.rendering import redraw
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
-from tbmslam.evaluation.pose_matching import matching_poses
+from tbmslam.evaluation.relations import matching_poses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.atomic_file import write_text

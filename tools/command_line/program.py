@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import IO, Any, NoReturn
 
-from tbmslam.errors import TbmSlamError
-from tbmslam.io.printable import printable
+from tbmslam.errors import TbmSlamError, printable
 from tools.command_line.interruption import Interruption, forget_interruption, hear_interruption, heard_interruption
 
 _LEAST_MB = 2000

@@ -12,16 +12,20 @@ import numpy as np
 
 from datasets.synthetic.world.world import World, WorldError, load_world
 from merging import MergeConfig, align
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import OCCUPIED, UNKNOWN
-from tbmslam.belief.occupancy import masses_from_probability
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import read_relations, relation_errors
-from tbmslam.evaluation.systematic_error import systematic_error
-from tbmslam.evaluation.trajectory_errors import ErrorStatistics, absolute_errors, align_trajectories, relative_errors
+from tbmslam.evaluation.trajectory_errors import (
+    ErrorStatistics,
+    absolute_errors,
+    align_trajectories,
+    relative_errors,
+    systematic_error,
+)
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_bytes

@@ -13,9 +13,8 @@ from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
 from tbmslam.parallel.progress import Progress
-from tbmslam.report.downloads import downloads
 from tbmslam.report.maps_page import MappedRobot, maps_page
-from tbmslam.report.page import Making
+from tbmslam.report.page import Making, downloads
 from tbmslam.report.rerun_viewer import RerunViewer
 from tools.command_line.configuration import Configuration
 from tools.command_line.options import LIVE

@@ -110,7 +110,7 @@
     box.addEventListener("change", () => {
       if (layer.only_one) shown.filter((other) => other.layer.group === layer.group).forEach((other) => other.drawing.remove());
       if (box.checked) entry.drawing.addTo(map); else entry.drawing.remove();
-      if (layer.column === "drive" && robots.some(({ way }) => way.label === layer.label)) showRobots();
+      if (layer.column === "drive" && robots.some(({ track }) => track.label === layer.label)) showRobots();
     });
     return box;
   }
@@ -181,8 +181,8 @@
   // Robots run along their drives: rows of tenths of a second, centimetres twice, and degrees.
   const slider = document.getElementById("when"), play = document.getElementById("play"), said = document.getElementById("at");
   const ARROW = [[0, -11], [8, 9], [0, 4], [-8, 9]];  // pixels, heading up
-  let robots = [];      // of the sheet that is shown: its way and Leaflet's marker
-  let playing = null;   // what the browser calls the next frame by; null while time stands
+  let robots = [];      // of the current sheet: the track and Leaflet's marker
+  let playing = null;   // the handle of the next frame; null while paused
 
   function poseAt({ rows }, time) {
     const tenths = 10 * time;
@@ -211,13 +211,13 @@
     return svg;
   }
 
-  const longest = () => Math.max(0, ...current.ways.map(({ rows }) => rows[rows.length - 1][0] / 10));
+  const longest = () => Math.max(0, ...current.tracks.map(({ rows }) => rows[rows.length - 1][0] / 10));
 
   function beginTime() {
     stop();
     robots.forEach(({ marker }) => marker.remove());
-    robots = current.ways.map((way) => ({ way, marker: L.marker([0, 0], {
-      icon: L.divIcon({ html: arrow(way.colour), className: "robot", iconSize: [24, 24] }), interactive: false, keyboard: false,
+    robots = current.tracks.map((track) => ({ track, marker: L.marker([0, 0], {
+      icon: L.divIcon({ html: arrow(track.colour), className: "robot", iconSize: [24, 24] }), interactive: false, keyboard: false,
     }) }));
     document.getElementById("time").hidden = !robots.length;
     const step = Math.max(0.1, Math.ceil(longest() / 100) / 10);
@@ -232,13 +232,13 @@
     slider.setAttribute("aria-valuetext", said.textContent);
   }
 
-  // Whose drive is switched off is not shown either.
+  // A robot is hidden while its drive is switched off.
   function showRobots() {
     sayTime();
     robots.forEach((robot) => {
-      const drive = shown.find(({ layer }) => layer.label === robot.way.label && layer.column === "drive");
+      const drive = shown.find(({ layer }) => layer.label === robot.track.label && layer.column === "drive");
       if (!drive || !map.hasLayer(drive.drawing)) { robot.marker.remove(); return; }
-      const { point, degrees } = poseAt(robot.way, Number(slider.value));
+      const { point, degrees } = poseAt(robot.track, Number(slider.value));
       robot.degrees = degrees;
       robot.marker.setLatLng(point).addTo(map);
       robot.marker.getElement().firstChild.style.transform = `rotate(${90 - degrees}deg)`;
@@ -272,7 +272,7 @@
     playing = requestAnimationFrame(next);
   });
 
-  // What is seen of the map, drawn once more: pictures, then marks, then robots.
+  // Draw the visible part of the map again: pictures, then marks, then robots.
   function savePicture() {
     const frame = place.getBoundingClientRect(), sharp = window.devicePixelRatio || 1;
     const blank = () => {
@@ -298,7 +298,7 @@
       view.drawImage(pane.canvas, 0, 0, frame.width, frame.height);
     });
     map.getPane("overlayPane").querySelectorAll("canvas").forEach((canvas) => put(view, canvas));
-    robots.filter(({ marker }) => map.hasLayer(marker)).forEach(({ way, marker, degrees }) => {
+    robots.filter(({ marker }) => map.hasLayer(marker)).forEach(({ track, marker, degrees }) => {
       const { x, y } = map.latLngToContainerPoint(marker.getLatLng());
       view.save();
       view.translate(x, y);
@@ -306,7 +306,7 @@
       view.beginPath();
       ARROW.forEach(([right, down]) => view.lineTo(right, down));
       view.closePath();
-      Object.assign(view, { fillStyle: way.colour, strokeStyle: "#fff", lineWidth: 1.5 });
+      Object.assign(view, { fillStyle: track.colour, strokeStyle: "#fff", lineWidth: 1.5 });
       view.fill();
       view.stroke();
       view.restore();

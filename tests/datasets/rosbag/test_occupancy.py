@@ -9,8 +9,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.typesys import Stores, get_typestore
 
 from datasets.rosbag.occupancy import write_occupancy_bag
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.occupancy import occupancy_of
+from tbmslam.belief.grid import GridGeometry, TbmGrid, occupancy_of
 from tbmslam.io.atomic_file import FileNotWrittenError
 from tbmslam.io.ros_map import read_ros_map_header, write_ros_map
 from tbmslam.map.map_image import occupancy_of_image, read_image

@@ -48,12 +48,12 @@ def test_a_merge_is_told_with_every_layer_pose_and_warning(maps):
         *(("Map", name, "") for name in ("pignistic", "occupied", "free", "unknown", "conflict")),
         *(("Robots", name, "map") for name in ("here", "there")),
         *(("Robots", name, column) for name in ("here", "there") for column in ("drive", "key\u00adframes", "loops")),
-        ("Robots", "here", "trouble"),
+        ("Robots", "here", "incidents"),
         *(("Evidence", name, "") for name in ("overlap", "contradictions")),
     ]
-    (trouble,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "trouble")
-    np.testing.assert_allclose(trouble.points, [result.poses["here"].apply([3.0, 3.0])], atol=1e-6)
-    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
+    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "incidents")
+    np.testing.assert_allclose(incidents.points, [result.poses["here"].apply([3.0, 3.0])], atol=1e-6)
+    assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
     table = page.tables[0]
     assert table.colours == [f"rgb{colour}" for colour in ROBOT_COLOURS[:2]]
     assert [float(cell) for cell in table.rows[1][1:3]] == pytest.approx(T_HERE_THERE[:2], abs=0.05)
@@ -115,8 +115,8 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
 def test_a_map_left_out_shows_where_it_had_trouble(maps):
     maps["foreign"] = replace(maps["foreign"], drives=maps["here"].drives, provenance=PROVENANCE)
     page = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making())
-    (trouble,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "trouble")
-    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
+    (incidents,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "incidents")
+    assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
 
 
 def test_what_was_odd_about_several_robots_is_told_once(maps):
@@ -136,8 +136,8 @@ def test_what_was_odd_is_told_of_a_merged_map_too(maps):
     again = {"both": first, "foreign": maps["foreign"]}
     page = merge_page(merge(again, CONFIG), again, CONFIG, {}, Making())
     assert "both: here: 3 scans are stamped earlier than the scan before" in page.warnings
-    (trouble,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "trouble")
-    assert trouble.texts == ["1.0 s: the stamps of the scans step back"]
+    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "incidents")
+    assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
     odd = replace(first, provenance={"merged_from": {"here": 3, "there": {"provenance": []}}, "warnings": 1})
     again = {"both": odd, "foreign": maps["foreign"]}
     assert not [

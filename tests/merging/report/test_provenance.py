@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merging.report.provenance import drives_given_twice, incidents_of, warnings_of
+from merging.report.provenance import duplicate_drives, incidents_of, warnings_of
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
@@ -74,7 +74,7 @@ def test_a_drive_that_is_given_twice_is_found_whatever_its_frame(grid):
     first = scanned_map(grid, stamps, range(1, 11))
     moved = first.drives[0].transformed(SE2(3.0, -1.0, 0.5))
     merged = replace(first, drives=(scanned_map(grid, stamps, [20.0] * 10).drives[0], moved))
-    assert drives_given_twice({"a": first, "b": merged}) == [("a", "b", 10, 10)]
+    assert duplicate_drives({"a": first, "b": merged}) == [("a", "b", 10, 10)]
 
 
 @pytest.mark.parametrize(
@@ -88,4 +88,4 @@ def test_a_drive_that_is_given_twice_is_found_whatever_its_frame(grid):
 )
 def test_other_drives_are_not_taken_for_one(grid, stamps, ranges):
     maps = {"a": scanned_map(grid, [0.1 * k for k in range(10)], range(1, 11)), "b": scanned_map(grid, stamps, ranges)}
-    assert drives_given_twice({**maps, "no drives": TbmMap(grid)}) == []
+    assert duplicate_drives({**maps, "no drives": TbmMap(grid)}) == []

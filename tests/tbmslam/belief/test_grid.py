@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.masses import UNKNOWN, VACUOUS, pignistic
+from tbmslam.belief.grid import RELIABILITY, GridGeometry, TbmGrid, masses_from_probability
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN, VACUOUS, pignistic
+from tests.belief_rules import discount
 
 GEOMETRY = GridGeometry(0.5, -1.0, 2.0, rows=3, cols=4)
 
@@ -111,3 +112,36 @@ def test_a_grid_is_shown_in_a_line_and_as_a_picture():
     picture = cv2.imdecode(np.frombuffer(grid._repr_png_(), np.uint8), cv2.IMREAD_UNCHANGED)
     assert picture.tolist() == [[128, 128, 128, 0], [128] * 4, [255, 128, 128, 128]]
     assert TbmGrid.unknown(GridGeometry(0.5, 0.0, 0.0, 0, 4))._repr_png_() is None
+
+
+PROBABILITIES = np.linspace(0.0, 1.0, 101)
+
+
+def test_they_are_beliefs():
+    masses = masses_from_probability(PROBABILITIES, PROBABILITIES < 2.0)
+    assert masses.dtype == np.float32
+    assert (masses >= 0.0).all()
+    np.testing.assert_allclose(masses.sum(axis=-1), 1.0, atol=1e-6)
+
+
+def test_undiscounted_they_would_bet_the_given_probability():
+    lean = 2.0 * PROBABILITIES - 1.0
+    certain = np.zeros((101, 4))
+    certain[:, OCCUPIED], certain[:, FREE] = np.maximum(lean, 0.0), np.maximum(-lean, 0.0)
+    certain[:, UNKNOWN] = 1.0 - abs(lean)
+    np.testing.assert_allclose(pignistic(certain), PROBABILITIES, atol=1e-12)
+    masses = masses_from_probability(PROBABILITIES, np.ones(101, dtype=bool))
+    np.testing.assert_allclose(masses, discount(certain, RELIABILITY), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("probability", "known", "expected"),
+    [
+        (1.0, True, [0.0, 0.0, 0.9, 0.1]),
+        (0.0, True, [0.0, 0.9, 0.0, 0.1]),
+        (0.5, True, [0.0, 0.0, 0.0, 1.0]),
+        (1.0, False, [0.0, 0.0, 0.0, 1.0]),
+    ],
+)
+def test_certain_even_and_unknown(probability, known, expected):
+    np.testing.assert_allclose(masses_from_probability(np.array(probability), np.array(known)), expected, atol=1e-6)

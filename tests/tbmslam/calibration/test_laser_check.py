@@ -4,8 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.laser_check import LaserCheckConfig, laser_doubts
-from tbmslam.calibration.laser_fit import LaserErrors
+from tbmslam.calibration.laser_check import LaserCheckConfig, LaserErrors, laser_warnings
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
@@ -19,7 +18,7 @@ def keyframes(beams, step_deg, count=3):
 
 
 def said(beams, step_deg, scale, deviation=0.0005, offset=0.0):
-    return laser_doubts(LaserErrors(scale, deviation, offset, 0.003), keyframes(beams, step_deg), CONFIG)
+    return laser_warnings(LaserErrors(scale, deviation, offset, 0.003), keyframes(beams, step_deg), CONFIG)
 
 
 @pytest.mark.parametrize(
@@ -70,8 +69,8 @@ def test_angles_that_hardly_differ_are_uncertain_real_or_go_once_round_are_right
 def test_angles_that_change_from_scan_to_scan():
     mixed = keyframes(180, 1.0)
     mixed = replace(mixed, beams=mixed.beams * [[1.0, 1.0, 1.0, 1.0], [1.0, 1.01, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]])
-    assert laser_doubts(LaserErrors(-0.012, 0.0005, 0.0, 0.003), mixed, CONFIG) == {
-        "angles": "walls fit best where angles between beams are 1.2% smaller: look how the laser's driver makes them"
+    assert laser_warnings(LaserErrors(-0.012, 0.0005, 0.0, 0.003), mixed, CONFIG) == {
+        "angles": "walls fit best where angles between beams are 1.2% smaller: check the driver of the laser"
     }
 
 
@@ -93,10 +92,10 @@ def test_ranges_and_what_mends_them(offset, words):
 )
 def test_what_is_to_be_added_counts_from_what_was_measured(added, more, words):
     errors = LaserErrors(0.0, 0.0005, more, 0.003)
-    told = laser_doubts(errors, keyframes(180, 1.0), CONFIG, added)
+    told = laser_warnings(errors, keyframes(180, 1.0), CONFIG, added)
     assert told == {"ranges": f"walls fit best where ranges are {words}"}
 
 
 def test_small_or_uncertain_offsets_are_none():
     assert said(180, 1.0, 0.0, offset=0.05) == {}
-    assert laser_doubts(LaserErrors(0.0, 0.001, 0.1, 0.03), keyframes(180, 1.0), CONFIG) == {}
+    assert laser_warnings(LaserErrors(0.0, 0.001, 0.1, 0.03), keyframes(180, 1.0), CONFIG) == {}

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.laser_fit import fit_laser
+from tbmslam.calibration.laser_check import fit_laser
 from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.calibration.mount_change import mount_changes
+from tbmslam.calibration.mount_check import mount_changes
 from tbmslam.geometry.se2 import SE2, compose
 
 STEPS, LEAST = 400, math.radians(5.0)

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.mount_check import MountCheckConfig, mount_doubt
+from tbmslam.calibration.mount_check import MountCheckConfig, mount_warning
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
@@ -29,7 +29,7 @@ def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
     scans = [replace(scan, stamp=0.3 * k) for k in range(STEPS)]
     poses = compose(sensors, inverse(np.array([stated])))
     keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * STEPS)
-    return mount_doubt(keyframes, true if odometry is None else odometry, config)
+    return mount_warning(keyframes, true if odometry is None else odometry, config)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_nothing_is_said_of_a_laser_that_moves_on_its_robot_or_when_switched_off
     for steps in (STEPS, 1):
         poses = winding()[:steps]
         moving = Keyframes.from_scans([scan] * steps, [SE2(*pose) for pose in poses], places[:steps])
-        assert mount_doubt(moving, poses, CONFIG) is None
+        assert mount_warning(moving, poses, CONFIG) is None
 
 
 def mirrored(generator, turning=0.5):

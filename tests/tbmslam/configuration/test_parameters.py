@@ -2,8 +2,7 @@ import pytest
 
 from tbmslam.configuration.parameters import ConfigError, changed, parameter_names, parse_setting
 from tbmslam.configuration.slam_config import SlamConfig, preset
-from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
-from tbmslam.vinyslam.matching import HillClimbingConfig
+from tbmslam.related.viny_tracker import GridTrackerConfig, HillClimbingConfig
 
 
 def test_what_is_not_named_stays():

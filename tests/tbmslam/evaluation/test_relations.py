@@ -1,9 +1,78 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tbmslam.evaluation.relations import RelationsError, read_relations, relation_errors
+from tbmslam.evaluation.relations import (
+    RelationsError,
+    matching_poses,
+    matching_stamps,
+    read_relations,
+    relation_errors,
+)
+from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories, relative_errors
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
+
+
+def stepping_back(count=400, seconds=(0.2, 3.0, 30.0), period=0.1):
+    """Return stamps, at an even rate, of a clock that is set back now and then; later ones are as those before."""
+    back = np.zeros(count)
+    for number, by in enumerate(seconds, 1):
+        back[number * count // (len(seconds) + 1) :] += by
+    return np.round(1000.0 + period * np.arange(count) - back, 6)
+
+
+def all_of(stamps, chosen, tolerance=0.01):
+    found, matched = matching_poses(stamps, stamps[chosen], tolerance)
+    return found.tolist(), matched.tolist()
+
+
+@pytest.mark.parametrize("chosen", [slice(None), slice(90, 400), slice(150, 290), slice(0, 400, 3)])
+def test_each_pose_is_matched_with_itself_where_stamps_step_back(chosen):
+    stamps = stepping_back()
+    expected = np.arange(len(stamps))[chosen].tolist()
+    assert all_of(stamps, chosen) == (expected, list(range(len(expected))))
+
+
+def test_each_pose_is_matched_with_itself_where_stamps_come_twice():
+    stamps = np.repeat(np.arange(50.0), 2)
+    assert all_of(stamps, slice(None))[0] == list(range(100))
+
+
+@given(st.sets(st.integers(0, 399), max_size=40))
+def test_poses_that_the_second_lacks_change_nothing(missing):
+    chosen = np.array([k for k in range(400) if k not in missing])
+    assert np.mean(np.array(all_of(stepping_back(), chosen)[0]) == chosen) > 0.97
+
+
+def test_where_stamps_rise_the_nearest_ones_match():
+    found, matched = matching_poses(np.array([1.0, 2.0, 3.0]), np.array([3.004, 2.6, 1.0]), 0.01)
+    assert (found.tolist(), matched.tolist()) == ([2, 0], [0, 2])
+    assert [len(part) for part in matching_poses(np.array([2.0, 1.0]), np.zeros(0), 1.0)] == [0, 0]
+    assert [len(part) for part in matching_poses(np.array([2.0, 1.0]), np.ones(1) * 9, 1.0)] == [0, 0]
+
+
+def test_a_clock_that_stands_still_takes_no_memory_without_end():
+    found, matched = matching_poses(np.zeros(2000), np.zeros(300), 0.01)
+    assert len(found) == len(matched) == 300
+
+
+def test_an_estimate_without_fault_has_none_where_stamps_step_back():
+    stamps, generator = stepping_back(), np.random.default_rng(2)
+    poses = np.cumsum(generator.uniform(-0.1, 0.3, (len(stamps), 3)), axis=0)
+    truth, part = Trajectory(stamps, poses), slice(120, 330)
+    estimate = Trajectory(stamps[part], poses[part])
+    assert align_trajectories(truth, estimate).ate_m < 1e-9
+    assert absolute_errors(truth, estimate).errors_m.max() < 1e-9
+    assert relative_errors(truth, estimate, distance=1.0).translations_m.max() < 1e-9
+
+
+def test_nearest_stamps_in_any_order():
+    first, second = matching_stamps(np.array([3.0, 1.0, 2.0]), np.array([1.004, 2.6, 3.0, 9.0]), 0.01)
+    assert first.tolist() == [1, 0]
+    assert second.tolist() == [0, 2]
+    assert [len(part) for part in matching_stamps(np.zeros(0), np.ones(2), 1.0)] == [0, 0]
 
 
 def write(path, rows):

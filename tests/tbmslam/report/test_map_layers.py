@@ -10,7 +10,7 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.report import map_layers
-from tbmslam.report.map_layers import drive_layers, for_display, trouble_layer
+from tbmslam.report.map_layers import drive_layers, for_display, incident_layer
 from tbmslam.sensing.laser_scan import LaserScan
 
 
@@ -43,12 +43,12 @@ def test_trouble_is_where_the_robot_was_then():
     way = Trajectory(np.array([10.0, 11.0, 12.0]), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]))
     drive = Drive("r", way, Keyframes.from_scans([], [], []))
     incidents = [{"stamp": 11.2, "what": "no odometry"}, {"stamp": 99, "what": "<b>"}, {"what": "no stamp"}, 3]
-    (mark,) = trouble_layer(drive, incidents, "Robots")
+    (mark,) = incident_layer(drive, incidents, "Robots")
     np.testing.assert_array_equal(mark.points, [[1.0, 2.0], [3.0, 4.0]])
     assert mark.texts == ["1.0 s: no odometry", "2.0 s: <b>"]
-    (mark,) = trouble_layer(drive, [{"stamp": 10.0, "at_s": 0.0, "what": "a scale", "all_along": True}], "Robots")
+    (mark,) = incident_layer(drive, [{"stamp": 10.0, "at_s": 0.0, "what": "a scale", "all_along": True}], "Robots")
     assert mark.texts == ["all along: a scale"]
-    assert trouble_layer(drive, None, "Robots") == trouble_layer(drive, [], "Robots") == []
+    assert incident_layer(drive, None, "Robots") == incident_layer(drive, [], "Robots") == []
 
 
 def test_large_maps_are_shown_in_coarser_cells_that_cover_the_same_place(monkeypatch):

@@ -5,7 +5,7 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.maps_page import MappedRobot, by_whom, maps_page
+from tbmslam.report.maps_page import MappedRobot, joined_warnings, maps_page
 from tbmslam.report.page import Making
 
 
@@ -34,13 +34,13 @@ def test_every_robot_has_a_sheet_a_row_and_its_warnings():
     assert page.tables[0].rows[1][:4] == ["b", "–", "2", "–"]
     assert page.warnings == [
         "a: 5 of 7 scans were dropped: they were empty",
-        "a: closing loops moved the drive by up to 2.5 m: it had drifted by so much",
-        "a, b: no loop was closed in 5 m, so nothing tells how far the drive drifted",
+        "a: closing loops moved the drive by up to 2.5 m, because it had drifted",
+        "a, b: no loop was closed in 5 m, so the drift of the drive is unknown",
     ]
-    assert page.verdict == "2 maps were made, each in a frame of its own"
+    assert page.verdict == "2 maps were made, each in its own frame"
     assert (page.command, page.versions, page.config) == ("build_maps x", RUN["versions"], RUN["config"])
     assert page.figures["driven"] == "10 m"
-    assert [[way.label for way in sheet.ways] for sheet in page.sheets] == [["robot_0"], ["robot_0"]]
+    assert [[track.label for track in sheet.tracks] for sheet in page.sheets] == [["robot_0"], ["robot_0"]]
 
 
 def test_files_are_offered_of_the_robots_that_are_shown():
@@ -53,7 +53,7 @@ def test_files_are_offered_of_the_robots_that_are_shown():
 def test_what_many_robots_are_told_alike_is_said_once():
     page = maps_page({f"robot_{k}": robot({"warnings": ["odd", "odd"] if k else ["odd"]}) for k in range(7)}, Making())
     named = "robot_0, robot_1, robot_2, robot_3, robot_4 and 2 more"
-    no_loop = "no loop was closed in 5 m, so nothing tells how far the drive drifted"
+    no_loop = "no loop was closed in 5 m, so the drift of the drive is unknown"
     assert page.warnings == [f"{named}: odd", f"{named}: {no_loop}"]
 
 
@@ -66,7 +66,7 @@ def test_of_very_many_maps_the_first_are_shown_and_all_are_told():
     page = maps_page({f"robot_{k}": robot() for k in range(40)}, Making())
     assert len(page.sheets) == 30
     assert len(page.tables[0].rows) == 40
-    assert "Shown above are the first 30 of 40 maps." in page.tables[0].note
+    assert "Only the first 30 of 40 maps are shown above." in page.tables[0].note
 
 
 def test_a_run_that_says_something_else_spoils_nothing():
@@ -76,18 +76,18 @@ def test_a_run_that_says_something_else_spoils_nothing():
 
 def test_what_several_are_told_alike_is_said_once_with_their_names():
     told = {"a": ["at 1.0 s: jumps", "odd"], "b": ["at 2.0 s: jumps"], "c": ["odd", "odd"]}
-    assert by_whom(told) == ["a: at 1.0 s: jumps", "a, c: odd", "b: at 2.0 s: jumps"]
-    assert by_whom({"a": []}) == []
+    assert joined_warnings(told) == ["a: at 1.0 s: jumps", "a, c: odd", "b: at 2.0 s: jumps"]
+    assert joined_warnings({"a": []}) == []
 
 
 def test_of_many_the_first_are_named():
-    assert by_whom({name: ["odd"] for name in "abcdefg"}) == ["a, b, c, d, e and 2 more: odd"]
-    assert by_whom({name: ["odd"] for name in "abcde"}) == ["a, b, c, d, e: odd"]
+    assert joined_warnings({name: ["odd"] for name in "abcdefg"}) == ["a, b, c, d, e and 2 more: odd"]
+    assert joined_warnings({name: ["odd"] for name in "abcde"}) == ["a, b, c, d, e: odd"]
 
 
 def test_what_happened_again_and_again_is_one_line_with_its_times():
     jumps = [f"at {at:.1f} s: the odometry jumps, for {0.1 * at:.1f} s: beware" for at in range(1, 9)]
-    said = by_whom({"a": [*jumps, "at 3.0 s: no scans", "odd"], "b": jumps[:2]})
+    said = joined_warnings({"a": [*jumps, "at 3.0 s: no scans", "odd"], "b": jumps[:2]})
     assert said == [
         "a: at 1.0, 2.0, 3.0, 4.0, 5.0 s and 3 more times: the odometry jumps: beware",
         "a: at 3.0 s: no scans",

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.grid import GridGeometry
-from tbmslam.report.page import Card, Page, Picture, Table
-from tbmslam.report.palette import Palette
-from tbmslam.report.sheet import Raster, Sheet, Switch
+from tbmslam.report.page import Card, Page, Picture, Table, downloads
+from tbmslam.report.sheet import Palette, Raster, Sheet, Switch
 
 NASTY = '<script>alert("1")</script>&</style>'
 TWO = Palette(((255, 255, 255), (10, 20, 30)))
@@ -93,3 +92,19 @@ def test_the_licence_of_what_is_inlined_lies_beside_it():
     from importlib.resources import files
 
     assert "BSD 2-Clause" in (files("tbmslam.report") / "assets" / "LEAFLET-LICENSE").read_text(encoding="utf-8")
+
+
+def test_files_are_offered_where_they_are_and_others_are_not(tmp_path):
+    folder = tmp_path / "robot #1"
+    folder.mkdir()
+    for name in ("map.npz", "map.yaml", "trajectory_b%.tum", "trajectory_a.tum", "mine.txt", "unknown.png"):
+        (folder / name).touch()
+    (folder / "map.tif").mkdir()
+    assert downloads(tmp_path, folder) == [
+        "robot%20%231/map.yaml",
+        "robot%20%231/map.npz",
+        "robot%20%231/trajectory_a.tum",
+        "robot%20%231/trajectory_b%25.tum",
+    ]
+    assert downloads(folder, folder)[0] == "map.yaml"
+    assert downloads(tmp_path, tmp_path) == []

@@ -128,7 +128,7 @@ def test_a_viewer_that_was_closed_costs_no_map_but_a_file_must_be_whole(monkeypa
     monkeypatch.setattr(rerun.RecordingStream, "flush", severed)
     with RerunViewer():
         pass
-    assert "the viewer was gone before the end (connection severed)" in caplog.text
+    assert "the viewer was closed before the end (connection severed)" in caplog.text
     viewer = RerunViewer(tmp_path / "a.rrd")
     with pytest.raises(ViewerError, match=r"a\.rrd: is not complete \(connection severed\)"), viewer:
         pass

@@ -6,7 +6,7 @@ import pytest
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.kernels.grids.tiles import HitModel, climb_posterior, log_likelihood, log_posterior, sampled_posterior
 from tbmslam.kernels.rays.insertion import insert_scan, touched_cells
-from tbmslam.related.tile_maps import TileMaps
+from tbmslam.related.particle_tracker import TileMaps
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 
 FACTORS = beam_factors(SensorModelConfig(hit_quality=0.4, miss_quality=0.1, wall_blur=0.0), 0.1, 1.0)

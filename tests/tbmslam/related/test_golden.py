@@ -12,12 +12,17 @@ from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.rays.insertion import walk_beam
 from tbmslam.kernels.search.scoring import impact_at
+from tbmslam.related.viny_tracker import (
+    GridTrackerConfig,
+    HillClimbingConfig,
+    MonteCarloConfig,
+    MonteCarloMatcher,
+    beam_weights,
+)
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tbmslam.slam import Slam
 from tbmslam.tracking.motion_model import MotionConfig
-from tbmslam.vinyslam.grid_tracker import GridTrackerConfig
-from tbmslam.vinyslam.matching import HillClimbingConfig, MonteCarloConfig, MonteCarloMatcher, beam_weights
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 

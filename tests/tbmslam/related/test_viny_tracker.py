@@ -5,9 +5,9 @@ import pytest
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.geometry.se2 import SE2
+from tbmslam.related.viny_tracker import MonteCarloConfig, MonteCarloMatcher
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
-from tbmslam.vinyslam.matching import MonteCarloConfig, MonteCarloMatcher
 
 SCAN = LaserScan(0.0, 0.0, 0.1, 0.1, 30.0, np.array([2.03]))
 """One hit straight ahead."""

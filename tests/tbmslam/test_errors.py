@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.io.printable import printable
+from tbmslam.errors import printable
 
 
 @pytest.mark.parametrize(

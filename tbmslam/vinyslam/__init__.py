@@ -1,1 +1,0 @@
-"""The front end of vinySLAM: a scan matched to a grid of masses."""
