@@ -14,9 +14,9 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.rays.lattice import Lattice
-from tbmslam.kernels.surfels.surfel_alignment import Search, SurfelArrays, align, place_scan, strays
+from tbmslam.kernels.surfels.surfel_alignment import Search, align, place_scan, strays
 from tbmslam.kernels.surfels.surfel_search import search
-from tbmslam.kernels.surfels.surfels import CELLS, SIDE, Surfels, extent, insert_hits
+from tbmslam.kernels.surfels.surfels import CELLS, SIDE, SurfelArrays, Surfels, extent, insert_hits
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.tracker import PosePrior
 
@@ -86,14 +86,15 @@ class SurfelMap:
         """Add hits of a frame at a pose."""
         if not len(hits.points):
             return
-        used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose) if self._spare else -1
+        there = (*pose,)
+        used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there) if self._spare else -1
         if used < 0:
             self._grow_to_contain(hits.placed(pose).points)
-            used = insert_hits(self._surfels, self._used, hits.points, hits.normals, pose)
+            used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
         self._used = used
         if CELLS * used > len(self._surfels.moments):
             self._make_room(CELLS * used)
-            insert_hits(self._surfels, used, hits.points, hits.normals, pose)
+            insert_hits(self._arrays, used, hits.points, hits.normals, there)
 
     def place(
         self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search
@@ -161,7 +162,7 @@ class SurfelMap:
         costs
             Share of all hits that a metre and a radian away from the guess must win.
         """
-        return SE2(*search(self._surfels, hits.points, hits.normals, guess, reach, turns, tolerance, costs))
+        return SE2(*search(self._arrays, hits.points, hits.normals, (*guess,), reach, turns, tolerance, costs))
 
     def _make_room(self, slots: int) -> None:
         """Have room for that many slots."""

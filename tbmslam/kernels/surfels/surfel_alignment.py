@@ -7,7 +7,6 @@ import numpy as np
 
 from tbmslam.kernels import FloatArray, Pose, kernel, summing_kernel
 from tbmslam.kernels.rays.hits import write_hits
-from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.surfels import (
     CELLS,
@@ -15,14 +14,10 @@ from tbmslam.kernels.surfels.surfels import (
     IN_TILE,
     SIDE,
     TILE_BITS,
-    SurfelArray,
-    Surfels,
-    TileIndex,
+    SurfelArrays,
     fit_surfel,
 )
 
-SurfelArrays = tuple[TileIndex, SurfelArray, SurfelArray, tuple[float, int, int], tuple[float, float, float, float]]
-"""The fields of a `Surfels` as plain tuples."""
 Beams = tuple[float, float, Pose, float]
 """Direction of the first beam, step between beams [rad], motion from beam to beam, largest range [m]."""
 Search = tuple[float, float, float, FloatArray, int, int]
@@ -52,7 +47,13 @@ TYPICAL_RANGE = 5.0
 
 @kernel
 def pair_up(
-    surfels: Surfels, points: FloatArray, normals: FloatArray, every: int, span: float, pose: Pose, pairs: FloatArray
+    surfels: SurfelArrays,
+    points: FloatArray,
+    normals: FloatArray,
+    every: int,
+    span: float,
+    pose: Pose,
+    pairs: FloatArray,
 ) -> tuple[int, float]:
     """Write every n-th point that has a surfel, and the surfel, to a column of `pairs`.
 
@@ -212,7 +213,7 @@ def composed(first: Pose, second: Pose) -> Pose:
 
 @kernel
 def align(
-    arrays: SurfelArrays,
+    surfels: SurfelArrays,
     points: FloatArray,
     normals: FloatArray,
     start: Pose,
@@ -228,7 +229,7 @@ def align(
 
     Parameters
     ----------
-    arrays
+    surfels
         The fields of a `Surfels`.
     points, normals
         As for `pair_up`.
@@ -248,14 +249,13 @@ def align(
     The pose's x, y [m] and theta [rad], the share of the hits that match, how many independent hits they count for, and
     the squared Mahalanobis distance from the prior's mean.
     """
-    surfels = Surfels(arrays[0], arrays[1], arrays[2], Lattice(arrays[3][0], arrays[3][1], arrays[3][2]), arrays[4])
     freedom, span, most, tolerances, enough_points, iterations = search
     every = max(len(points) // enough_points, 1)
     x, y, theta = start
     gradient, system, step, error = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     pairs = np.empty((8, len(points) + 1))
     matched, independent, squared = 0.0, 0.0, 0.0
-    near = STALE * surfels.lattice.resolution
+    near = STALE * surfels[3][0]
     count, moved, paired = 0, math.inf, 0
     for level in range(len(tolerances)):
         # A wide tolerance only leads to where the next one starts.
@@ -295,20 +295,19 @@ def align(
 
 @kernel
 def strays(
-    arrays: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, span: float, tolerance: float
+    surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, span: float, tolerance: float
 ) -> float:
     """Return how many independent hits of a scan at a pose match no surfel.
 
     Parameters
     ----------
-    arrays, points, normals, pose
+    surfels, points, normals, pose
         As for `align` and `pair_up`.
     span
         Length of surface that counts as one hit [m].
     tolerance
         Distance at which a hit counts half [standard deviations].
     """
-    surfels = Surfels(arrays[0], arrays[1], arrays[2], Lattice(arrays[3][0], arrays[3][1], arrays[3][2]), arrays[4])
     pairs, hessian, gradient = np.empty((8, len(points) + 1)), np.zeros((3, 3)), np.zeros(3)
     count, independent = pair_up(surfels, points, normals, _EACH, span, pose, pairs)
     return independent - linearise(pairs, count, pose, tolerance, hessian, gradient)

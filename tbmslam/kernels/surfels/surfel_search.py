@@ -7,12 +7,12 @@ import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.search.windows import add_window, blocks_for
-from tbmslam.kernels.surfels.surfels import CELLS, SIDE, Surfels, fit_surfel, layer_of, slot_of
+from tbmslam.kernels.surfels.surfels import CELLS, SIDE, SurfelArrays, fit_surfel, layer_of, slot_of
 
 
 @kernel
 def search(
-    surfels: Surfels,
+    surfels: SurfelArrays,
     points: FloatArray,
     normals: FloatArray,
     guess: Pose,
@@ -27,58 +27,72 @@ def search(
     a radian away from the guess must win, so that the nearest of equals is taken. A pose whose points do not even lie
     in enough cells with surfaces is not looked at more closely.
     """
-    resolution = surfels.lattice.resolution
-    width = 2 * reach + 1
+    resolution, width = surfels[3][0], 2 * reach + 1
     counts = _bounds(surfels, points, normals, guess, reach, turns)
-    bounds = np.empty((len(turns), width, width), dtype=np.float32)
+    shifted, size = np.empty((width, width)), width * width
+    for row in range(width):
+        for col in range(width):
+            shifted[row, col] = costs[0] * resolution * math.hypot(row - reach, col - reach)
+    bounds, first = np.empty(len(turns) * size, dtype=np.float32), 0
     for k in range(len(turns)):
-        for r in range(width):
-            for c in range(width):
-                away = costs[0] * resolution * math.hypot(r - reach, c - reach) + costs[1] * abs(turns[k])
-                bounds[k, r, c] = counts[k, r, c] - away * len(points)
-    flat = bounds.reshape(-1)
+        turned = costs[1] * abs(turns[k])
+        for row in range(width):
+            for col in range(width):
+                at = k * size + row * width + col
+                bounds[at] = counts[k, row, col] - (shifted[row, col] + turned) * len(points)
+                if bounds[at] > bounds[first]:
+                    first = at
     best_score, best = -math.inf, (guess[0], guess[1], guess[2])
-    for candidate in _most_promising_first(flat):
-        if flat[candidate] <= best_score:
-            continue
-        k, place = candidate // (width * width), candidate % (width * width)
-        pose = (
-            guess[0] + (place % width - reach) * resolution,
-            guess[1] + (place // width - reach) * resolution,
-            guess[2] + turns[k],
-        )
-        away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
-        spare = flat[candidate] - best_score + 0.001  # a bound has seven digits
-        score = _matched(surfels, points, normals, pose, tolerance, spare) - away * len(points)
-        if score > best_score:
-            best_score, best = score, pose
+    for is_rest in range(2):
+        # The first candidate rules most of the others out.
+        candidates = _most_promising_first(bounds, best_score) if is_rest else np.array([first])
+        for candidate in candidates:
+            if bounds[candidate] <= best_score:
+                continue
+            k, place = candidate // size, candidate % size
+            pose = (
+                guess[0] + (place % width - reach) * resolution,
+                guess[1] + (place // width - reach) * resolution,
+                guess[2] + turns[k],
+            )
+            away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
+            spare = bounds[candidate] - best_score + 0.001  # a bound has seven digits
+            score = _matched(surfels, points, normals, pose, tolerance, spare) - away * len(points)
+            if score > best_score:
+                best_score, best = score, pose
     return best
 
 
 @kernel
-def _most_promising_first(bounds: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-    """Return the places of bounds (N,), those of larger ones first, to the next integer.
+def _most_promising_first(bounds: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.int64]:
+    """Return the places of bounds (N,) above a value, those of larger ones first, to the next integer.
 
     The sooner a good pose is looked at, the more of the others are ruled out.
     """
-    lowest, highest = math.floor(bounds[0]), math.floor(bounds[0])
+    lowest, highest, count = math.inf, -math.inf, 0
     for bound in bounds:
-        lowest, highest = min(lowest, math.floor(bound)), max(highest, math.floor(bound))
-    begins = np.zeros(highest - lowest + 2, dtype=np.int64)
+        if bound > least:
+            lowest, highest, count = min(lowest, bound), max(highest, bound), count + 1
+    order = np.empty(count, dtype=np.int64)
+    if count == 0:
+        return order
+    top = math.floor(highest)
+    begins = np.zeros(top - math.floor(lowest) + 2, dtype=np.int64)
     for bound in bounds:
-        begins[highest - math.floor(bound) + 1] += 1
+        if bound > least:
+            begins[top - math.floor(bound) + 1] += 1
     for place in range(1, len(begins)):
         begins[place] += begins[place - 1]
-    order = np.empty(len(bounds), dtype=np.int64)
     for place in range(len(bounds)):
-        bucket = highest - math.floor(bounds[place])
-        order[begins[bucket]] = place
-        begins[bucket] += 1
+        if bounds[place] > least:
+            bucket = top - math.floor(bounds[place])
+            order[begins[bucket]] = place
+            begins[bucket] += 1
     return order
 
 
 @kernel
-def _may_hold(surfels: Surfels, margin: int) -> npt.NDArray[np.uint8]:
+def _may_hold(surfels: SurfelArrays, margin: int) -> npt.NDArray[np.uint8]:
     """Return 1 for every cell (2, rows, cols) that may have a surface, with a margin on every side."""
     tiles, _, fits, _, _ = surfels
     _, rows, cols = tiles.shape
@@ -96,13 +110,13 @@ def _may_hold(surfels: Surfels, margin: int) -> npt.NDArray[np.uint8]:
 
 @kernel
 def _bounds(
-    surfels: Surfels, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
+    surfels: SurfelArrays, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
 ) -> npt.NDArray[np.uint16]:
     """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
 
     The axes are turns, shifts by rows and by columns.
     """
-    resolution, first_row, first_col = surfels.lattice
+    resolution, first_row, first_col = surfels[3]
     width, margin = 2 * reach + 1, blocks_for(reach)
     known = _may_hold(surfels, margin)
     cells, (_, rows, cols) = known.reshape(-1), known.shape
@@ -125,7 +139,7 @@ def _bounds(
 
 @kernel
 def _matched(
-    surfels: Surfels, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
+    surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
 ) -> float:
     """Return the sum of what points at a pose count; -inf once points on surfaces count by more than `spare` less."""
     tiles, _, fits, lattice, _ = surfels

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
-from tbmslam.kernels.rays.hits import move_hits
 from tbmslam.kernels.rays.lattice import Lattice
 
 SurfelArray = npt.NDArray[np.float32]
 TileIndex = npt.NDArray[np.int32]
+Cells = npt.NDArray[np.int32]
+"""Row, column and layer (N, 3) of the cells that hits lie in."""
 SIDE = 4
 """Cells along a side of a tile."""
 CELLS = SIDE * SIDE
@@ -44,6 +45,10 @@ class Surfels(NamedTuple):
     and number of hits that make an element certain."""
 
 
+SurfelArrays = tuple[TileIndex, SurfelArray, SurfelArray, tuple[float, int, int], tuple[float, float, float, float]]
+"""The fields of a `Surfels` as plain tuples, which come into a kernel in a quarter of the time."""
+
+
 @kernel
 def layer_of(normal_x: float, normal_y: float) -> int:
     """Return the layer of a surface by its normal in the map's frame."""
@@ -67,17 +72,33 @@ def extent(points: FloatArray) -> tuple[float, float, float, float]:
 
 
 @kernel
-def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArray, normals: FloatArray) -> int:
-    """Give numbers from `used` on to the tiles that hits (N, 2) [m] need, and return how many are in use then.
+def cells_of(
+    points: FloatArray, normals: FloatArray, pose: Pose, lattice: tuple[float, int, int]
+) -> tuple[Cells, FloatArray]:
+    """Return the cells (N, 3) of hits (N, 2) [m] of a frame at a pose, and how far they lie from the centres (N, 2).
 
-    `normals` (N, 2) are those of the surfaces hit, towards the laser, in the map's frame.
+    `normals` (N, 2) are those of the surfaces hit, towards the laser, in the same frame.
     """
     resolution, first_row, first_col = lattice
-    last_row, last_col, last_layer = -1, -1, -1
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    cells, offsets = np.empty((len(points), 3), dtype=np.int32), np.empty((len(points), 2))
     for i in range(len(points)):
-        row = math.floor(points[i, 1] / resolution) - first_row
-        col = math.floor(points[i, 0] / resolution) - first_col
-        layer = layer_of(normals[i, 0], normals[i, 1])
+        gx = (pose[0] + cosine * points[i, 0] - sine * points[i, 1]) / resolution
+        gy = (pose[1] + sine * points[i, 0] + cosine * points[i, 1]) / resolution
+        left, bottom = math.floor(gx), math.floor(gy)
+        nx, ny = normals[i, 0], normals[i, 1]
+        cells[i, 0], cells[i, 1] = bottom - first_row, left - first_col
+        cells[i, 2] = layer_of(cosine * nx - sine * ny, sine * nx + cosine * ny)
+        offsets[i, 0], offsets[i, 1] = gx - left - 0.5, gy - bottom - 0.5
+    return cells, offsets
+
+
+@kernel
+def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
+    """Give numbers from `used` on to the tiles that hits in cells (N, 3) need, and return how many are in use then."""
+    last_row, last_col, last_layer = -1, -1, -1
+    for i in range(len(cells)):
+        row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
         if row == last_row and col == last_col and layer == last_layer:
             continue
         last_row, last_col, last_layer = row, col, layer
@@ -90,23 +111,19 @@ def claim_tiles(tiles: TileIndex, lattice: Lattice, used: int, points: FloatArra
 
 
 @kernel
-def add_hits(surfels: Surfels, points: FloatArray, normals: FloatArray) -> None:
-    """Add hits (N, 2) [m] and their normals (N, 2), whose tiles have been claimed and have room."""
-    tiles, moments, fits, lattice, _ = surfels
-    resolution, first_row, first_col = lattice
-    last_row, last_col, last_layer = -1, -1, -1
-    for i in range(len(points)):
-        gx, gy = points[i, 0] / resolution, points[i, 1] / resolution
-        lattice_col, lattice_row = math.floor(gx), math.floor(gy)
-        row, col = lattice_row - first_row, lattice_col - first_col
-        layer = layer_of(normals[i, 0], normals[i, 1])
+def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
+    """Add hits as `cells_of` returns them, whose tiles have been claimed and have room."""
+    tiles, moments, fits, _, _ = surfels
+    last_row, last_col, last_layer, slot = -1, -1, -1, 0
+    for i in range(len(cells)):
+        row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
         if row != last_row or col != last_col or layer != last_layer:
             last_row, last_col, last_layer = row, col, layer
             for r in range(row - 1, row + 2):
                 for c in range(col - 1, col + 2):
                     fits[slot_of(tiles, layer, r, c), 5] = -1.0
-        dx, dy = gx - lattice_col - 0.5, gy - lattice_row - 0.5
-        slot = slot_of(tiles, layer, row, col)
+            slot = slot_of(tiles, layer, row, col)
+        dx, dy = offsets[i, 0], offsets[i, 1]
         moments[slot, 0] += np.float32(1.0)
         moments[slot, 1] += np.float32(dx)
         moments[slot, 2] += np.float32(dy)
@@ -116,28 +133,26 @@ def add_hits(surfels: Surfels, points: FloatArray, normals: FloatArray) -> None:
 
 
 @kernel
-def insert_hits(surfels: Surfels, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
+def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
     """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays hold them.
 
     Returns how many tiles are in use then; as long as these have no room, nothing was added. -1 where hits lie outside
     the lattice, or within two cells of its border.
     """
-    placed, facing = move_hits(points, normals, pose)
     tiles, moments, _, lattice, _ = surfels
-    left, right, bottom, top = extent(placed)
-    resolution, first_row, first_col = lattice
-    inside = math.floor(bottom / resolution) - 2 >= first_row and math.floor(left / resolution) - 2 >= first_col
-    last_row, last_col = first_row + SIDE * tiles.shape[1], first_col + SIDE * tiles.shape[2]
-    if not inside or math.floor(top / resolution) + 3 > last_row or math.floor(right / resolution) + 3 > last_col:
-        return -1
-    used = claim_tiles(tiles, lattice, used, placed, facing)
+    cells, offsets = cells_of(points, normals, pose, lattice)
+    last_row, last_col = SIDE * tiles.shape[1] - 3, SIDE * tiles.shape[2] - 3
+    for i in range(len(cells)):
+        if cells[i, 0] < 2 or cells[i, 1] < 2 or cells[i, 0] > last_row or cells[i, 1] > last_col:
+            return -1
+    used = claim_tiles(tiles, used, cells)
     if used * CELLS <= len(moments):
-        add_hits(surfels, placed, facing)
+        add_hits(surfels, cells, offsets)
     return used
 
 
 @kernel
-def fit_surfel(surfels: Surfels, layer: int, row: int, col: int) -> None:
+def fit_surfel(surfels: SurfelArrays, layer: int, row: int, col: int) -> None:
     """Fit one surfel to the hits of its cell and the eight around it."""
     tiles, moments, fits, lattice, limits = surfels
     resolution, first_row, first_col = lattice

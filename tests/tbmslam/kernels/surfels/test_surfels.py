@@ -14,9 +14,11 @@ from tbmslam.kernels.surfels.surfels import (
     FACING,
     Surfels,
     add_hits,
+    cells_of,
     claim_tiles,
     extent,
     fit_surfel,
+    insert_hits,
     layer_of,
     slot_of,
 )
@@ -42,6 +44,14 @@ def facing_origin(points):
     return -points / np.maximum(np.hypot(*points.T), 1e-9)[:, None]
 
 
+def inserted(surfels, used, points, normals):
+    """Insert hits in the map's frame, and return how many tiles are in use then."""
+    cells, offsets = cells_of(points, normals, (0.0, 0.0, 0.0), LATTICE)
+    used = claim_tiles(surfels.tiles, used, cells)
+    add_hits(surfels, cells, offsets)
+    return used
+
+
 def surfels_of(points, normals=None):
     """Return a surfel map's arrays with points inserted in several parts."""
     normals = facing_origin(points) if normals is None else normals
@@ -54,8 +64,7 @@ def surfels_of(points, normals=None):
     )
     used = 1
     for part in np.array_split(np.arange(len(points)), 7):
-        used = claim_tiles(surfels.tiles, LATTICE, used, points[part], normals[part])
-        add_hits(surfels, points[part], normals[part])
+        used = inserted(surfels, used, points[part], normals[part])
     assert used == surfels.tiles.max() + 1
     assert not surfels.moments[:CELLS].any()
     assert not surfels.fits[:CELLS].any()
@@ -337,9 +346,7 @@ def test_surfaces_are_fitted_anew_where_hits_came_after():
     for cell in cells:
         if slot_of(fitted.tiles, *cell) >= CELLS:
             fit_surfel(fitted, *cell)
-    more = points[300:], facing_origin(points[300:])
-    used = claim_tiles(fitted.tiles, LATTICE, int(fitted.tiles.max()) + 1, *more)
-    add_hits(fitted, *more)
+    used = inserted(fitted, int(fitted.tiles.max()) + 1, points[300:], facing_origin(points[300:]))
     assert used == late.tiles.max() + 1
     for cell in cells:
         mine, theirs = (one.fits[slot_of(one.tiles, *cell)] for one in (fitted, late))
@@ -348,6 +355,27 @@ def test_surfaces_are_fitted_anew_where_hits_came_after():
                 fit_surfel(one, *cell)
         assert mine[5] >= 0.0
         np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)
+
+
+def test_hits_lie_in_the_cells_of_where_their_frame_is(generator):
+    points, pose = generator.uniform(-5.0, 5.0, (50, 2)), (0.3, -0.2, 0.7)
+    turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
+    normals = facing_origin(points)
+    cells, offsets = cells_of(points, normals, pose, LATTICE)
+    lattice = (points @ turn.T + pose[:2]) / RESOLUTION
+    np.testing.assert_array_equal(cells[:, 1::-1], np.floor(lattice).astype(int) + 60)
+    np.testing.assert_array_equal(cells[:, 2], [layer_of(*normal) for normal in normals @ turn.T])
+    np.testing.assert_allclose(offsets, lattice - np.floor(lattice) - 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize(("x", "used", "found"), [(5.85, 2, -1), (1.0, 10**6, 10**6 + 1)])
+def test_hits_at_the_border_and_hits_without_room_are_not_added(x, used, found):
+    surfels = surfels_of(np.array([[0.05, 0.05]]))
+    moments, fits = surfels.moments.copy(), surfels.fits.copy()
+    points = np.array([[0.05, 0.05], [x, 0.25]])
+    assert insert_hits(surfels, used, points, facing_origin(points), (0.0, 0.0, 0.0)) == found
+    np.testing.assert_array_equal(surfels.moments, moments)
+    np.testing.assert_array_equal(surfels.fits, fits)
 
 
 def test_the_extent_is_that_of_the_points(generator):
