@@ -219,21 +219,14 @@ def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int)
 
 
 @kernel
-def most_counted(counts: Counts) -> tuple[int, int]:
-    """Return the most hits and the most passages of any cell."""
-    hits, passed = 0, 0
-    for row in range(counts.shape[0]):
-        for col in range(counts.shape[1]):
-            hits = max(hits, hits_in(counts[row, col]))
-            passed = max(passed, passages_in(counts[row, col]))
-    return hits, passed
-
-
-@kernel
-def count_masses(
-    counts: Counts, hit_decay: FloatArray, miss_decay: FloatArray, keeps_conflict: bool
-) -> npt.NDArray[np.float32]:
-    """Return the masses (rows, cols, 4) that counts stand for: conflict, free, occupied, unknown.
+def write_masses(
+    counts: Counts,
+    hit_decay: FloatArray,
+    miss_decay: FloatArray,
+    keeps_conflict: bool,
+    masses: npt.NDArray[np.float32],
+) -> None:
+    """Write the masses that counts stand for: conflict, free, occupied, unknown.
 
     Parameters
     ----------
@@ -244,22 +237,24 @@ def count_masses(
         for every number n that occurs; see `tbmslam.belief.evidence_grid`.
     keeps_conflict
         Combine conjunctively (eq. 5) rather than by Dempster's rule.
+    masses
+        (rows, cols, 4).
     """
     rows, cols = counts.shape
-    masses = np.empty((rows, cols, 4), dtype=np.float32)
     for row in range(rows):
         for col in range(cols):
             hits, passed = hits_in(counts[row, col]), passages_in(counts[row, col])
             if hits + passed == 0:  # most of a map
-                masses[row, col, :3], masses[row, col, 3] = 0.0, 1.0
+                masses[row, col, 0], masses[row, col, 1] = 0.0, 0.0
+                masses[row, col, 2], masses[row, col, 3] = 0.0, 1.0
                 continue
             not_free = hit_decay[hits, 0] * miss_decay[passed, 0]
             not_occupied = hit_decay[hits, 1] * miss_decay[passed, 1]
             unknown = not_free * not_occupied
             free, occupied = (1.0 - not_free) * not_occupied, (1.0 - not_occupied) * not_free
-            conflict, total = (1.0 - not_free) * (1.0 - not_occupied), 1.0
+            conflict = (1.0 - not_free) * (1.0 - not_occupied)
             if not keeps_conflict:
-                conflict, total = 0.0, unknown + free + occupied
-            masses[row, col, 0], masses[row, col, 1] = conflict / total, free / total
-            masses[row, col, 2], masses[row, col, 3] = occupied / total, unknown / total
-    return masses
+                total = unknown + free + occupied
+                conflict, free, occupied, unknown = 0.0, free / total, occupied / total, unknown / total
+            masses[row, col, 0], masses[row, col, 1] = conflict, free
+            masses[row, col, 2], masses[row, col, 3] = occupied, unknown
