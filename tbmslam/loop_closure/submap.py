@@ -104,8 +104,7 @@ class Submap:
         chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
         self._coarse: tuple[GainField, Lattice] | None = None
-        self._surfaces = SurfelMap(surfels, spare=0.0)
-        self._surfaces.insert(hits, SE2.identity())
+        self._surfaces = SurfelMap.of(hits, surfels)
         T_map_anchor = drive.poses[None, self.anchor]
         lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
         begins = drive.begins(chosen, _HITS * len(chosen))

@@ -1,7 +1,6 @@
 """What a robot measures: laser scans, and its pose by odometry."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -28,11 +27,6 @@ class Hits(NamedTuple):
 
     points: FloatArray
     normals: FloatArray
-
-    @classmethod
-    def joined(cls, parts: Sequence["Hits"]) -> "Hits":
-        """Return the hits of several scans in one frame."""
-        return cls(np.vstack([p.points for p in parts]), np.vstack([p.normals for p in parts]))
 
     def placed(self, T_new_old: SE2) -> "Hits":
         """Return the same hits in another frame."""

@@ -16,7 +16,17 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.surfel_alignment import Search, align, place_scan, strays
 from tbmslam.kernels.surfels.surfel_search import search
-from tbmslam.kernels.surfels.surfels import CELLS, SIDE, SurfelArrays, Surfels, extent, insert_hits
+from tbmslam.kernels.surfels.surfels import (
+    CELLS,
+    SIDE,
+    SurfelArrays,
+    Surfels,
+    add_hits,
+    cells_of,
+    claim_tiles,
+    extent,
+    insert_hits,
+)
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.tracker import PosePrior
 
@@ -82,12 +92,20 @@ class SurfelMap:
         self._arrays = _plain(self._surfels)
         self._used = 1
 
+    @classmethod
+    def of(cls, hits: Hits, config: SurfelConfig) -> "SurfelMap":
+        """Return the surfels of hits in the map's frame, with no room to spare."""
+        surfaces = cls(config, spare=0.0)
+        if len(hits.points):
+            surfaces._fill(hits)
+        return surfaces
+
     def insert(self, hits: Hits, pose: SE2) -> None:
         """Add hits of a frame at a pose."""
         if not len(hits.points):
             return
         there = (*pose,)
-        used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there) if self._spare else -1
+        used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
         if used < 0:
             self._grow_to_contain(hits.placed(pose).points)
             used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
@@ -95,6 +113,15 @@ class SurfelMap:
         if CELLS * used > len(self._surfels.moments):
             self._make_room(CELLS * used)
             insert_hits(self._arrays, used, hits.points, hits.normals, there)
+
+    def _fill(self, hits: Hits) -> None:
+        """Add the first hits, in the map's frame: in half the time of `insert`, which finds too little room twice."""
+        self._grow_to_contain(hits.points)
+        tiles, _, _, lattice, _ = self._arrays
+        cells, offsets = cells_of(hits.points, hits.normals, (0.0, 0.0, 0.0), lattice)
+        self._used = claim_tiles(tiles, self._used, cells)
+        self._make_room(CELLS * self._used)
+        add_hits(self._arrays, cells, offsets)
 
     def place(
         self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search

@@ -185,7 +185,8 @@ class SurfelTracker:
         self._last = pose
         if self._travelled > self._config.window:
             self._map = SurfelMap(self._config.surfels)
-            self._map.insert(Hits.joined([hits.placed(there) for hits, there in self._recent]), SE2.identity())
+            for recent in self._recent:
+                self._map.insert(*recent)
             self._recent.clear()
             self._travelled = 0.0
         if self._surprise is not None:
