@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from merging.config import MergeConfig
-from merging.fusion.fusion import Fusion, fuse
-from merging.fusion.warping import CellSizeError, corners_of, place
-from merging.joint_slam.joint_optimisation import JointRefinement, refine_jointly
-from merging.joint_slam.rendering import drawn_alike, redraw
+from merging.fusion import CellSizeError, Fusion, corners_of, fuse, place
+from merging.joint_slam.joint_optimisation import JointRefinement, drawn_alike, redraw, refine_jointly
 from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample

@@ -7,7 +7,7 @@ from functools import partial
 from merging.alignment import Alignment, Pair
 from merging.bridges import without_refuted_bridges
 from merging.config import MergeConfig
-from merging.fusion.fusion import Fusion
+from merging.fusion import Fusion
 from merging.joint_slam.joint_optimisation import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState
@@ -15,8 +15,7 @@ from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, register_refused_pairs
 from merging.pose_priors import place_by_priors
-from merging.rounds import with_pairs_aligned
-from merging.short_range import with_short_range_alignments
+from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

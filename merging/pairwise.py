@@ -10,7 +10,7 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
-from merging.fusion.warping import CellSizeError
+from merging.fusion import CellSizeError
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution, prepared
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap

@@ -15,7 +15,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair, format_evidence
 from merging.config import MergeConfig
 from merging.config.registration import KnownPoseConfig
-from merging.fusion.warping import corners_of
+from merging.fusion import corners_of
 from merging.pairwise import PreparedMaps
 from merging.registration.hypotheses import Candidate, best_of, find_candidates
 from merging.rigid_alignment import PreparedMap

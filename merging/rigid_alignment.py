@@ -6,7 +6,7 @@ from merging.alignment import Alignment, PoseHypothesis, format_confidence, form
 from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.verification import VerificationConfig
-from merging.fusion.warping import at_resolution, check_cell_size
+from merging.fusion import at_resolution, check_cell_size
 from merging.registration.correlation import propose
 from merging.registration.features import Features, describe, match
 from merging.registration.hypotheses import Candidate, best_of, lead_of, refine_all

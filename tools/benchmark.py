@@ -317,7 +317,7 @@ _FUNCTIONS = {
     "split": ("split", "benchmark_split"),
     "perturb": ("perturb", "benchmark_perturbations"),
     "strangers": ("strangers", "benchmark_strangers"),
-    "limits": ("limits", "benchmark_limits"),
+    "limits": ("scaling", "benchmark_limits"),
 }
 """Module of `tools.benchmarks` and function of each command."""
 

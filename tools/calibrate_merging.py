@@ -23,7 +23,7 @@ from tools.command_line.program import ProgramParser, ended
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from tbmslam.parallel.worker_pool import WorkerPool
-    from tools.calibration.confidence_fit import Trial
+    from tools.calibration import Trial
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ cut-anew/ -o merging/confidence_model.json
@@ -81,8 +81,7 @@ def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.io.atomic_file import write_bytes, write_text
     from tbmslam.parallel.worker_pool import worker_pool
-    from tools.calibration.calibration_table import BINS, calibration_table, draw_calibration, worth
-    from tools.calibration.confidence_fit import fit_model, held_out
+    from tools.calibration import BINS, calibration_table, draw_calibration, fit_model, held_out, worth
 
     config = MergeConfig()
     with worker_pool(args.workers) as pool:
@@ -128,7 +127,7 @@ def trials_of(
 
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
-    from tools.calibration.confidence_fit import Trial
+    from tools.calibration import Trial
     from tools.map_pairs import load_pair, shows_part
 
     pair = load_pair(path)
@@ -145,7 +144,7 @@ def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Tr
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":
     from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.calibration.confidence_fit import Trial
+    from tools.calibration import Trial
 
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
     return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)

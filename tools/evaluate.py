@@ -131,7 +131,7 @@ def main(argv: list[str] | None = None, program: str = "evaluate") -> int:
 
 def _run(args: argparse.Namespace) -> None:
     with loading():
-        from tools.evaluation.scores import evaluate_map, evaluate_trajectory, print_report
+        from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
 
     report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
     print_report(report, as_json=args.json)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from merging.alignment import Alignment
 from merging.baselines import birk_carpin, carpin, dobrokhvalov_filatov, li, saeedi, trehard
 from merging.config import MergeConfig, Method
-from merging.fusion.warping import at_resolution
+from merging.fusion import at_resolution
 from tbmslam.belief.grid import TbmGrid
 
 BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = {

@@ -46,7 +46,7 @@ class MergeConfig(FrozenConfig):
     rule
         How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
         `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see
-        `merging.fusion.fusion.fuse`. None renders the merged map anew from all scans where the drives were straightened
+        `merging.fusion.fuse`. None renders the merged map anew from all scans where the drives were straightened
         together, the coverage is `union`, every map is believed and all were rendered alike; elsewhere it is
         `disjunctive`.
     coverage

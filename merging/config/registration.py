@@ -188,7 +188,7 @@ class KnownPoseConfig(FrozenConfig):
 
 
 class ShortRangeConfig(FrozenConfig):
-    """A second registration, by short ranges only, of maps that no alignment joined; see `merging.short_range`.
+    """A second registration, by short ranges only, of maps that no alignment joined; see `merging.rounds`.
 
     Parameters
     ----------

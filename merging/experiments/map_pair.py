@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from merging.fusion.fusion import fuse
-from merging.fusion.warping import warp
+from merging.fusion import fuse, warp
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import UNKNOWN, VACUOUS
 from tbmslam.geometry.se2 import SE2, FloatArray

@@ -8,24 +8,54 @@ closed loops by themselves, takes the bends out. In the end drives and walls are
 """
 
 import logging
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
 
 from merging.config.groups import JointConfig
 from merging.joint_slam.inter_robot_closures import Track, find_closures
-from merging.joint_slam.rendering import redraw
+from tbmslam.belief.grid import TbmGrid
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.local_frame import LocalFrame
+from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.map.trajectory_correction import with_keyframes_at
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.parallel.progress import Progress
+
+
+def redraw(drives: Sequence[Keyframes], one: TbmMap, max_range: float = math.inf) -> TbmGrid:
+    """Return the grid of some keyframes, rendered as a map says that it was, with cells of its size.
+
+    A hit beyond `max_range` [m], or beyond the map's own limit, only clears the way up to it.
+    """
+    how = _map_config(one)
+    insertion = how.insertion.model_copy(update={"max_range": min(max_range, how.insertion.max_range)})
+    return render(drives, how.model_copy(update={"resolution": one.grid.geometry.resolution, "insertion": insertion}))
+
+
+def drawn_alike(maps: Sequence[TbmMap]) -> bool:
+    """Tell whether maps say that they were rendered in one way, in cells of one size."""
+    ways = [(_map_config(one), one.grid.geometry.resolution) for one in maps]
+    return all(way == ways[0] for way in ways)
+
+
+def _map_config(one: TbmMap) -> MapConfig:
+    """Return how a map says that it was rendered; the default where it does not say."""
+    settings = one.provenance.get("config")
+    try:
+        return MapConfig.model_validate(settings["map"] if isinstance(settings, Mapping) else {})
+    except (KeyError, ValidationError):
+        return MapConfig()
+
 
 logger = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair, format_confidence
 from merging.config import MergeConfig
-from merging.fusion.warping import at_resolution
+from merging.fusion import at_resolution
 from merging.map_graph.hypothesis import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import Deformation

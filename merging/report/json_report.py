@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import MergeConfig
-from merging.fusion.fusion import Fusion, conflict_places
-from merging.fusion.warping import offset_in, warp
+from merging.fusion import Fusion, conflict_places, offset_in, warp
 from merging.merger import Merge
 from merging.registration.features import Channels, Image, flipped
 from merging.report.layers import without_rounding

@@ -6,8 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from merging.fusion.fusion import Fusion
-from merging.fusion.warping import offset_in, warp
+from merging.fusion import Fusion, offset_in, warp
 from merging.merger import Merge
 from merging.report.provenance import incidents_of
 from tbmslam.belief.grid import TbmGrid

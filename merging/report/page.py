@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from merging.alignment import format_confidence, format_pose
 from merging.config import MergeConfig
-from merging.fusion.fusion import conflict_places
+from merging.fusion import conflict_places
 from merging.merger import Merge
 from merging.report.layers import colours_of, merged_sheet, single_sheet
 from merging.report.pair_cards import pair_cards

@@ -17,7 +17,7 @@ import pytest
 
 from datasets.synthetic.map_pairs.pairs import building_of_world
 from merging.config import MergeConfig
-from merging.fusion.fusion import fuse
+from merging.fusion import fuse
 from merging.merger import merge
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -24,7 +24,7 @@ from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
 from tools.command_line.configuration import read_configuration
 from tools.command_line.output_folder import NAME, changed_files
-from tools.evaluation.truth_file import TruthFileError
+from tools.evaluation import TruthFileError
 from tools.map_pairs import PairFileError, load_pair
 from tools.paper.maps import load_pairs
 

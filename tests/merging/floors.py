@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

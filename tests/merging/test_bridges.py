@@ -8,7 +8,7 @@ import pytest
 from merging import MergeConfig, merge, merged_group
 from merging.alignment import Alignment, PoseHypothesis
 from merging.bridges import bridges_of, refute_bridge, without_refuted_bridges
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
 from merging.pairwise import align_all

@@ -7,9 +7,8 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
 from merging import merged_group
 from merging.config import MergeConfig
-from merging.fusion.fusion import fuse
-from merging.fusion.warping import warp
-from merging.joint_slam.rendering import redraw
+from merging.fusion import fuse, warp
+from merging.joint_slam.joint_optimisation import redraw
 from merging.map_graph.grouping import Group
 from merging.merged_group import GroupMap, group_maps_of, merge_group, most_known_first
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -6,7 +6,7 @@ import pytest
 
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.map_graph.grouping import Group
 from merging.merger import _why_left_out
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -1,7 +1,7 @@
 import pytest
 
 from merging import MergeConfig
-from merging.fusion.warping import at_resolution
+from merging.fusion import at_resolution
 from merging.pairwise import PreparedMaps, align_all
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merging.config import Rule
-from merging.fusion.fusion import fuse
+from merging.fusion import fuse
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, pignistic
 from tests.belief_rules import conjunctive, dempster, normalise

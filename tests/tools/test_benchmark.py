@@ -65,6 +65,6 @@ def test_ctrl_c_is_one_line(monkeypatch, capsys):
     def give_up(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tools.benchmarks.limits.benchmark_limits", give_up)
+    monkeypatch.setattr("tools.benchmarks.scaling.benchmark_limits", give_up)
     assert main(["limits"]) == 130
     assert capsys.readouterr().err == "benchmark: interrupted\n"

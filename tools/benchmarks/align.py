@@ -20,7 +20,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.calibration.calibration_table import BINS, calibration_table
+from tools.calibration import BINS, calibration_table
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 from tools.map_pairs import KnownPair
 
@@ -109,7 +109,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
         record = {"machine": machine, "methods": pairs}
         write_text(args.json, json.dumps(record, indent=2) + "\n")
     if args.plot:
-        from tools.calibration.calibration_table import draw_calibration
+        from tools.calibration import draw_calibration
 
         write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in first], BINS))
 

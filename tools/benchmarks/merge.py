@@ -16,8 +16,7 @@ from datasets.synthetic.map_pairs.distortion import Distortion
 from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, cut_pairs, room_of
 from merging import align, merge
 from merging.config import MergeConfig
-from merging.fusion.fusion import fuse
-from merging.fusion.warping import canvas_over, place
+from merging.fusion import canvas_over, fuse, place
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry

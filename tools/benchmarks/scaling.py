@@ -1,4 +1,4 @@
-"""What a scan costs as drives become longer and maps larger, each run in a process of its own."""
+"""Memory and costs of long drives and large maps: each run in a process of its own, and the promised limits."""
 
 import argparse
 import dataclasses
@@ -6,6 +6,7 @@ import itertools
 import json
 import sys
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from datasets.synthetic.robot.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.robot.laser import SimulatedLaser
@@ -16,7 +17,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.benchmarks.slam_run import CpuClock, warm_up
+from tools.benchmarks.slam import CpuClock, warm_up
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 HEAD = (
@@ -167,4 +168,61 @@ def _row(run: ScalingRun) -> list[str]:
         number(run.driven_memory_mb, 0),
         number(run.peak_memory_mb, 0),
         number(run.ate_m, 3),
+    ]
+
+
+LIMITS_HEAD = ("what", "drive", "scans", "seen m2", "box m2", "CPU s", "peak MB", "ATE m", "within 2000 MB")
+
+_PROMISED_MB = 2000.0
+_SPEED = 0.455  # [m/s], of `EndlessDrive` round a block, corners and all
+_BEAMS = 180
+
+
+class Limit(NamedTuple):
+    """A drive to be survived: what it stands for, its route, its length [m] and its scans a second [Hz]."""
+
+    name: str
+    route: Route
+    length: float
+    rate: float
+
+
+LIMITS = (
+    Limit("24 hours, a scan a second, round a block", "round", 24.0 * 3600.0 * _SPEED, 1.0),
+    Limit("1 km2 of building, 10 km", "spiral", 10_000.0, 5.0),
+)
+
+
+def benchmark_limits(args: argparse.Namespace) -> None:
+    """Drive as far as promised, or the share of it that the arguments ask for, and print the table."""
+    machine, rows, runs = describe_machine(), [], []
+    for limit in LIMITS:
+        sys.stderr.write(f"benchmark: {limit.name}\n")
+        length = args.share * limit.length
+        try:
+            run = in_fresh_process(run_scaling, "default", limit.route, length, _BEAMS, limit.rate)
+        except MeasurementError as error:
+            rows.append([limit.name, f"{length:.0f} m", *["-"] * 6, f"no: {error}"])
+            continue
+        runs.append({"name": limit.name, **dataclasses.asdict(run)})
+        rows.append(_limit_row(limit.name, run))
+    print(text_table(LIMITS_HEAD, rows))
+    print(machine_line(machine))
+    write_tables(args.table, machine, {"limits": ResultTable(LIMITS_HEAD, rows)})
+    if args.json:
+        write_text(args.json, json.dumps({"machine": machine, "runs": runs}, indent=2) + "\n")
+
+
+def _limit_row(name: str, run: ScalingRun) -> list[str]:
+    seconds = (run.scan_us + run.finishing_us) * run.scans / 1e6
+    return [
+        name,
+        f"{run.length_m:.0f} m",
+        str(run.scans),
+        number(run.seen_m2, 0),
+        number(run.box_m2, 0),
+        number(seconds, 0),
+        number(run.peak_memory_mb, 0),
+        number(run.ate_m, 3),
+        "yes" if run.peak_memory_mb <= _PROMISED_MB else "NO",
     ]

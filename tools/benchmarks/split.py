@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from merging import merge
-from merging.joint_slam.rendering import redraw
+from merging.joint_slam.joint_optimisation import redraw
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
@@ -33,8 +33,8 @@ from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.simulated_recording import as_words
 from tools.command_line.paths import map_folders
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
-from tools.evaluation.truth_file import NAME as TRUTH_FILE
-from tools.evaluation.truth_file import read_truth_file
+from tools.evaluation import NAME as TRUTH_FILE
+from tools.evaluation import read_truth_file
 
 HEAD = (
     *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),

@@ -21,7 +21,7 @@ from tools.command_line.options import LIVE
 from tools.command_line.output_folder import OutputError, changed_files, output_folder, write_checksums
 from tools.command_line.paths import check_extra_files, map_folders, write_extra_files
 from tools.command_line.progress import ProgressBars
-from tools.evaluation.truth_file import NAME, read_truth_file
+from tools.evaluation import NAME, read_truth_file
 from tools.mapping.plan import plan_mapping
 from tools.mapping.task import Mapped, MappingTask, Shelf, finished, map_robot
 from tools.mapping.truth import write_truth

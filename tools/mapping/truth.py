@@ -18,7 +18,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.progress import Progress
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
-from tools.evaluation.truth_file import GIVEN, OWN_MAP
+from tools.evaluation import GIVEN, OWN_MAP
 from tools.mapping.task import MappingTask, Shelf
 
 logger = logging.getLogger(__name__)

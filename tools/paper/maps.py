@@ -7,13 +7,13 @@ from pathlib import Path
 
 from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging.experiments.map_pair import MapPair
-from merging.fusion.warping import canvas_over, offset_in, window_over
+from merging.fusion import canvas_over, offset_in, window_over
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import load_map
 from tools import build_maps, make_world
-from tools.evaluation.truth_file import NAME as TRUTH_FILE
-from tools.evaluation.truth_file import read_truth_file
+from tools.evaluation import NAME as TRUTH_FILE
+from tools.evaluation import read_truth_file
 from tools.map_pairs import KnownPair
 
 logger = logging.getLogger(__name__)

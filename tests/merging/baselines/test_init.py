@@ -9,7 +9,7 @@ import pytest
 from merging import MergeConfig, align, merge
 from merging.baselines import BASELINES, align_baseline
 from merging.config import Method
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

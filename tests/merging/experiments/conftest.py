@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from merging.experiments.map_pair import MapPair
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import VACUOUS
 from tbmslam.geometry.se2 import SE2

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from merging import MergeConfig, align
 from merging.config.registration import CorrelationConfig, StructureConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.registration import correlation
 from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose
 from merging.walls.wall_map import WallMap

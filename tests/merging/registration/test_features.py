@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from merging.config.registration import Descriptor, FeatureConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.registration.features import Channels, Features, describe, describe_all, flipped, match
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -5,7 +5,7 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.registration.hypotheses import best_of, find_candidates, refine_all
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.report.json_report import as_json, draw_conflict, draw_overlay, write_report
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import FileNotWrittenError

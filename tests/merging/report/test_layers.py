@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from merging.fusion.fusion import fuse
+from merging.fusion import fuse
 from merging.merger import Merge
 from merging.report.layers import without_rounding
 from tbmslam.belief.grid import GridGeometry, TbmGrid

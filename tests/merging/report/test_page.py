@@ -6,7 +6,7 @@ import pytest
 
 from merging import MergeConfig, merge
 from merging.alignment import Alignment
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.merger import Merge
 from merging.report.page import confidences_of, merge_page
 from tbmslam.geometry.se2 import SE2

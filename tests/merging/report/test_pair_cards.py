@@ -9,7 +9,7 @@ from merging import MergeConfig, merge
 from merging.alignment import Alignment, PoseHypothesis
 from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.merger import Merge
 from merging.report import pair_cards
 from merging.report.pair_cards import draw_alone, draw_pair

@@ -3,7 +3,7 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.registration.hypotheses import find_candidates
 from merging.scoring import decoys as decoys_module
 from merging.scoring.confidence import confidences

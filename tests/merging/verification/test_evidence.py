@@ -5,7 +5,7 @@ import pytest
 
 from merging.config.registration import StructureConfig
 from merging.config.verification import VerificationConfig
-from merging.fusion.warping import warp
+from merging.fusion import warp
 from merging.verification.evidence import examine, support_m
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid

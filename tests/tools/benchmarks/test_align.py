@@ -14,7 +14,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.benchmarks.align import PairResult, comparison, details, encounters_of, summary
-from tools.calibration.calibration_table import BINS, calibration_table
+from tools.calibration import BINS, calibration_table
 from tools.map_pairs import KnownPair, PairFileError, load_pair
 
 

@@ -3,6 +3,7 @@ import json
 import pytest
 
 from tools.benchmark import main
+from tools.benchmarks.scaling import LIMITS
 
 
 @pytest.mark.slow
@@ -17,3 +18,22 @@ def test_scaling(tmp_path, capsys):
     assert all(0.0 < run["matching_us"] < run["scan_us"] for run in record["runs"])
     assert record["failures"] == []
     assert capsys.readouterr().out.startswith("| route ")
+
+
+@pytest.mark.slow
+def test_a_little_of_every_limit_is_driven(tmp_path, capsys):
+    figures = tmp_path / "figures.json"
+    assert main(["limits", "--share", "0.005", "--json", str(figures)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("| what")
+    assert [line.rstrip(" |").endswith("yes") for line in lines[2 : 2 + len(LIMITS)]] == [True] * len(LIMITS)
+    runs = json.loads(figures.read_text())["runs"]
+    assert [run["length_m"] for run in runs] == pytest.approx([0.005 * limit.length for limit in LIMITS])
+
+
+@pytest.mark.parametrize("share", ["0", "1.5", "nan"])
+def test_a_share_that_means_nothing_is_wrong_usage(share, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["limits", "--share", share])
+    assert left.value.code == 2
+    assert "--share must lie within 0.0001 and 1" in capsys.readouterr().err

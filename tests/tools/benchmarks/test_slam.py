@@ -1,10 +1,15 @@
+import gc
 import json
 
+import numpy as np
 import pytest
 
+from tbmslam.configuration.slam_config import preset
+from tbmslam.geometry.se2 import SE2
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmark import main
-from tools.benchmarks.slam import Result, against_targets, by_preset, median_run, seeds_table
-from tools.benchmarks.slam_run import SlamRun
+from tools.benchmarks import slam as module
+from tools.benchmarks.slam import Result, SlamRun, against_targets, by_preset, median_run, seeds_table
 
 
 def figures(mapping_s=1.0, beams=1040, ate_m=None):
@@ -97,3 +102,24 @@ def test_presets_stand_below_each_other():
     assert tables["errors"].columns == ("preset", "a", "b")
     assert tables["errors"].rows == [["viny", "0.1000", "0.1000"], ["tiny", "0.1000", "0.1000"]]
     assert tables["speeds"].rows[1] == ["tiny", "2000", "2000"]
+
+
+def test_a_loop_is_closed_and_only_the_first_scans_are_read(monkeypatch):
+    scan = LaserScan(0.0, -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0))
+    read, made = [], []
+
+    def readings():
+        for number in range(100):
+            read.append(number)
+            yield Reading(scan, SE2.identity())
+
+    class Noted(module.TimedSlam):
+        def finish(self, *args):
+            made.append(super().finish(*args))
+            return made[-1]
+
+    monkeypatch.setattr(module, "TimedSlam", Noted)
+    module.warm_up(preset("default"), readings())
+    gc.unfreeze()
+    assert len(read) == module.WARM_UP_SCANS
+    assert [len(tbm_map.drives[0].closures) > 0 for tbm_map in made] == [False, True]

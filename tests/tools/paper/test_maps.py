@@ -2,12 +2,11 @@ import json
 
 import pytest
 
-from merging.fusion.fusion import fuse
-from merging.fusion.warping import place
+from merging.fusion import fuse, place
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
-from tools.evaluation.truth_file import OWN_MAP
+from tools.evaluation import OWN_MAP
 from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area
 
 

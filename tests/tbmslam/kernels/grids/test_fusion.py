@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from merging.fusion.fusion import RULES
+from merging.fusion import RULES
 from tbmslam.belief.masses import pignistic
 from tbmslam.kernels.grids.fusion import add_layer, finish
 from tests.belief_rules import discount, normalise

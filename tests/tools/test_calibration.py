@@ -12,8 +12,7 @@ from merging.verification.wall_segments import Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
-from tools.calibration import confidence_fit
-from tools.calibration.confidence_fit import Trial, fit_model, held_out
+from tools.calibration import Judgement, Trial, _surprise, calibration_table, fit_model, held_out, worth
 from tools.map_pairs import KnownPair
 
 CHANCE = Evidence(
@@ -90,8 +89,8 @@ def test_the_slopes_are_those_of_the_loss():
         return ConfidenceModel(p[1 + count :], float(p[0]), p[1 : 1 + count])
 
     at = np.linspace(-0.1, 0.2, 1 + count + len(MEASURES))
-    surprise = confidence_fit._surprise
-    assert check_grad(lambda p: surprise(one, model(p))[0], lambda p: surprise(one, model(p))[1], at) < 1e-4
+
+    assert check_grad(lambda p: _surprise(one, model(p))[0], lambda p: _surprise(one, model(p))[1], at) < 1e-4
 
 
 def test_a_pair_that_weighs_more_moves_the_fit_more():
@@ -115,3 +114,21 @@ def test_nothing_found_is_judged_zero():
     model = fit_model(trials(12))
     assert none.judged(model).confidence == 0.0
     assert fit_model([*trials(12), none]).bias != pytest.approx(model.bias, abs=0.0)
+
+
+JUDGED = [
+    Judgement("crop_a_100", 0.95, True),
+    Judgement("crop_a_015", 0.75, False),
+    Judgement("crop_b_015", 0.65, True),
+    Judgement("negs_a_1", 0.55, False),
+]
+
+
+def test_the_table_counts_what_would_be_accepted():
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in worth(JUDGED).splitlines()[2:]]
+    assert rows[0] == ["0.5", "1/1", "1/2", "1", "1 of 1"]
+    assert rows[2] == ["0.7", "1/1", "0/2", "1", "0 of 1"]
+
+
+def test_confidences_are_held_against_what_came_true():
+    assert "0.50 to 1.00 | 4     |       0.725 |        0.500" in calibration_table(JUDGED, (0.0, 0.5, 1.0))

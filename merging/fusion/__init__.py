@@ -1,1 +1,0 @@
-"""Aligned grids become one grid."""
