@@ -40,16 +40,16 @@ def check_cell_size(resolution: float) -> None:
 
 
 def place(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> PlacedGrid:
-    """Lay a grid into another frame, on a window just large enough to hold all of it; nothing is drawn yet.
+    """Place a grid in another frame, on the smallest window that contains it. The cells are resampled when read.
 
     Parameters
     ----------
     grid
-        The source; cells that nobody saw are cut off at its edges first.
+        The source; its unknown margins are cropped.
     T_target_source
         Pose of the source's frame in the target's frame.
     lattice
-        Any grid of the target's frame: the result's cells continue its cells, whatever its size.
+        A geometry of the target's frame, whose lattice of cells is used.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def warp(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> TbmGrid:
 
 
 def at_resolution(grid: TbmGrid, resolution: float) -> TbmGrid:
-    """Return the known part of a grid in cells of another size, in the same frame."""
+    """Return the known part of a grid at another resolution [m], in the same frame."""
     known = grid.cropped_to_known()
     if math.isclose(resolution, known.geometry.resolution, rel_tol=1e-6):
         return known
@@ -103,7 +103,7 @@ def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
     Raises
     ------
     ValueError
-        If there is none, or if they are not cut from one lattice.
+        If there is no window, or if they have no common lattice.
     """
     if not windows:
         raise ValueError("windows must not be empty")
@@ -119,7 +119,7 @@ def offset_in(canvas: GridGeometry, window: GridGeometry) -> tuple[int, int]:
     Raises
     ------
     ValueError
-        If they are not cut from one lattice.
+        If they have no common lattice.
     """
     row = (window.origin_y - canvas.origin_y) / canvas.resolution
     col = (window.origin_x - canvas.origin_x) / canvas.resolution
@@ -141,14 +141,14 @@ def _window(lattice: GridGeometry, first: np.ndarray, last: np.ndarray) -> GridG
 
 
 class FusionRule(NamedTuple):
-    """How the kernel fuses.
+    """A rule of the fusion kernel.
 
     Parameters
     ----------
     code
-        Which of the kernel's rules it is.
+        The rule's code in the kernel.
     width
-        Numbers kept of each cell until all sources have spoken.
+        Numbers that are stored for each cell until all sources are fused.
     """
 
     code: int
@@ -158,37 +158,37 @@ class FusionRule(NamedTuple):
 RULES: dict[Rule, FusionRule] = {
     # At least one source is right: disagreement becomes ignorance (the paper's eq. 6; Smets 1993).
     "disjunctive": FusionRule(fusion.DISJUNCTIVE, 4),
-    # All are right: agreement sharpens, disagreement stays as conflict (the paper's eq. 5; Smets 1990).
+    # All sources are right: disagreement stays as conflict (the paper's eq. 5; Smets 1990).
     "conjunctive": FusionRule(fusion.CONJUNCTIVE, 4),
-    # The same, the conflict shared out among the rest (Shafer 1976).
+    # The conjunctive rule; the conflict is divided among the other masses (Shafer 1976).
     "dempster": FusionRule(fusion.DEMPSTER, 4),
-    # What the sources have in common, and where that is nothing, what any of them holds (Dubois and Prade 1988).
+    # The conjunctive rule for compatible sets, and the disjunctive rule for contradicting ones (Dubois and Prade 1988).
     "dubois-prade": FusionRule(fusion.DUBOIS_PRADE, 10),
-    # What they have in common; all conflict becomes ignorance (Yager 1987).
+    # The conjunctive rule; all conflict becomes ignorance (Yager 1987).
     "yager": FusionRule(fusion.YAGER, 4),
     # The mean of the masses (Howard 2006; Li, Hao et al. average probabilities likewise).
     "average": FusionRule(fusion.AVERAGE, 4),
-    # Cells are free, occupied or unknown; where sources differ nothing is known (Birk and Carpin 2006). Where only one
-    # takes a side, its belief stays.
+    # Cells are free, occupied or unknown. Cells of contradicting sources are unknown (Birk and Carpin 2006). A belief
+    # that no source contradicts is kept.
     "unanimous": FusionRule(fusion.UNANIMOUS, 6),
     # Sources are independent: log odds add up (Saeedi et al. 2012; Moravec 1988).
     "log-odds": FusionRule(fusion.LOG_ODDS, 6),
-    # The same, but a sum less certain than its surest source is rejected and that source believed (Saeedi et al.
-    # compare with the first map; the surest one makes the order of the maps not matter).
+    # Log odds; a sum that is less certain than its most certain source is replaced by that source. Saeedi et al.
+    # compare with the first map. The most certain map makes the result independent of the order.
     "entropy-filter": FusionRule(fusion.ENTROPY_FILTER, 6),
 }
 
 
 _CELLS_AT_ONCE = 1 << 17
-"""Enough to be worth a thread, and few enough to stay in a cache."""
+"""Cells of a task: enough for a thread, and few enough for the cache."""
 
 
 class Layer(Protocol):
-    """Cells that can be read some rows at a time: a `TbmGrid`, or a `PlacedGrid` that is never drawn as a whole."""
+    """Cells that can be read in bands of rows: a `TbmGrid`, or a `PlacedGrid`."""
 
     @property
     def geometry(self) -> GridGeometry:
-        """Where the cells lie."""
+        """The geometry of the cells."""
 
     def masses_of_rows(self, first: int, last: int) -> Masses:
         """Return the masses of the rows from `first` up to, and without, `last`."""
@@ -196,20 +196,19 @@ class Layer(Protocol):
 
 @dataclass(frozen=True)
 class Fusion:
-    """What several grids say together.
+    """The fusion of several grids.
 
     Parameters
     ----------
     grid
         The fused masses.
     conflict
-        How much the sources contradict each other in each cell (rows, cols), whatever the rule made of it: the mass
-        that the conjunction of their conflict-free beliefs leaves on CONFLICT; 0 where fewer than two saw the cell.
+        The contradiction of the sources in each cell (rows, cols), for every rule the same: the mass on CONFLICT of the
+        conjunction of their conflict-free beliefs; 0 for cells of fewer than two sources.
     seen_by
-        How many sources saw each cell (rows, cols).
+        The number of sources that saw each cell (rows, cols).
     rule
-        What made the grid's cells: a rule, or `redrawn`, where all scans were rendered into it anew and no rule was
-        applied.
+        The rule of the masses, or `redrawn` if all scans were rendered into the grid and no rule was applied.
     """
 
     grid: TbmGrid
@@ -226,28 +225,25 @@ def fuse(
 ) -> Fusion:
     """Fuse grids whose cells lie on one lattice.
 
-    The order of the grids matters only to the rounding of numbers under every rule. A source that never saw a cell
-    gives no testimony on it, rather than the testimony "unknown": under the disjunctive rule the latter would erase
-    what the others know, and a cell made unknown by a contradiction would take the next source's word alone.
+    The order of the grids affects only the rounding. A source that did not see a cell gives no evidence for it. It does
+    not give the evidence "unknown": that would erase the evidence of other sources under the disjunctive rule.
 
     Parameters
     ----------
     layers
-        The grids, of any size, as `merging.fusion` places or warps them.
+        The grids, of any size, as `place` or `warp` returns them.
     rule
-        `disjunctive` (eq. 6), `conjunctive` (eq. 5, which keeps its conflict), `dempster` (which normalises it),
-        `dubois-prade` and `yager` (which make ignorance of it), or the `average` of the masses; and without masses
-        `unanimous` (disagreeing cells become unknown), `log-odds` (which add up) and `entropy-filter` (the same, less
-        what would make a cell less certain).
+        One of `RULES`: `disjunctive` (eq. 6), `conjunctive` (eq. 5, keeps the conflict), `dempster` (normalises it),
+        `dubois-prade` and `yager` (turn it into ignorance), the `average` of the masses, `unanimous` (contradicting
+        cells are unknown), `log-odds` (which add up), and `entropy-filter` (log odds that never get less certain).
     coverage
-        `union` keeps the cells that only some sources saw as those fuse them; `overlap`, the paper's strict reading,
-        keeps only what every source saw.
+        `union` also keeps the cells that only some sources saw. `overlap`, the paper's strict definition, keeps only
+        cells that every source saw.
     reliabilities
-        Probability that each source is to be believed at all; each is discounted by it first (Shafer 1976). A source
-        of 0 says nothing where it was, and most rules give what they give without it: `dempster` and `yager` but for
-        a single source's conflict, which they remove, `log-odds` and `entropy-filter` in other masses of the same
-        probability. Under `disjunctive` it makes unknown all that it saw, under `average` it counts; under
-        `dubois-prade` it makes ignorance of conflict that sources bring along, where else another's belief is held.
+        Reliability of each source, by which it is discounted first (Shafer 1976). With 0 a source is vacuous where it
+        saw cells. For most rules this is as if it was left out. But `dempster` and `yager` also remove the conflict of
+        a single source, `log-odds` and `entropy-filter` give other masses of the same probability, `disjunctive` makes
+        its cells unknown, `average` counts it, and `dubois-prade` turns conflict within sources into ignorance.
 
     Raises
     ------
@@ -277,7 +273,7 @@ def fuse(
 def _fuse_rows(
     sources: Sequence[tuple[int, int, Layer, float]], how: FusionRule, required: int, block: slice, fusion: Fusion
 ) -> None:
-    """Fill some rows of a fusion; a source is the row and column at which a layer begins, the layer and its trust."""
+    """Fill some rows of a fusion; a source is the first row and column of a layer, the layer and its reliability."""
     fused, conflict, seen_by = fusion.grid.masses[block], fusion.conflict[block], fusion.seen_by[block]
     kept = fused if how.width == 4 else np.empty((*seen_by.shape, how.width), dtype=np.float32)
     agreed = np.empty((*seen_by.shape, 4), dtype=np.float32)  # the conjunction of all, for the conflict
@@ -291,7 +287,7 @@ def _fuse_rows(
 
 
 _LEAST = 0.1
-"""A cell with less conflict belongs to no place; the blur of walls makes a little everywhere."""
+"""Least conflict of a cell in a `ConflictPlace`; blurred walls cause a little conflict everywhere."""
 
 
 @dataclass(frozen=True)
@@ -301,11 +297,11 @@ class ConflictPlace:
     Parameters
     ----------
     x, y
-        Its middle, weighed by conflict, in the merged map's frame [m].
+        Centroid of the conflict in the merged map's frame [m].
     area_m2
-        How large it is [m^2].
+        Area [m^2].
     conflict_m2
-        The conflict in it summed by area [m^2].
+        Integral of the conflict over the area [m^2].
     """
 
     x: float

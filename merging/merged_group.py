@@ -8,7 +8,7 @@ import numpy as np
 
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError, Fusion, corners_of, fuse, place
-from merging.joint_slam.joint_optimisation import JointRefinement, drawn_alike, redraw, refine_jointly
+from merging.joint_slam.joint_optimisation import JointRefinement, redraw, refine_jointly, rendered_alike
 from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
@@ -44,14 +44,14 @@ class MergedGroup:
 
 def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
     """Merge the maps of a group."""
-    with progress.during("straightening"):
+    with progress.during("joint optimisation"):
         joint = refine_jointly(maps, group.poses, config.joint, progress) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
     with progress.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
-        if joint is not None and _may_be_drawn(joint, config):
+        if joint is not None and _may_be_rendered(joint, config):
             fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
@@ -66,10 +66,10 @@ def _fused(
     return fuse(layers, config.rule or "disjunctive", config.coverage, trusts)
 
 
-def _may_be_drawn(joint: JointRefinement, config: MergeConfig) -> bool:
+def _may_be_rendered(joint: JointRefinement, config: MergeConfig) -> bool:
     """Return whether all scans may be rendered into one grid: by default, if the maps were rendered alike."""
     asked = config.rule is not None or config.coverage != "union" or any(t < 1.0 for t in config.reliability.values())
-    return not asked and drawn_alike(list(joint.maps.values()))
+    return not asked and rendered_alike(list(joint.maps.values()))
 
 
 def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
@@ -106,19 +106,19 @@ def _merged(
     return TbmMap(fusion.grid, drives, provenance)
 
 
-_ALL_THEY_KNOW: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}
+_DEFAULT_FUSION: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}
 
 
 @dataclass(frozen=True)
 class GroupMap:
-    """Some maps as one.
+    """A group of maps as one map.
 
     Parameters
     ----------
     grid
-        Its cells.
+        The cells.
     poses
-        T_whole_map of every map in it.
+        T_whole_map of every map of the group.
     """
 
     grid: TbmGrid
@@ -128,15 +128,14 @@ class GroupMap:
     def of(
         cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
     ) -> "GroupMap":
-        """Merge maps of which is known how they lie to each other, T_any_map; one map stays as it is.
+        """Merge maps with known poses T_any_map in the frame of the map with the largest known area.
 
-        Whatever the user wants the merged map to hold, what the maps know together is all that any of them knows. Its
-        frame is that of the map that knows most.
+        The rule, the coverage and the reliabilities of the user are not applied. A single map stays unchanged.
 
         Raises
         ------
         CellSizeError
-            If they reach so far that they would have too many cells.
+            If the merged map would have too many cells.
         """
         first, *others = most_known_first(maps, poses)
         if not others:
@@ -145,21 +144,21 @@ class GroupMap:
         poses = {first: SE2.identity()} | {name: T_first @ poses[name] for name in others}
         cell_m = maps[first].grid.geometry.resolution
         _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
-        merged = merge_group(maps, Group(poses), config.model_copy(update=_ALL_THEY_KNOW), progress)
+        merged = merge_group(maps, Group(poses), config.model_copy(update=_DEFAULT_FUSION), progress)
         return cls(merged.merged.grid, merged.poses)
 
 
 def group_maps_of(
     maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, progress: Progress
 ) -> dict[str, GroupMap]:
-    """Return groups, T_any_map of their maps, as wholes by the same names; those too large to be one are left out."""
+    """Return groups, given as T_any_map of their maps, as one map each; groups that are too large are left out."""
     wholes = {}
     for group, poses in groups.items():
         try:
             wholes[group] = GroupMap.of(maps, poses, config, progress)
         except (CellSizeError, MemoryError) as error:
             why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
-            logger.warning("%s are not looked at as one map: %s", ", ".join(poses), why)
+            logger.warning("%s are not compared as one map: %s", ", ".join(poses), why)
     return wholes
 
 
@@ -174,7 +173,7 @@ def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[s
 
 
 def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], cell_m: float) -> None:
-    """Refuse maps that would have too many cells together, before room is made for these."""
+    """Refuse maps that would have too many cells together, before memory is allocated."""
     corners = [corners_of(maps[name].grid.known_part().geometry, pose) for name, pose in poses.items()]
     width, height = np.ptp(np.concatenate(corners), axis=0)
     cells = width * height / cell_m**2

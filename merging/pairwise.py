@@ -1,4 +1,4 @@
-"""Every pair of some maps aligned: in this process, in several processes, or on a cluster."""
+"""Alignment of pairs of maps: in this process, in several processes, or on a cluster."""
 
 import itertools
 import logging
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 class _Packed(NamedTuple):
-    """A grid as it is sent."""
+    """A compressed grid."""
 
     geometry: GridGeometry
     masses: bytes
@@ -36,7 +36,7 @@ class _Packed(NamedTuple):
 
 
 class CompressedGrid:
-    """A grid that takes little space where it is sent to: most of it is unknown.
+    """A grid that is compressed when it is sent to another process.
 
     Parameters
     ----------
@@ -49,66 +49,66 @@ class CompressedGrid:
 
     @property
     def grid(self) -> TbmGrid:
-        """The grid; where it was sent to it is unpacked each time."""
+        """The grid; a received grid is decompressed at each access."""
         return self._held.unpacked() if isinstance(self._held, _Packed) else self._held
 
     def __reduce__(self) -> tuple[type["CompressedGrid"], tuple[_Packed]]:
-        """Return what to call to get it back, and with what."""
+        """Return the constructor and its argument, for pickle."""
         return CompressedGrid, (self._held if isinstance(self._held, _Packed) else _Packed.of(self._held),)
 
 
 def most_held(grids: Iterable[TbmGrid], cells: float) -> int:
-    """Return how many maps have so many cells together, were each as large as the largest; two at least."""
+    """Return the number of maps that fit into a number of cells if all have the largest size; at least two."""
     return max(int(cells / max(one.geometry.rows * one.geometry.cols for one in grids)), 2)
 
 
 _HELD_CELLS = 1.3e8
-"""Maps that were looked at take 11 bytes a cell: a process holds 1.4 GB of them."""
+"""Cells of prepared maps that a process holds: 11 bytes each, so 1.4 GB."""
 
 
 class PreparedMaps:
-    """Looks at maps when they are first asked for.
+    """Prepares maps at their first use.
 
-    A coarse map costs only the pairs that it is in: the others are compared in their own, finer cells.
+    The resolution is chosen for each pair, so a coarse map affects only its own pairs.
 
     Parameters
     ----------
     grids
         The maps' grids by name.
     config
-        How they are looked at.
+        The parameters of the preparation.
     """
 
     def __init__(self, grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
         self._grids, self._config = grids, config
-        self._views: dict[tuple[str, float], PreparedMap | None] = {}
+        self._prepared: dict[tuple[str, float], PreparedMap | None] = {}
 
     def of_pair(self, pair: Pair) -> tuple[PreparedMap | None, PreparedMap | None]:
-        """Return both maps of a pair, target and source, in cells of one size; None for one of which nothing is known.
+        """Return the target and the source of a pair at one resolution; None for a map without known cells.
 
         Raises
         ------
         CellSizeError
-            If no map has cells of such a size, or one of the two is far too large for it.
+            If the resolution is impossible, or a map is far too large for it.
         """
         target, source = pair
         resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
-        return self._view(target, resolution), self._view(source, resolution)
+        return self._at(target, resolution), self._at(source, resolution)
 
-    def _view(self, name: str, resolution: float) -> PreparedMap | None:
-        look = name, resolution
-        if look not in self._views:
-            self._views[look] = prepared_by_name(name, self._grids[name], resolution, self._config)
-        return self._views[look]
+    def _at(self, name: str, resolution: float) -> PreparedMap | None:
+        key = name, resolution
+        if key not in self._prepared:
+            self._prepared[key] = prepared_by_name(name, self._grids[name], resolution, self._config)
+        return self._prepared[key]
 
 
 def prepared_by_name(name: str, grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
-    """Return a map as `merging.rigid_alignment.prepared` does; an error says which map it is.
+    """Prepare a map as `merging.rigid_alignment.prepared`; an error names the map.
 
     Raises
     ------
     CellSizeError
-        If the map is far too large for cells of that size.
+        If the map is far too large for the resolution.
     """
     try:
         return prepared(grid, resolution, config)
@@ -122,18 +122,18 @@ def align_all(
     executor: Executor | None = None,
     pairs: Sequence[Pair] | None = None,
 ) -> dict[Pair, Alignment]:
-    """Align every pair of maps, or some pairs; the one named first is the target.
+    """Align all pairs of maps, or some pairs; the first map of a pair is the target.
 
     Parameters
     ----------
     maps
         Maps by name.
     config
-        How they are aligned.
+        The parameters of the alignment.
     executor
-        Who aligns them; this process where None.
+        Executes the alignments; None for this process.
     pairs
-        The pairs wanted; every one where None.
+        The pairs; None for all.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def _calls(pairs: Sequence[Pair], grids: Mapping[str, TbmGrid], config: MergeCon
     sizes = [comparison_resolution([grids[name] for name in pair], config) for pair in pairs]
     sent = {name: CompressedGrid(grid) for name, grid in grids.items()}
     views = {
-        (name, size): Call(f"view {name} {size}", _prepared, (name, sent[name], size, config))
+        (name, size): Call(f"prepare {name} {size}", _prepared, (name, sent[name], size, config))
         for pair, size in zip(pairs, sizes, strict=True)
         for name in pair
     }

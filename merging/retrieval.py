@@ -1,9 +1,9 @@
-"""How much two maps look alike, before anything is aligned: of a thousand maps few pairs show one place.
+"""Similarity of maps before any alignment: of a thousand maps few pairs show one place.
 
 A map has places every two metres along its walls. Each place has a signature that does not depend on the map's frame:
-the distances and facings of the walls around it. Distant places of one building look alike by chance; how much they do
-is estimated from each map itself. Two maps are alike if many places of the first have a match in the second that beats
-chance, and if the matches keep the distances between the places.
+the distances and facings of the walls around it. Distant places of one building are similar by chance. The distribution
+of this similarity is estimated from each map. Two maps are similar if many places of the first have a match in the
+second that exceeds chance, and if the matches preserve the distances between the places.
 """
 
 import math
@@ -27,25 +27,25 @@ from tbmslam.parallel.executor import Call, Executor
 
 # Chosen on 120 maps of 20 simulated buildings and 38 maps cut from real drives; 8 m, and bins of 0.5 m, find fewer.
 _STEP_M, _RADIUS_M = 2.0, 6.0
-"""Places lie so far apart, and walls within the radius belong to a place."""
+"""Distance between places, and radius of the walls of a place."""
 _WALL_CELL_M, _MOST_WALLS, _FEWEST_WALLS = 0.2, 300, 15
 """Wall points are thinned to cells of this size; with fewer points than the least a place has no signature."""
 _WIDTH_M, _BINS = 0.3, 40
 _TOLERANCE_M, _NEAREST_M = 1.0, 3.0
 _MOVABLE = 0.5
-"""Wall points that count less are movable objects."""
+"""Wall points with less weight are movable objects."""
 _SCALE = 3000.0
 """Signatures are whole numbers of this length: float32 adds up whole numbers below 2**24 exactly, in any order, so that
 every machine and number of threads finds the same matches."""
 _ELSEWHERE_M = 8.0
-"""Places of a map that are farther apart than this show different surroundings: what looks alike there is chance."""
+"""Places of a map that are farther apart than this show different surroundings; their similarity is chance."""
 _CHANCE, _CHANCE_SPREAD, _CHANCE_COUNT = 0.93, 0.05, 10.0
-"""Mean and standard deviation of the similarity of such places in 200 simulated maps. They count as many as the last:
-a small map has few distant places."""
+"""Mean and standard deviation of the similarity of such places in 200 simulated maps, and the number of places that
+this prior counts for: a small map has few distant places."""
 _LEAST = 1e-6
 """Weight of no agreement at all."""
 _SUREST = 5.0
-"""A match that beats chance by more standard deviations than this counts no more."""
+"""Largest number of standard deviations above chance that counts."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class MapPlaces:
     Parameters
     ----------
     points
-        Where they are (P, 2) in the map's frame [m].
+        Positions (P, 2) in the map's frame [m].
     signatures
-        What they look like (P, B): whole numbers.
+        Signatures (P, B) of whole numbers.
     chance
         Mean and standard deviation (P, 2) of each place's similarity to places elsewhere.
     """
@@ -90,8 +90,8 @@ class MapPlaces:
         signatures = np.rint(_SCALE * np.array(described).reshape(-1, _BINS * FACINGS)).astype(np.float32)
         return cls(where, signatures, _chance(where, signatures))
 
-    def beaten_chance(self, similarities: FloatArray) -> FloatArray:
-        """Return by how many standard deviations the best of some similarities (P, Q) beat chance (P,).
+    def above_chance(self, similarities: FloatArray) -> FloatArray:
+        """Return by how many standard deviations (P,) the largest similarities of (P, Q) exceed chance.
 
         The best of Q draws from a normal distribution lies about sqrt(2 ln Q) standard deviations above its mean.
         """
@@ -101,7 +101,7 @@ class MapPlaces:
 
 
 def _chance(points: FloatArray, signatures: npt.NDArray[np.float32]) -> FloatArray:
-    """Return mean and standard deviation (P, 2) of the similarity of each place to those of its map that are far."""
+    """Return mean and standard deviation (P, 2) of the similarity of each place to distant places of its map."""
     elsewhere = cdist(points, points) > _ELSEWHERE_M
     similarities = _similarities(signatures, signatures)
     counts = _CHANCE_COUNT + elsewhere.sum(axis=1)
@@ -120,11 +120,11 @@ def _thinned(near: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return near if len(near) <= _MOST_WALLS else near[np.arange(_MOST_WALLS) * len(near) // _MOST_WALLS]
 
 
-def likeness(one: MapPlaces, other: MapPlaces) -> float:
-    """Return how much two maps look alike: the log of the weight of the matches that beat chance and agree, both ways.
+def similarity(one: MapPlaces, other: MapPlaces) -> float:
+    """Return the similarity of two maps: the log of the weight of consistent matches above chance, in both directions.
 
-    It is per place, in the geometric mean of both maps; large maps agree in more places by chance. It is symmetric and
-    does not depend on further maps. A map without places is like none: -inf.
+    It is normalised by the geometric mean of the numbers of places, since large maps have more matches by chance. It is
+    symmetric and does not depend on other maps. It is -inf for a map without places.
     """
     if not (len(one) and len(other)):
         return -math.inf
@@ -134,35 +134,35 @@ def likeness(one: MapPlaces, other: MapPlaces) -> float:
 
 
 def _common_log(one: MapPlaces, other: MapPlaces, similarities: FloatArray) -> float:
-    """Return the log of the weight of the matches of one map's places that agree."""
-    weights = np.exp(np.minimum(one.beaten_chance(similarities), _SUREST))
+    """Return the log of the weight of the consistent matches of one map's places."""
+    weights = np.exp(np.minimum(one.above_chance(similarities), _SUREST))
     matched = similarities.argmax(axis=1)
     common = common_weight(one.points, other.points, matched, weights, _TOLERANCE_M, _NEAREST_M)
     return math.log(common + _LEAST)
 
 
-def likeness_of_all(maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> dict[Pair, float]:
-    """Return how much maps look alike, for every pair in their order.
+def similarity_of_all(maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> dict[Pair, float]:
+    """Return the similarity of every pair of maps, in the order of the maps.
 
     Parameters
     ----------
     maps
         Maps by name.
     config
-        What counts as a wall.
+        The parameters of walls.
     executor
-        What compares them.
+        Compares the maps.
     """
     places = [Call(f"places of {name}", _places, (CompressedGrid(one.grid), config)) for name, one in maps.items()]
-    calls = [Call(f"likeness of {name}", _likeness_to, tuple(places[: n + 1])) for n, name in enumerate(maps)]
+    calls = [Call(f"similarity of {name}", _similarities_to, tuple(places[: n + 1])) for n, name in enumerate(maps)]
     rows: list[list[float]] = executor.results(calls, "comparing", "maps")
     return {(one, other): rows[n][m] for m, one in enumerate(maps) for n, other in enumerate(maps) if m < n}
 
 
-def _likeness_to(*maps: MapPlaces) -> list[float]:
-    """Return how much the last of some maps looks like each of the others."""
+def _similarities_to(*maps: MapPlaces) -> list[float]:
+    """Return the similarities of the last map to each of the others."""
     *others, last = maps
-    return [likeness(last, other) for other in others]
+    return [similarity(last, other) for other in others]
 
 
 def _places(sent: CompressedGrid, config: MergeConfig) -> MapPlaces:

@@ -19,7 +19,7 @@ from merging.config import MergeConfig
 from merging.joint_slam.joint_optimisation import redraw
 from merging.merge_state import MergeState
 from merging.pairwise import align_all
-from merging.retrieval import likeness_of_all
+from merging.retrieval import similarity_of_all
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
 
@@ -27,83 +27,83 @@ logger = logging.getLogger(__name__)
 
 
 def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Align pairs of maps of different groups: all pairs of a few maps, the likeliest pairs of many.
+    """Align pairs of maps of different groups: all pairs of a few maps, the most similar pairs of many maps.
 
-    In the first round each map is aligned with the few maps that look most like it, in later rounds with more of them,
-    where that may join groups. Two maps that fit nothing so far are not tried further: a map that fits none of those
-    most like it is a stranger to the others, unless these are many that belong together.
+    In the first round each map is aligned with the few most similar maps, in later rounds with more maps if that may
+    join groups. Pairs of two single maps are not tried in later rounds: a map that does not fit the most similar maps
+    hardly fits a single other map.
 
     Parameters
     ----------
     found
-        The maps, and what is known of them so far.
+        The state of the merge.
     config
-        How many pairs are aligned in a round, and how.
+        The number of pairs of each round, and the parameters of the alignment.
     executor
-        What compares and aligns the maps.
+        Compares and aligns the maps.
     """
-    how = config.retrieval
+    settings = config.retrieval
     pairs = [pair for pair in itertools.combinations(found.maps, 2) if not found.are_joined(pair)]
-    if len(found.maps) <= how.few or config.method != "correlation":
+    if len(found.maps) <= settings.few or config.method != "correlation":
         return found.with_alignments(align_all(found.maps, config, executor, pairs))
-    alike = likeness_of_all(found.maps, config, executor)
-    likeliest_first = sorted(alike, key=lambda pair: -alike[pair])
-    order = _like_beside_like(list(found.maps), likeliest_first)
-    for turn, neighbours in enumerate(how.neighbours):
-        near = _nearest(likeliest_first, neighbours)
+    similarities = similarity_of_all(found.maps, config, executor)
+    most_similar_first = sorted(similarities, key=lambda pair: -similarities[pair])
+    order = _similar_together(list(found.maps), most_similar_first)
+    for number, neighbours in enumerate(settings.neighbours):
+        near = _nearest(most_similar_first, neighbours)
         new = [pair for pair in pairs if pair in near and pair not in found.alignments]
-        new = [pair for pair in new if not turn or _may_join(pair, found)]
+        new = [pair for pair in new if not number or _may_join(pair, found)]
         if new:
-            aligned = align_all(found.maps, config, executor, sorted(new, key=_place_in(order)))
+            aligned = align_all(found.maps, config, executor, sorted(new, key=_position_in(order)))
             found = found.with_alignments({pair: aligned[pair] for pair in new})
     logger.info("%d of %d pairs of maps were aligned", len(found.alignments), len(pairs))
     return found
 
 
-def _nearest(likeliest_first: Sequence[Pair], count: int) -> Collection[Pair]:
-    """Return the pairs of each map with so many others that look most like it."""
+def _nearest(most_similar_first: Sequence[Pair], count: int) -> Collection[Pair]:
+    """Return the pairs of each map with its most similar maps, `count` of them."""
     near = dict[str, list[Pair]]()
-    for pair in likeliest_first:
+    for pair in most_similar_first:
         for name in pair:
             if len(near.setdefault(name, [])) < count:
                 near[name].append(pair)
-    return {pair for some in near.values() for pair in some}
+    return {pair for pairs in near.values() for pair in pairs}
 
 
-def _like_beside_like(names: Sequence[str], likeliest_first: Sequence[Pair]) -> Mapping[str, int]:
-    """Return the place of each map in a row where maps that look alike stand together (single linkage).
+def _similar_together(names: Sequence[str], most_similar_first: Sequence[Pair]) -> Mapping[str, int]:
+    """Return the position of each map in an order where similar maps are neighbours (single linkage).
 
-    Pairs in this order come back to a map soon: who aligns them need not hold all maps at once.
+    Pairs in this order use a map again soon, so a process need not hold all maps.
     """
     rows = {name: [name] for name in names}
-    for one, other in likeliest_first:
+    for one, other in most_similar_first:
         if rows[one] is not rows[other]:
             rows[one] += rows[other]
             rows |= dict.fromkeys(rows[other], rows[one])
-    return {name: place for place, name in enumerate(rows[names[0]])}
+    return {name: position for position, name in enumerate(rows[names[0]])}
 
 
-def _place_in(order: Mapping[str, int]) -> Callable[[Pair], tuple[int, int]]:
-    """Return how pairs are sorted whose maps stand in a row: by the map that stands first."""
+def _position_in(order: Mapping[str, int]) -> Callable[[Pair], tuple[int, int]]:
+    """Return the sort key of pairs: the positions of their maps in an order, the first one first."""
     return lambda pair: (min(order[name] for name in pair), max(order[name] for name in pair))
 
 
 def _may_join(pair: Pair, found: MergeState) -> bool:
-    """Tell whether two maps are in different groups, one of them of several maps."""
+    """Return whether two maps are in different groups, one of which has several maps."""
     return not found.are_joined(pair) and any(len(found.group_of(name)) > 1 for name in pair)
 
 
 def with_short_range_alignments(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Align the maps of different groups once more, by what was seen at short range; keep what is more confident.
+    """Align the maps of different groups again by short ranges; keep alignments that are more confident than before.
 
     Parameters
     ----------
     found
-        The maps, and what is known of them so far.
+        The state of the merge.
     config
-        What is short, and how maps are aligned.
+        The largest range, and the parameters of the alignment.
     executor
-        What aligns them.
+        Aligns the maps.
     """
     pairs = [pair for pair in found.apart() if all(found.maps[name].drives for name in pair)]
     if not (pairs and config.short_range.enabled and config.method == "correlation"):

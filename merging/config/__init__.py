@@ -1,4 +1,4 @@
-"""Every number a merge depends on, with its default."""
+"""All parameters of a merge, with their defaults."""
 
 from typing import ClassVar, Literal
 
@@ -36,32 +36,31 @@ Coverage = Literal["union", "overlap"]
 
 
 class MergeConfig(FrozenConfig):
-    """How maps are merged.
+    """The parameters of a merge.
 
     Parameters
     ----------
     method
-        How two maps are aligned: `correlation` tries every rotation and shift, `features` is the paper's, and the
-        others are `merging.baselines`.
+        Registration of two maps: `correlation` tries every rotation and translation, `features` is the paper's method,
+        and the others are `merging.baselines`.
     rule
-        How beliefs about one cell become one: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`,
-        `dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see
-        `merging.fusion.fuse`. None renders the merged map anew from all scans where the drives were straightened
-        together, the coverage is `union`, every map is believed and all were rendered alike; elsewhere it is
-        `disjunctive`.
+        Fusion of the masses of a cell: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`, `dubois-prade`,
+        `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`. With None the merged
+        map is rendered again from all scans if the drives were optimised jointly, the coverage is `union`, all maps are
+        fully reliable, and all were rendered alike. Otherwise None is `disjunctive`.
     coverage
-        `union` keeps the cells that only one robot saw as that robot left them; `overlap` makes them unknown.
+        `union` keeps the cells that only one robot saw; `overlap` makes them unknown.
     reliability
-        Probability that a map, by name, is to be believed at all; 1 for those not named.
+        Reliability of the maps by name, from 0 to 1; 1 for maps that are not named.
     known_poses
-        Where maps, by name, lie in the frame of the first, roughly [m, m, rad]: these are laid there and not searched.
+        Approximate poses of maps, by name, in the frame of the first map [m, m, rad]. These maps are not searched.
     resolution
-        Cell size at which maps are compared [m]; None takes the coarser one's of each pair.
+        Cell size at which maps are compared [m]; None takes the larger one of each pair.
     merged_resolution
-        Cell size of the merged map [m]; None takes that of the map whose frame it has.
+        Cell size of the merged map [m]; None takes that of the first merged map.
     decoys
-        The first glance at the places of the source's mirror image, which tell what chance achieves; where it leaves
-        doubt they are searched as `correlation` says. See `merging.scoring.decoys`.
+        The first, coarse search for poses of the source's mirror image, which show what chance achieves. If it leaves
+        doubt, the search is repeated with `correlation`. See `merging.scoring.decoys`.
     """
 
     PUBLIC: ClassVar = ("method", "rule", "coverage", "reliability", "known_poses", "resolution", "merged_resolution")

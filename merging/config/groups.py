@@ -1,4 +1,4 @@
-"""Every number of joining maps to groups, and of optimising the drives of a group together."""
+"""Parameters of the grouping of maps, and of the joint optimisation of a group's drives."""
 
 from typing import Annotated, ClassVar
 
@@ -10,31 +10,31 @@ from tbmslam.optimisation.config import AdjustmentConfig
 
 
 class GraphConfig(FrozenConfig):
-    """How maps are joined to groups.
+    """Grouping of maps by their pose hypotheses.
 
     Parameters
     ----------
     same_m, same_rad
-        Alignments nearer to each other than this name one place.
+        Poses nearer to each other than this are one pose.
     min_confidence
-        Least probability of an alternative that may confirm others. The best place of a refused alignment always may:
-        of the many places that chance could have chosen, it chose the one that others lead to.
+        Least confidence of an alternative pose that may confirm others. The best pose of a refused alignment may always
+        confirm others: it would be a rare coincidence that a wrong pose agrees with them.
     min_wall_m
-        With less agreeing wall than this a place that was refused confirms nothing [m].
+        Least agreeing wall of a refused pose that confirms others [m].
     coincidence
-        Chance that the wrong place of one pair is that of others too, whose maps show the same: what a confirmation is
-        worth, see `merging.map_graph.hypothesis.support_of`. Of 10,000 threes of maps, two of them of one place, the
-        third laid onto one of these wrongly, it lay alike on the other in 30 %, and in 47 % where its
-        confidence was above 0.1.
+        Probability that a wrong pose of one pair agrees with wrong poses of other pairs. It is the weight of a
+        confirmation, see `merging.map_graph.hypothesis.support_of`. It was measured on 10,000 triples of maps, two of
+        which show one place. The wrong pose of the third map on one of them agreed with its pose on the other in 30 %,
+        and in 47 % of those with a confidence above 0.1.
     min_support
         Least log odds at which maps are joined.
     sure_alone, min_whole
-        An accepted alignment with less confidence than the first that alone joins two groups is refused if these, each
-        as one map, give its place less than the second; see `merging.bridges`.
+        A bridge joins two groups by one accepted alignment with less confidence than `sure_alone`. It is refused if the
+        registration of both groups as wholes gives its pose less confidence than `min_whole`; see `merging.bridges`.
     deviation_m, deviation_rad
-        Standard deviation of an alignment whose method states none.
+        Standard deviation of an alignment without a covariance.
     robust_width
-        Deviations at which an alignment begins to lose its say.
+        Number of standard deviations from which the weight of an alignment decreases.
     """
 
     same_m: Metres = 1.0
@@ -56,11 +56,11 @@ class RetrievalConfig(FrozenConfig):
     Parameters
     ----------
     few
-        Up to so many maps all pairs are aligned. Where 24 maps of three real drives were aligned in rounds, one of them
-        was not joined: the pairs that join it share little, and do not look alike.
+        Largest number of maps of which all pairs are aligned. With rounds, one of 24 maps of three real drives was not
+        joined, since the pairs that join it overlap little and are not similar.
     neighbours
-        In each round a map is aligned with so many others that look most like it. With 3, 7 and 12 all 30 maps are
-        joined that three real drives were cut into; with 3 and 7 two of them are not.
+        The number of most similar maps with which each map is aligned, for each round. With 3, 7 and 12 all 30 maps
+        that three real drives were cut into are joined; with 3 and 7 two of them are not.
     """
 
     PUBLIC: ClassVar = ()
@@ -75,42 +75,42 @@ class JointConfig(FrozenConfig):
     Parameters
     ----------
     enabled
-        Whether it is tried where maps carry keyframes.
+        Whether the drives of maps with keyframes are optimised jointly.
     submap
-        How stretches of a drive become submaps.
+        The parameters of submaps.
     step
-        Travelled length between keyframes that are laid onto other robots' submaps [m].
+        Travelled distance between keyframes that are registered to submaps of other robots [m].
     reach_m, submaps_per_step
-        How near a keyframe must be to a submap's way [m], and how many of the nearest are tried.
+        Largest distance of a keyframe from the path of a submap [m], and number of nearest submaps that are tried.
     bundle_m
-        Keyframes within this length before and after join a bundle [m].
+        A bundle holds the keyframes within this travelled distance before and after [m].
     first_shift_m, last_shift_m, turn_rad
-        How far a bundle is searched from where it is expected, in the first round and in the second [m], and how far
-        turned [rad]. The second is also how far it may slide when it is laid onto the surfaces.
+        Largest distance of the search in the first and in the second round [m], and largest rotation [rad].
+        `last_shift_m` is also the largest distance of a bundle from its initial pose in the final registration.
     tightenings
-        Further rounds, in which bundles are laid onto the surfaces from where they are, without a search.
+        Number of further rounds without a search.
     min_gap_m
-        Travelled length between two visits of a robot to a place [m].
+        Least travelled distance between two visits of a robot to a place [m].
     search_points, match_points
-        Hits of a bundle used in a search, and in the fit.
+        Hits of a bundle that are used in the search, and in the registration.
     min_matched, max_violated, max_ambiguity, min_determined
-        A closure has so much of its bundle on surfaces, at the most so many hits in free space for one on surfaces, and
-        no place as good elsewhere; a direction whose curvature is a smaller share of the other's than the last is left
-        open; see `tbmslam.loop_closure.loop_closer`.
+        Thresholds of a closure: least share of matched hits, most hits in free space per matched hit, and largest score
+        of another pose. A direction is undetermined if its curvature is a smaller share of the other direction's than
+        `min_determined`; see `tbmslam.loop_closure.loop_closer`.
     sure_matched, doubtful_weight
-        With less of its bundle on surfaces than it takes to close a loop of one robot, a closure between robots counts
-        for a share only: things were moved, or the fit is none.
+        A closure between robots with a smaller share of matched hits has the weight `doubtful_weight`. Objects may have
+        moved between the drives.
     min_closures
-        With fewer the alignment stays rigid.
+        Least number of closures. With fewer the alignment stays rigid.
     step_m, step_rad, crossing_m, crossing_rad
-        Standard deviations of the motion from keyframe to keyframe, and between places where a drive comes near its
-        own way again [m, rad], for drives of which only the poses are known.
+        Standard deviations of the motion from keyframe to keyframe, and between places where a drive crosses its path
+        [m, rad], for drives without measured motions.
     stiffness_step_m, stiffness_reach_m
-        How often the latter are taken, and how near is near [m].
+        Distance between such places along the drive, and largest distance between the two passages [m].
     closure_m, closure_rad
-        Accuracy of a closure at best [m, rad].
+        Smallest standard deviations of a closure [m, rad].
     robust_width
-        Deviations at which a closure begins to lose its say.
+        Number of standard deviations from which the weight of a closure decreases.
     adjustment
         The joint optimisation of poses and wall lines at the end.
     """

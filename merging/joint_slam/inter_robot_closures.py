@@ -1,4 +1,4 @@
-"""Bundles of keyframes laid onto submaps of other drives, and of their own where they come back."""
+"""Loop closures between robots: bundles of keyframes are registered to submaps of all drives."""
 
 import math
 from collections.abc import Sequence
@@ -19,27 +19,27 @@ from tbmslam.tracking.tracked_keyframe import chain
 
 
 class Track:
-    """One robot's laser along its drive, in the merged frame.
+    """A drive in the merged frame, with its submaps.
 
     Parameters
     ----------
     map_name, drive
-        Whose it is.
+        The map and its drive.
     T_merged_map
-        Where its map lies.
+        Pose of the map.
     config
-        How its submaps are made.
+        The parameters of submaps.
 
     Attributes
     ----------
     keyframes
-        Its scans, in the merged frame.
+        The keyframes in the merged frame.
     sensors
         Poses (K, 3) of the laser.
     hits
-        What it hit.
+        The hits of the scans.
     submaps
-        Stretches of the drive that bundles are laid onto.
+        Segments of the drive as targets of bundles.
     """
 
     def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2, config: SubmapConfig) -> None:
@@ -51,10 +51,10 @@ class Track:
         self.submaps = [Submap(first, last, self.hits, config, SurfelConfig()) for first, last in stretches]
 
     def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:
-        """Return the drive's own motions, its first keyframe being the pose `start` of the graph.
+        """Return the drive's motions as edges; its first keyframe is the pose `start` of the graph.
 
-        Where nobody kept what was measured, the poses stand for it: stiff from keyframe to keyframe, and less so where
-        the drive crosses its way, as loops were closed there.
+        If the measured motions were not stored, they are derived from the poses: with small deviations from keyframe to
+        keyframe, and with larger ones where the drive crosses its path, since loops were closed there.
         """
         if self.drive.motions is not None:
             return chain(self.drive.motions, start)
@@ -73,15 +73,15 @@ class Track:
         ]  # fmt: skip
 
     def stops(self, step: float) -> list[int]:
-        """Return keyframes at least about `step` metres apart."""
+        """Return keyframes about `step` metres apart."""
         _, first = np.unique((self.hits.travelled / step).astype(np.int64), return_index=True)
         return [int(index) for index in first]
 
     def others(self, keyframe: int, other: "Track", config: JointConfig) -> list[int]:
-        """Return the submaps of a drive that a keyframe may be laid onto; of its own, those of earlier visits."""
+        """Return the submaps of a drive as targets of a keyframe; of its own drive those of earlier visits only."""
         if other is not self:
             return list(range(len(other.submaps)))
-        if self.drive.motions is None:  # the poses stand for what was measured, loops and all
+        if self.drive.motions is None:  # the edges from the poses already contain its loops
             return []
         travelled = self.hits.travelled
         since = travelled[keyframe] - travelled[[submap.last for submap in self.submaps]]
@@ -96,32 +96,32 @@ def find_closures(
     config: JointConfig,
     progress: Progress,
 ) -> list[MotionEdge]:
-    """Lay bundles of every drive onto the nearest submaps of all drives.
+    """Register bundles of every drive to the nearest submaps of all drives.
 
     Parameters
     ----------
     tracks
         The drives.
     starts
-        Which of the poses is each drive's first (D,).
+        Index of the first pose of each drive (D,).
     poses
-        Poses (N, 3) of the lasers at the keyframes of all drives, as known so far.
+        Current poses (N, 3) of the lasers at the keyframes of all drives.
     shift
-        How far a bundle is searched from there [m]; 0 lays it onto the surfaces from there.
+        Largest distance of the search from the current pose [m]; 0 registers without a search.
     config
-        When it fits.
+        The thresholds of a fit.
     progress
-        Who is told how far it is.
+        Receives the progress.
     """
     found = []
     for moving, track in enumerate(tracks):
         stops = track.stops(config.step)
-        for index in progress.shown(stops, f"straightening {track.map_name}", len(stops), "places"):
+        for index in progress.shown(stops, f"closing loops of {track.map_name}", len(stops), "places"):
             here = int(starts[moving]) + index
             for fixed, other in enumerate(tracks):
                 offset = int(starts[fixed])
-                ways = poses[offset : offset + len(other.sensors), :2] - poses[here, :2]
-                distances = np.hypot(ways[:, 0], ways[:, 1])
+                offsets = poses[offset : offset + len(other.sensors), :2] - poses[here, :2]
+                distances = np.hypot(offsets[:, 0], offsets[:, 1])
                 nearest = sorted(
                     (float(distances[other.submaps[k].first : other.submaps[k].last + 1].min()), k)
                     for k in track.others(index, other, config)
@@ -142,7 +142,7 @@ def _closure(
     shift: float,
     config: JointConfig,
 ) -> MotionEdge | None:
-    """Return where a bundle lies in a submap, if it fits there and nowhere else near by."""
+    """Return the loop closure of a bundle and a submap, or None if it does not fit or is ambiguous."""
     here, offset = places
     bundle = track.hits.bundle(index, config.bundle_m, config.match_points)
     if len(bundle.points) < config.search_points // 2:
@@ -157,7 +157,7 @@ def _closure(
     is_sure = fit.matched >= config.sure_matched
     if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
         return None
-    if not is_sure and here - index == offset:  # of its own loops a robot closed those that are sure
+    if not is_sure and here - index == offset:  # certain loops within a drive are closed already
         return None
     if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.last_shift_m:
         return None
@@ -169,7 +169,7 @@ def _closure(
 
 
 def _determined(hessian: FloatArray, config: JointConfig) -> FloatArray:
-    """Return the curvature without the direction that a fit leaves open; as in `tbmslam.loop_closure.loop_closer`."""
+    """Return the curvature without its undetermined direction, as in `tbmslam.loop_closure.loop_closer`."""
     values, directions = np.linalg.eigh(hessian[:2, :2])
     if values[0] >= config.min_determined * values[1]:
         return hessian

@@ -1,10 +1,9 @@
-"""Beyond the rigid: all robots' drives straightened together, and one map rendered anew from all of their scans.
+"""Joint optimisation of the drives of several robots, and rendering of one map from all of their scans.
 
-A map that bent while it was made fits another nowhere exactly. Where maps carry keyframes, bundles of one robot's
-keyframes are laid onto submaps of another's near where the rigid alignment puts them, and onto its own where it came
-back; what fits becomes a closure, and one pose graph of all drives, of what they measured of their motions before they
-closed loops by themselves, takes the bends out. In the end drives and walls are adjusted to each other
-(`tbmslam.optimisation.bundle_adjustment`).
+A distorted map fits no other map exactly at a rigid pose. Where maps carry keyframes, bundles of keyframes of one robot
+are registered to submaps of other robots near the rigid alignment, and to its own submaps of earlier visits. Each
+registration that fits is a loop closure. One pose graph holds the closures and the measured motions of all drives.
+Finally poses and walls are adjusted jointly (`tbmslam.optimisation.bundle_adjustment`).
 """
 
 import logging
@@ -33,23 +32,24 @@ from tbmslam.parallel.progress import Progress
 
 
 def redraw(drives: Sequence[Keyframes], one: TbmMap, max_range: float = math.inf) -> TbmGrid:
-    """Return the grid of some keyframes, rendered as a map says that it was, with cells of its size.
+    """Render the grid of some keyframes with the parameters and the resolution of a map.
 
-    A hit beyond `max_range` [m], or beyond the map's own limit, only clears the way up to it.
+    A beam is cut off at `max_range` [m] or at the limit of the map: it clears the cells up to there.
     """
-    how = _map_config(one)
-    insertion = how.insertion.model_copy(update={"max_range": min(max_range, how.insertion.max_range)})
-    return render(drives, how.model_copy(update={"resolution": one.grid.geometry.resolution, "insertion": insertion}))
+    config = _map_config(one)
+    insertion = config.insertion.model_copy(update={"max_range": min(max_range, config.insertion.max_range)})
+    changes = {"resolution": one.grid.geometry.resolution, "insertion": insertion}
+    return render(drives, config.model_copy(update=changes))
 
 
-def drawn_alike(maps: Sequence[TbmMap]) -> bool:
-    """Tell whether maps say that they were rendered in one way, in cells of one size."""
-    ways = [(_map_config(one), one.grid.geometry.resolution) for one in maps]
-    return all(way == ways[0] for way in ways)
+def rendered_alike(maps: Sequence[TbmMap]) -> bool:
+    """Return whether maps were rendered with the same parameters and resolution."""
+    settings = [(_map_config(one), one.grid.geometry.resolution) for one in maps]
+    return all(other == settings[0] for other in settings)
 
 
 def _map_config(one: TbmMap) -> MapConfig:
-    """Return how a map says that it was rendered; the default where it does not say."""
+    """Return the parameters by which a map was rendered, or the defaults if its provenance has none."""
     settings = one.provenance.get("config")
     try:
         return MapConfig.model_validate(settings["map"] if isinstance(settings, Mapping) else {})
@@ -62,20 +62,20 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class JointRefinement:
-    """Maps after their drives were straightened together.
+    """The result of the joint optimisation.
 
     Parameters
     ----------
     maps
-        Every map with its drives corrected and its grid rendered anew, in the common frame.
+        Every map with corrected drives and a rendered grid, in the common frame.
     poses
-        The rigid T_merged_map of every map that comes nearest to what became of its keyframes.
+        The rigid T_merged_map of every map that is nearest to the motion of its keyframes.
     closures
-        How many motions between different robots' keyframes were found.
+        The number of loop closures between different robots.
     links
-        The same as (C, 4): a drive of the merged map and a keyframe of it, and another robot's drive and keyframe.
+        These closures (C, 4): a drive of the merged map and its keyframe, and another robot's drive and keyframe.
     moved_m
-        Root mean square distance by which keyframes moved against the rigid alignment [m].
+        RMS distance between the keyframes and their poses by the rigid alignment [m].
     """
 
     maps: Mapping[str, TbmMap]
@@ -88,27 +88,27 @@ class JointRefinement:
 def refine_jointly(
     maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig, progress: Progress | None = None
 ) -> JointRefinement | None:
-    """Straighten the drives of aligned maps together.
+    """Optimise the drives of aligned maps jointly.
 
     Parameters
     ----------
     maps
         The maps, by name.
     poses
-        T_merged_map of those that are merged; the first one's first keyframe stays where it is.
+        T_merged_map of the merged maps. The first keyframe of the first map is fixed.
     config
-        When a bundle fits a submap, and how stiff a drive is.
+        The parameters.
     progress
-        Who is told how far it is.
+        Receives the progress.
 
     Returns
     -------
-    None where a map has no keyframes, or too few closures between the robots were found to do better than rigidly.
+    None if a map has no keyframes, or if too few loop closures between the robots were found.
     """
     drives = [(name, drive) for name in poses for drive in maps[name].drives]
     if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):
         return None
-    # Where the first map has its frame's origin must not matter.
+    # The origin of the first map's frame must not influence the result.
     frame = LocalFrame.around(poses[drives[0][0]] @ drives[0][1].keyframes.pose(0))
     poses = {name: frame.T_far_near.inverse() @ pose for name, pose in poses.items()}
     tracks = [Track(name, drive, poses[name], config.submap) for name, drive in drives]
@@ -130,27 +130,27 @@ def refine_jointly(
     corrected = {
         name: frame.map_there(_corrected(name, maps[name], tracks, starts, moved, pose)) for name, pose in poses.items()
     }
-    straight = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
+    rigid_poses = {name: nearest_rigid(maps[name], corrected[name]) for name in poses}
     moved_m = float(np.sqrt(((moved - rigid)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("%d closures between robots moved keyframes by %.3f m", len(closures), moved_m)
-    return JointRefinement(corrected, straight, len(closures), _links(closures, starts), moved_m)
+    return JointRefinement(corrected, rigid_poses, len(closures), _links(closures, starts), moved_m)
 
 
 def _links(closures: list[MotionEdge], starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return closures (C, 4) by the drives and keyframes they are between."""
+    """Return the drives and keyframes of closures (C, 4)."""
     ends = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
     drives = np.searchsorted(starts, ends, side="right") - 1
     return np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4)
 
 
 def nearest_rigid(before: TbmMap, after: TbmMap) -> SE2:
-    """Return the rigid motion nearest to what happened to the keyframes."""
+    """Return the rigid transform nearest to the motion of the keyframes."""
     old, new = (np.vstack([drive.keyframes.poses[:, :2] for drive in one.drives]) for one in (before, after))
     return fit_rigid(new, old)[0]
 
 
 def _reach_all(owners: list[str], closures: list[MotionEdge]) -> bool:
-    """Tell whether closures connect all maps that own keyframes."""
+    """Return whether closures connect all maps with keyframes."""
     group = {name: name for name in owners}
     for edge in closures:
         joined, absorbed = group[owners[edge.source]], group[owners[edge.target]]
@@ -166,7 +166,7 @@ def _corrected(
     poses: FloatArray,
     T_merged_map: SE2,
 ) -> TbmMap:
-    """Return a map with its drives as they are now, rendered anew."""
+    """Return a map with its corrected drives and a newly rendered grid."""
     drives = []
     for track, start in zip(tracks, starts, strict=False):
         if track.map_name == name:

@@ -1,4 +1,4 @@
-"""Connected pieces of wall."""
+"""Connected components of walls, and the movable objects among them."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ Labels = npt.NDArray[np.int32]
 
 
 class Components(NamedTuple):
-    """Pieces of cells that touch.
+    """Connected components of cells.
 
     Parameters
     ----------
     labels
-        The number of each cell's piece (rows, cols); 0 if there is none.
+        The component of each cell (rows, cols); 0 for the background.
     stats
-        Left, top, width, height and cells (K + 1, 5) of each piece, and of what is none.
+        Left, top, width, height and number of cells (K + 1, 5) of the background and of each component.
     """
 
     labels: Labels
@@ -29,25 +29,25 @@ class Components(NamedTuple):
 
     @classmethod
     def of(cls, cells: BoolArray, *, corners: bool = True) -> "Components":
-        """Find the pieces among cells (rows, cols); without `corners` cells that only touch there are apart."""
+        """Find the components of cells (rows, cols); `corners` connects cells that touch at a corner only."""
         connectivity = 8 if corners else 4
         _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=connectivity)
         return cls(np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32))
 
     @property
     def sides(self) -> tuple[Labels, Labels]:
-        """The widths and the heights (K + 1,) of the pieces [cells]."""
+        """The widths and the heights (K + 1,) of the components [cells]."""
         return self.stats[:, cv2.CC_STAT_WIDTH], self.stats[:, cv2.CC_STAT_HEIGHT]
 
     def at_least(self, side: float) -> "Components":
-        """Return the pieces that are so wide or so high [cells]."""
+        """Return the components of at least this width or height [cells]."""
         kept = np.maximum(*self.sides) >= side
         kept[0] = True
         numbers = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32)
         return Components(numbers[self.labels], self.stats[kept])
 
     def cells_of(self, index: int) -> npt.NDArray[np.float32]:
-        """Return the columns and rows (N, 2) of one piece's cells, from its corner."""
+        """Return the columns and rows (N, 2) of the cells of a component, relative to its corner."""
         left, top, width, height = self.stats[index, : cv2.CC_STAT_AREA]
         rows, cols = np.nonzero(self.labels[top : top + height, left : left + width] == index)
         return np.column_stack((cols, rows)).astype(np.float32)
@@ -56,16 +56,16 @@ class Components(NamedTuple):
 def steadiness(
     walls: BoolArray, free: BoolArray, surface: BoolArray, resolution: float, config: StructureConfig
 ) -> FloatArray:
-    """Return the weights (N,) of surface cells: 1 on pieces of wall that are long, `least_weight` on small things.
+    """Return the weights (N,) of surface cells: 1 on long walls, `least_weight` on movable objects.
 
-    Small things are pieces of wall short in every direction, and, even where they stand against a wall, solid blocks as
-    short and outlines of what is too small for a room. Turned about, a thing is no longer: what counts is the longer
-    side of the narrowest rectangle around it.
+    Movable objects are short components of walls. Short solid blocks, and outlines that are too small for a room, are
+    movable objects even if they stand against a wall. The length of an object is the longer side of the smallest
+    rectangle around it, so it does not depend on the rotation.
 
     Parameters
     ----------
     walls, free, surface
-        Which cells (rows, cols) are walls, which are free, and which walls are a wall's surface.
+        Which cells (rows, cols) are walls, free, and surfaces of walls.
     resolution
         Side of a cell [m].
     """
@@ -80,23 +80,23 @@ def steadiness(
 
 
 def _blocks(walls: BoolArray, resolution: float, config: StructureConfig) -> BoolArray:
-    """Return which cells (rows, cols) belong to short solid blocks."""
+    """Return the cells (rows, cols) of short solid blocks."""
     square = np.ones((max(round(config.block_m / resolution), 3),) * 2, np.uint8)
     thick = cv2.morphologyEx(walls.astype(np.uint8), cv2.MORPH_OPEN, square)
     blocks = Components.of(thick > 0)
     shorter = (config.movable_m + config.steady_m) / 2.0 / resolution
     small = _sizes(blocks, shorter) < shorter
-    small[0] = False  # what is no block
-    # The opening leaves the corners and the rough edge of a turned block out.
+    small[0] = False  # the background
+    # The opening removes the corners and the rough edge of a rotated block.
     return _grown(small[blocks.labels], 1)
 
 
 def _outlines(
     mended: BoolArray, free: BoolArray, half_gap: int, resolution: float, config: StructureConfig
 ) -> BoolArray:
-    """Return which cells (rows, cols) lie around something too small for a room.
+    """Return the cells (rows, cols) of outlines that are too small for a room.
 
-    What is not seen inside may also be a wall between its faces, and must be wider than walls are.
+    An unseen inside may be the core of a wall. Therefore it must be wider than walls.
     """
     insides = Components.of(~mended, corners=False)
     widths, heights = (sides + 2 * half_gap for sides in insides.sides)
@@ -111,12 +111,12 @@ def _outlines(
 
 
 def _grown(cells: BoolArray, by: int) -> BoolArray:
-    """Return the cells (rows, cols) and all that lie so near to one [cells]."""
+    """Return the cells (rows, cols) dilated by a distance [cells]."""
     return np.asarray(cv2.dilate(cells.astype(np.uint8), np.ones((2 * by + 1,) * 2, np.uint8)) > 0)
 
 
 def _sizes(pieces: Components, enough: float) -> FloatArray:
-    """Return the longer sides (K,) of pieces [cells]; for those surely longer than `enough` any number over it."""
+    """Return the longer sides (K,) of components [cells]; sides over `enough` are not exact."""
     sizes = np.maximum(*pieces.sides).astype(np.float64)
     sizes[0] = np.inf
     for index in np.flatnonzero(sizes <= 1.5 * enough):

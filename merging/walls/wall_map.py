@@ -1,4 +1,4 @@
-"""What a map says for certain: its walls, which way they face, and its free space."""
+"""The walls of a map with their normals, and its free space."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,20 +15,21 @@ from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.walls import Walls
 
 _MOVABLE = 0.5
-"""What counts less than this is a thing."""
+"""Wall points with less weight than this are movable objects."""
 _MANY_CELLS = 4000
-"""Known cells that are enough to measure an overlap."""
+"""Number of known cells by which an overlap is measured."""
 _FLAT = 0.1
-"""Slope of the blurred contrast [1/cell] under which neither side of a wall is the free one; a plain wall's is 0.5."""
+"""Slope of the blurred contrast [1/cell] below which both sides of a wall are free; a wall with one free side has
+0.5."""
 
 
 @dataclass(frozen=True)
 class WallMap:
-    """Walls and free space of a grid, ready to be compared with another's.
+    """Walls and free space of a grid for the comparison with another map.
 
-    A map learns free space slower than walls (vinySLAM: m(free) = 0.23 after a hundred passages), so a cell is free
-    or a wall by which of the two has more mass, not by how much. Only the surface of a wall is kept, the cells that
-    touch free space: the far side of a thick wall was seen by nobody.
+    A map learns free space slower than walls (vinySLAM: m(free) = 0.23 after a hundred passages). Therefore a cell is
+    free or a wall by the larger of the two masses, whatever its size. Only the surface of a wall is kept, which are the
+    cells beside free space. The far side of a thick wall was not seen.
 
     Parameters
     ----------
@@ -39,15 +40,15 @@ class WallMap:
     normals
         Unit vectors (N, 2) from the wall into the free space.
     two_sided
-        Which surface cells (N,) have free space on both sides, so that their normals might as well point backwards.
+        Which surface cells (N,) have free space on both sides; the sign of their normals is arbitrary.
     known, free
-        Which cells (rows, cols) hold evidence, and evidence for being free.
+        Which cells (rows, cols) have evidence, and which are free.
     distances_m
-        From every cell (rows, cols) to the nearest surface cell [m]; inf where there is none.
+        Distance from every cell (rows, cols) to the nearest surface cell [m]; inf without walls.
     nearest
         The index in `points` of that surface cell (rows, cols).
     weights
-        How much each surface cell (N,) counts: things that people move, little; see `merging.walls.movable_objects`.
+        Weight of each surface cell (N,), small for movable objects; see `merging.walls.movable_objects`.
     """
 
     geometry: GridGeometry
@@ -85,7 +86,7 @@ class WallMap:
 
     @cached_property
     def walls(self) -> Walls:
-        """The same as the kernels take it."""
+        """The map in the form that the kernels take."""
         states = np.where(self.free, np.uint8(1), np.where(self.known, np.uint8(2), np.uint8(0)))
         g = self.geometry
         return Walls(
@@ -103,22 +104,22 @@ class WallMap:
 
     @property
     def wall_m(self) -> float:
-        """Length of all walls, by how much they count [m]."""
+        """Weighted length of all walls [m]."""
         return float(self.weights.sum()) * self.geometry.resolution
 
     @cached_property
     def centroid(self) -> FloatArray:
-        """Mean of the wall points (2,) [m]; the frame's origin where there is no wall."""
+        """Mean of the wall points (2,) [m]; the frame's origin without walls."""
         return np.asarray(self.points.mean(axis=0)) if len(self.points) else np.zeros(2)
 
     @cached_property
     def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:
-        """The surface cells as they are, no less for being movable, and the indices (K,) of those that are."""
+        """The surface cells with weight 1 each, and the indices (K,) of those on movable objects."""
         return self.walls._replace(weights=np.ones_like(self.weights)), np.flatnonzero(self.weights < _MOVABLE)
 
     @cached_property
     def some_known(self) -> tuple[FloatArray, float]:
-        """Centres (K, 2) of known cells, evenly chosen and enough to measure an overlap; the area of each [m^2]."""
+        """Centres (K, 2) of evenly chosen known cells, by which overlaps are measured, and the area of each [m^2]."""
         cells: npt.NDArray[np.intp] = np.flatnonzero(self.known)
         every = max(len(cells) // _MANY_CELLS, 1)
         rows, cols = np.divmod(cells[::every], self.geometry.cols)
@@ -126,7 +127,7 @@ class WallMap:
         return self.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)
 
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
-        """Return the indices of at most so many surface cells, spread evenly; of all of them if None."""
+        """Return indices of at most `limit` evenly chosen surface cells; all if None."""
         count = len(self.points)
         if limit is None or count <= limit:
             return np.arange(count)
@@ -134,7 +135,7 @@ class WallMap:
 
 
 def without_walls(target: WallMap, source: WallMap) -> str | None:
-    """Return in words which of two maps holds no wall, so that their relative pose is unknown; None where both do."""
+    """Return which of two maps holds no wall, as text; None if both hold walls."""
     bare = [name for name, walls in (("target", target), ("source", source)) if not len(walls.points)]
     if not bare:
         return None
@@ -142,12 +143,12 @@ def without_walls(target: WallMap, source: WallMap) -> str | None:
 
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Return the directions (N, 2) from surface cells into free space, and where it lies on both sides (N,)."""
+    """Return the normals (N, 2) of surface cells, and which cells have free space on both sides (N,)."""
     sharp = free.astype(np.float32) - walls.astype(np.float32)
     contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float32)
     gradient = _derivatives(contrast, ((1, 0), (0, 1)), surface)
     steepness = np.linalg.norm(gradient, axis=1)
-    # In the middle of a thin wall the slopes of its sides cancel; its curvature still tells how it runs.
+    # In the middle of a thin wall the slopes of its sides cancel. The curvature gives the direction of the wall.
     two_sided = steepness < _FLAT
     xx, xy, yy = _derivatives(contrast, ((2, 0), (1, 1), (0, 2)), surface).T
     across = 0.5 * np.arctan2(2.0 * xy, xx - yy)

@@ -165,9 +165,7 @@ def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
     far = {"a": SE2.identity(), "b": SE2(3000.0, 3000.0, 0.0)}
     wholes = group_maps_of(MAPS, {"far": far, "near": GROUP_POSES}, MergeConfig(merged_resolution=1.0), Progress())
     assert list(wholes) == ["near"]
-    told = (
-        "a, b are not looked at as one map: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
-    )
+    told = "a, b are not compared as one map: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
     assert caplog.messages == [f"{told} that are possible"]
     finer = group_maps_of(MAPS, {"ab": {**far, "b": SE2(500.0, 500.0, 0.0)}}, MergeConfig(resolution=0.01), Progress())
     assert finer == {}  # they would be looked at in these cells
@@ -177,7 +175,7 @@ def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
 
     monkeypatch.setattr(merged_group, "merge_group", none_left)
     assert group_maps_of(MAPS, {"ab": GROUP_POSES}, MergeConfig(), Progress()) == {}
-    assert caplog.messages[-1] == "a, b are not looked at as one map: memory has run out"
+    assert caplog.messages[-1] == "a, b are not compared as one map: memory has run out"
 
 
 def test_who_knows_most_is_told_by_area_and_not_by_cells():

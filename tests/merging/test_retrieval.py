@@ -8,7 +8,7 @@ import pytest
 
 from merging import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.retrieval import MapPlaces, likeness, likeness_of_all
+from merging.retrieval import MapPlaces, similarity, similarity_of_all
 from merging.walls.wall_map import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -25,7 +25,7 @@ def maps():
 
 @pytest.fixture(scope="module")
 def alike(maps):
-    return likeness_of_all(maps, MergeConfig(), Executor())
+    return similarity_of_all(maps, MergeConfig(), Executor())
 
 
 def places_of(tbm_map):
@@ -47,14 +47,14 @@ def test_maps_of_one_floor_look_most_alike(maps, alike):
     assert (ranks == 0).sum() >= 5
 
 
-def test_likeness_does_not_depend_on_further_maps_nor_on_their_order(maps, alike):
+def test_the_similarity_does_not_depend_on_other_maps_or_their_order(maps, alike):
     some = ("1 right", "3 left", "3 right")
-    assert likeness_of_all({name: maps[name] for name in some}, MergeConfig(), Executor()).items() <= alike.items()
-    assert likeness(places_of(maps["3 left"]), places_of(maps["1 right"])) == alike["1 right", "3 left"]
+    assert similarity_of_all({name: maps[name] for name in some}, MergeConfig(), Executor()).items() <= alike.items()
+    assert similarity(places_of(maps["3 left"]), places_of(maps["1 right"])) == alike["1 right", "3 left"]
 
 
-def test_processes_find_the_same_likeness(maps, alike):
-    assert likeness_of_all(maps, MergeConfig(), Executor(2)) == alike
+def test_processes_find_the_same_similarity(maps, alike):
+    assert similarity_of_all(maps, MergeConfig(), Executor(2)) == alike
 
 
 def test_signatures_do_not_depend_on_the_frame():
@@ -92,10 +92,10 @@ def test_what_looks_alike_everywhere_beats_chance_less(maps):
         MapPlaces(places.points, places.signatures, np.full((len(places), 2), (mean, 0.05))) for mean in (0.99, 0.9)
     )
     others = places_of(maps["2 left"])
-    assert likeness(often, others) < likeness(seldom, others)
+    assert similarity(often, others) < similarity(seldom, others)
 
 
 def test_a_map_without_walls_is_like_none(maps):
     empty = places_of(TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20))))
     assert len(empty) == 0
-    assert likeness(empty, places_of(maps["1 left"])) == likeness(empty, empty) == -math.inf
+    assert similarity(empty, places_of(maps["1 left"])) == similarity(empty, empty) == -math.inf

@@ -207,8 +207,8 @@ def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveError
         for reading in perturbation.change(open_recording([spec.path], spec.options)):
             slam.process(reading)
             stamps.append(reading.scan.stamp)
-        maps = [slam.finish()]
-    return drive_errors(truth, [poses_of(tbm_map, perturbation) for tbm_map in maps], np.array(stamps))
+        tbm_map = slam.finish()
+    return drive_errors(truth, poses_of(tbm_map, perturbation), np.array(stamps))
 
 
 def poses_of(tbm_map: TbmMap, perturbation: Perturbation) -> Trajectory:
