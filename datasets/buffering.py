@@ -79,7 +79,7 @@ def cached(recording: Recording, limit_bytes: int = 512 * 2**20) -> Recording:
     Parameters
     ----------
     recording
-        Where the readings come from.
+        The source of the readings.
     limit_bytes
         Memory that may be used.
     """

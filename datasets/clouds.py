@@ -112,11 +112,11 @@ def _times(records: npt.NDArray[Any], finite: npt.NDArray[np.bool_], stamp: floa
 
 
 _TIE = 1e-6
-"""Of a beam: directions midway between two beams fall to one of them, whatever rounding does to their rings."""
+"""Share of a beam by which directions are shifted, so that rounding does not decide between two equally near beams."""
 _WALL_DEPTH = 0.15
-"""Points of one direction that are this much farther than the nearest [m] lie on the same wall: ranges are noisy."""
+"""Points of one direction within this distance behind the nearest [m] lie on the same wall: ranges are noisy."""
 _WIDEST_GAP, _BESIDE = 2.0, 0.6
-"""A wall is seen between points that are so many beams apart, and a point counts for beams so near: directions vary."""
+"""Largest gap between points of one wall, and largest distance of a point from its beam, in beams: directions vary."""
 _NEAREST, _FARTHEST = 0.1, 300.0
 """Limits of a range [m]; a cloud states none."""
 
@@ -230,7 +230,7 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
 
 
 _HALF_HEIGHT = 0.25
-"""Of the slice where no heights are stated, up and down from the sensor [m]; two to four of 16 rings look into it."""
+"""Default extent of the slice above and below the sensor [m]; it contains two to four of 16 rings."""
 _FLOOR = 0.1
 """What is lower than this above the robot's frame counts as floor where no heights are stated [m]."""
 _FEWEST_DIRECTIONS = 0.05
@@ -244,7 +244,7 @@ _STEADY = 0.8
 _LATE_S, _LATE_TURN = 1e-3, 0.02
 """A time [s], and a share of a turn."""
 _LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi
-"""In one cloud [rad]."""
+"""Rotation of the sensor during one cloud [rad]."""
 
 
 def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:
@@ -285,7 +285,7 @@ def choose_slice(
     step_deg
         Angle between beams [degrees]; None chooses the finest one that the points fill.
     clouds
-        The first ones of the recording.
+        The first clouds of the recording.
     topic
         Name of their topic, for errors.
 
@@ -340,7 +340,7 @@ def _finest_step(cut: CloudSlice, clouds: Sequence[PointCloud]) -> float:
 
 
 def _turn(cut: CloudSlice, cloud: PointCloud) -> tuple[float, float] | None:
-    """Return how fast a sensor turns [rad/s] and in which direction it begins [rad]; None if it does not turn."""
+    """Return the rotation rate of a sensor [rad/s] and its initial direction [rad]; None if it does not rotate."""
     points, times = cut.points(cloud)
     if times is None or len(times) < cut.beams // 4:
         return None

@@ -43,7 +43,7 @@ class Span(NamedTuple):
 
 
 def gaps_in_words(lengths: list[float]) -> str:
-    """Return how many gaps there were and how long they lasted; `lengths` (N,), one or more [s]."""
+    """Return the number and the lengths of gaps as text; `lengths` (N,), one or more [s]."""
     if len(lengths) == 1:
         return f"1 gap of {lengths[0]:.1f} s without a scan"
     return f"{len(lengths)} gaps of {sum(lengths):.1f} s in all without a scan, the longest {max(lengths):.1f} s"
@@ -67,15 +67,15 @@ class ReadingCounts:
     same_stamps
         Scans with the stamp of an earlier scan but other ranges; they are kept.
     beam_count_changes
-        How often the number of beams changed from one scan to the next.
+        Number of changes of the number of beams between consecutive scans.
     gaps, gap_seconds, longest_gap_s
         Pauses between scans, their sum and the longest [s].
     extrapolated
-        Scans at the end whose odometry was carried on a little beyond the last pose.
+        Scans at the end whose odometry was extrapolated beyond the last pose.
     without_odometry
         Used scans from where odometry was missing for too long to be interpolated.
     clock_disagreements
-        Scans whose stamp and bag time differ by something else than at the beginning.
+        Scans whose difference of stamp and bag time differs from that at the beginning.
     lost_scans, lost_seconds
         What a damaged file no longer holds, estimated from what it still does.
     incidents
@@ -154,11 +154,11 @@ class ReadingCounts:
         self.longest_gap_s = max(self.longest_gap_s, seconds)
 
     def incidents_in(self, span: Span | None) -> list[Incident]:
-        """Return the incidents in a part of the recording; None: in all of it."""
+        """Return the incidents in a part of the recording; None for the whole recording."""
         return [incident for incident in self.incidents if span is None or span.meets(incident.stamp, incident.seconds)]
 
     def pauses_in(self, span: Span | None) -> list[float]:
-        """Return how long the gaps in a part of the recording lasted [s]; None: in all of it."""
+        """Return the lengths of the gaps in a part of the recording [s]; None for the whole recording."""
         return [seconds for stamp, seconds in self.pauses if span is None or span.meets(stamp, seconds)]
 
     def replace_by(self, other: "ReadingCounts") -> None:

@@ -18,7 +18,7 @@ from tbmslam.io.atomic_file import replacing, write_text
 Progress = Callable[[int, int | None], None]
 """Called with the number of bytes so far, and in all if known."""
 
-_CHUNK = 1 << 16  # at the most this is lost when a connection breaks
+_CHUNK = 1 << 16  # bytes that are lost at most when a connection breaks
 _TIMEOUT_S = (20.0, 60.0)  # to connect, and between two bytes
 _ATTEMPTS = 3
 _LARGEST = 100 << 30  # of a file without a stated size; the largest known has 24 GB [bytes]
@@ -154,9 +154,9 @@ _BEGINNINGS = {
     ".png": (b"\x89PNG",),
     ".pdf": (b"%PDF",),
 }
-"""What files of a kind begin with. Others are text."""
+"""First bytes of files by their suffix. Others are text."""
 _PAGES = (b"<!doctype", b"<html", b"<?xml", b"<head")
-"""What a page of the web begins with, such as one that asks for a password."""
+"""First bytes of a web page, such as a login page."""
 
 
 def _doubt(part: Path, name: str) -> str | None:

@@ -24,7 +24,7 @@ class RecordingOptions:
     scan_topic
         Topic of the scans; needed where a bag holds several. In a CARMEN log: FLASER, ROBOTLASER1, RAWLASER1.
     laser_frame
-        Frame of the laser whose scans are read, where a topic of a bag holds those of several; None: of that with most
+        Frame of the laser whose scans are read if a topic has several lasers; None for the laser with most
         usable scans at the beginning.
     odometry
         "tf", "topic", "none", or "auto": tf where it connects the odometry frame with the robot, else the topic.

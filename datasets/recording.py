@@ -63,7 +63,7 @@ class Recording:
         self._stream = stream
 
     def __iter__(self) -> Iterator[Reading]:
-        """Yield the readings; `counts` holds this pass when it has come to its end.
+        """Yield the readings. `counts` holds this pass after its end.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class Recording:
 
 
 def _why_nothing(counts: ReadingCounts) -> str:
-    """Return in one line why a pass gave no reading."""
+    """Return the reason why a pass gave no reading, in one line."""
     if counts.scans_read == 0:
         return "no scan in the recording: choose another with --scan-topic"
     reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))
@@ -96,7 +96,7 @@ _DROPPED = {
     "other_frame": "they came from another laser on the same topic",
 }
 _MANY = 0.01
-"""Share of all scans beyond which it is worth saying that so many have something odd."""
+"""Least share of all beams that causes a warning."""
 
 
 def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:

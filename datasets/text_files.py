@@ -14,7 +14,7 @@ _LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills 
 
 
 def first_bytes(path: Path, number: int = 4096) -> bytes:
-    """Return the beginning of a file, behind its compression if it has one.
+    """Return the beginning of a file, decompressed if it is compressed.
 
     Raises
     ------

@@ -61,17 +61,17 @@ def _parser() -> ProgramParser:
     )  # fmt: skip
     grammar.add_argument(
         "--bent", nargs="*", type=path_argument, default=[], metavar="FOLDER",
-        help="more pairs to fit on, one map of each bent to fit, as such are judged; each counts like simulated ones",
+        help=f"more pairs to fit on, with one map of each deformed; each counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument(
         "--strangers", type=int, default=0, metavar="N",
-        help=f"besides, so many pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
+        help=f"also N pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
     )  # fmt: skip
     grammar.add_argument(
-        "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to ask about only"
+        "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to evaluate only"
     )
-    grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="where the fitted model goes")
-    grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
+    grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="write the fitted model here")
+    grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
     grammar.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -81,7 +81,7 @@ def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.io.atomic_file import write_bytes, write_text
     from tbmslam.parallel.worker_pool import worker_pool
-    from tools.calibration import BINS, calibration_table, draw_calibration, fit_model, held_out, worth
+    from tools.calibration import BINS, acceptance_table, calibration_table, draw_calibration, fit_model, held_out
 
     config = MergeConfig()
     with worker_pool(args.workers) as pool:
@@ -95,12 +95,14 @@ def _run(args: argparse.Namespace) -> None:
         judged = held_out(trials, pool)
     in_order = iter(judged)
     for folder, its in by_folder.items():
-        print(f"{folder}, buildings left out of the fit\n{worth(list(islice(in_order, len(its))))}\n")
+        print(
+            f"{folder}, by models fitted without its buildings\n{acceptance_table(list(islice(in_order, len(its))))}\n"
+        )
     model = fit_model(trials)
     for folder, its in asked.items():
         others = [pair.judged(model) for pair in its]
-        print(f"{folder}, no part in the fit\n{worth(others)}\n\n{calibration_table(others, BINS)}\n")
-    print(f"all that were left out\n{calibration_table(judged, BINS)}")
+        print(f"{folder}, not used in the fit\n{acceptance_table(others)}\n\n{calibration_table(others, BINS)}\n")
+    print(f"all pairs, by models fitted without their buildings\n{calibration_table(judged, BINS)}")
     if args.plot:
         write_bytes(args.plot, draw_calibration([(pair.confidence, pair.right) for pair in judged], BINS))
     if args.out:
@@ -110,20 +112,20 @@ def _run(args: argparse.Namespace) -> None:
 def trials_of(
     folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0, *, bent: bool = False
 ) -> "list[Trial]":
-    """Return the candidates of every pair in a folder, each of which counts for a weight; bent to fit where wished.
+    """Return the trials of all pairs in a folder, with a weight each; `bent` deforms one map of each pair.
 
     Raises
     ------
     PairFileError
-        If a file there is no pair of maps, or there is none.
+        If a file is no pair of maps, or the folder has none.
     """
     from tools.map_pairs import PairFileError
 
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
-    try_it = partial(_trial_of, config=config, weight=weight, bent=bent)
-    return [pair for pair in pool.map(try_it, paths) if pair is not None]
+    trials = pool.map(partial(_trial_of, config=config, weight=weight, bent=bent), paths)
+    return [trial for trial in trials if trial is not None]
 
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
@@ -136,8 +138,8 @@ def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -
 
 
 def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Trial]":
-    """Return the candidates of so many pairs that do not belong together."""
-    near = 24  # of these many share a building
+    """Return the trials of simulated pairs of different places."""
+    near = 24  # many of these share a building
     found = pool.map(partial(_stranger, config=config), range(count), chunksize=near)
     return [pair for pair in found if pair is not None]
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize
+from scipy.stats import binomtest
 
 from merging.config import MergeConfig
 from merging.nonrigid.search import DeformedRivals
@@ -28,23 +29,23 @@ from tools.command_line.text_table import text_table
 from tools.map_pairs import KnownPair, floors_of
 
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0)
-"""Edges of the confidences that are put together."""
+"""Edges of the bins of confidence."""
 
 _THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a model says of a pair: its best place's confidence, and whether that place is the true one.
+    """The best pose of a pair by a model.
 
     Parameters
     ----------
     name
         The pair.
     confidence
-        Of its likeliest place; 0 where there is none.
+        Confidence of the most probable pose; 0 without a pose.
     right
-        Whether that is the truth.
+        Whether this pose is the true one.
     """
 
     name: str
@@ -53,19 +54,19 @@ class Judgement:
 
 
 class Judged(Protocol):
-    """Anything with a confidence that was right or wrong."""
+    """An answer with a confidence."""
 
     @property
     def confidence(self) -> float:
-        """What was promised."""
+        """The probability that the answer is right."""
 
     @property
     def right(self) -> bool:
-        """What came of it."""
+        """Whether the answer is right."""
 
 
-def worth(judged: Sequence[Judgement]) -> str:
-    """Return a table of what is accepted rightly, by overlap, and wrongly, at several least confidences."""
+def acceptance_table(judged: Sequence[Judgement]) -> str:
+    """Return a table of correctly accepted pairs by overlap, and of false accepts, for several thresholds."""
     crops = [one for one in judged if one.name.startswith("crop")]
     others = [one for one in judged if not one.name.startswith("crop")]
     overlaps = sorted({one.name[-3:] for one in crops}, reverse=True)
@@ -83,7 +84,7 @@ def worth(judged: Sequence[Judgement]) -> str:
 
 
 def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
-    """Return how many of the best places are right, by the confidence that they were given, in bins."""
+    """Return the share of right answers in bins of confidence, as a table."""
     rows = []
     for low, high in itertools.pairwise(edges):
         inside = [one for one in judged if low <= one.confidence < high or high == one.confidence == edges[-1]]
@@ -99,14 +100,14 @@ _BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)
 
 
 def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float]) -> bytes:
-    """Return a PNG: the diagonal, and for each bin of confidence a dot with the 95 % interval of the share right.
+    """Return a PNG with a dot for each bin of confidence: the share of right answers with its 95 % interval (Wilson).
 
     Parameters
     ----------
     judged
         Confidence, and whether the answer was right.
     edges
-        Of the bins, rising from 0 to 1.
+        Edges of the bins, from 0 to 1.
     """
     picture = np.full((_SIZE + 2 * _MARGIN, _SIZE + 2 * _MARGIN, 3), 255, dtype=np.uint8)
     cv2.rectangle(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _BLACK, 1)
@@ -120,19 +121,13 @@ def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float
         inside = [(p, right) for p, right in judged if low <= p < high or (high == edges[-1] and p == high)]
         if inside:
             given = float(np.mean([p for p, _ in inside]))
-            share, least, most = _wilson(sum(right for _, right in inside), len(inside))
-            cv2.line(picture, _pixel(given, least), _pixel(given, most), _BLUE, 1, cv2.LINE_AA)
+            right = sum(right for _, right in inside)
+            interval = binomtest(right, len(inside)).proportion_ci(method="wilson")
+            share = right / len(inside)
+            cv2.line(picture, _pixel(given, interval.low), _pixel(given, interval.high), _BLUE, 1, cv2.LINE_AA)
             cv2.circle(picture, _pixel(given, share), 5, _BLUE, -1, cv2.LINE_AA)
             _write(picture, str(len(inside)), (_pixel(given, share)[0] + 8, _pixel(given, share)[1] + 14))
     return encode_png(picture)
-
-
-def _wilson(right: int, count: int) -> tuple[float, float, float]:
-    """Return a share and its 95 % interval (Wilson 1927)."""
-    share, z = right / count, 1.96
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    reach = z * float(np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))) / (1 + z * z / count)
-    return share, max(middle - reach, 0.0), min(middle + reach, 1.0)
 
 
 def _pixel(x: float, y: float) -> tuple[int, int]:
@@ -146,30 +141,30 @@ def _write(picture: np.ndarray, text: str, at: tuple[int, int]) -> None:
 BoolArray = npt.NDArray[np.bool_]
 
 _PENALTY = 0.001
-"""On the squares of the weights of standardised numbers, by pair."""
+"""Penalty on the squared weights of standardised features, per pair."""
 _MOST_PARTS = 12
-"""The buildings are left out in so many parts, one by one where there are no more."""
+"""Largest number of parts of the cross validation over buildings."""
 _F = len(SIGNS)
 _SIGNS = [*SIGNS.values(), *(one.sign for one in MEASURES.values())]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What the aligner weighs of one pair, and what is true.
+    """The evidence for the poses of one pair, and the truth.
 
     Parameters
     ----------
     name
         The pair.
     candidates, decoys
-        What speaks for and against each place, and the places of the mirror image.
+        Evidence for each candidate pose (K,), and for poses of the mirror image.
     right
-        Which candidates (K,) are the truth; none where no candidate is.
+        Which candidates (K,) are right.
     near
-        Which candidates (K,) lie where the truth does, be they turned a little too far. It is they that a fit learns
-        from: what to tell apart are places, not how exactly they were met.
+        Which candidates (K,) are near the true pose, with a larger tolerance of the rotation. The model is fitted to
+        these, since it distinguishes places and not the accuracy of their poses.
     weight
-        How many usual pairs this one counts for.
+        Weight of the pair in the fit.
     """
 
     name: str
@@ -181,7 +176,7 @@ class Trial:
 
     @classmethod
     def of(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
-        """Search a pair for places; None where one of its maps is empty."""
+        """Search the candidate poses of a pair; None if one of its maps is empty."""
         target, source = (
             prepared(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source)
         )
@@ -197,7 +192,7 @@ class Trial:
 
     @classmethod
     def of_deformed(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
-        """Deform one map of a pair at the place that looks best and at its rivals; None where hardly any of it fits."""
+        """Deform one map of a pair at the best pose of the correlation and at its rivals; None if it does not fit."""
         structures = [WallMap.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
         if not all(one.grid.is_known().any() for one in (pair.target, pair.source)) or without_walls(*structures):
             return None
@@ -205,15 +200,15 @@ class Trial:
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
         source = DeformableMap.of(grid, config, structures[moving])
         proposals = propose(target, source.structure, config.correlation).motions
-        laid = deform(target, source, proposals[0], config)
-        if laid is None:
+        deformed = deform(target, source, proposals[0], config)
+        if deformed is None:
             return None
-        places = DeformedRivals.of(target, source, laid.motion, proposals, config)
-        near = np.array([pair.is_near(one if moving == 1 else one.inverse()) for one in places.motions], np.bool_)
-        return cls(pair.name, places.evidence, places.decoys, near, near, weight)
+        rivals = DeformedRivals.of(target, source, deformed.motion, proposals, config)
+        near = np.array([pair.is_near(pose if moving == 1 else pose.inverse()) for pose in rivals.motions], np.bool_)
+        return cls(pair.name, rivals.evidence, rivals.decoys, near, near, weight)
 
     def judged(self, model: ConfidenceModel) -> Judgement:
-        """Return what a model says of it."""
+        """Return the best pose by a model."""
         p = model.probabilities(self.candidates, self.decoys)
         if len(p) == 0:
             return Judgement(self.name, 0.0, right=False)
@@ -226,7 +221,7 @@ class Trial:
 
 
 def fit_model(trials: Sequence[Trial]) -> ConfidenceModel:
-    """Return the model of greatest likelihood, less a penalty on the squares of its weights."""
+    """Return the model of maximum likelihood with a quadratic penalty on its weights."""
     everything = np.vstack([np.hstack(one.numbers[:2]) for one in trials])
     strength = _PENALTY * sum(one.weight for one in trials) * (everything.std(axis=0) + 1e-9) ** 2
 
@@ -245,7 +240,7 @@ def fit_model(trials: Sequence[Trial]) -> ConfidenceModel:
 
 
 def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
-    """Return minus the logarithm of the truth's probability, and its slopes (1 + F + M,) by bias and weights."""
+    """Return the negative log likelihood of the truth, and its gradient (1 + F + M,) by bias and weights."""
     own_features, own, decoys = trial.numbers
     beyond = own - by_chance(own, decoys, model.score)
     logits = np.append(own_features @ model.weights + beyond @ model.score + model.bias, 0.0)
@@ -258,7 +253,7 @@ def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
 
 
 def held_out(trials: Sequence[Trial], pool: Executor) -> list[Judgement]:
-    """Return what is said of each pair by a model that never met its building, or the first of its two."""
+    """Return the best pose of each pair by a model that was fitted without its building, or the first of two."""
     shown = floors_of(one.name for one in trials)
     floors = sorted({floor for some in shown.values() for floor in some})
     parts = [set(floors[part::_MOST_PARTS]) for part in range(min(_MOST_PARTS, len(floors)))]

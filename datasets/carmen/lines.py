@@ -57,13 +57,13 @@ class LogSettings(NamedTuple):
 
 
 def scan_from(line: str, settings: LogSettings) -> LoggedScan:
-    """Read a line of one of `SCAN_KINDS`; ValueError or IndexError where it is cut off or no such line."""
+    """Read a line of one of `SCAN_KINDS`; ValueError or IndexError if it is cut off or of another kind."""
     words = line.split()
     return _SCAN_READERS[words[0]](words, settings)
 
 
 def pose_from(line: str, settings: LogSettings) -> LoggedPose:
-    """Read a line of one of `POSE_KINDS`; ValueError or IndexError where it is cut off."""
+    """Read a line of one of `POSE_KINDS`; ValueError or IndexError if it is cut off."""
     words = line.split()
     pose = _pose(words[1:4])
     if words[0] == "O":
@@ -123,7 +123,7 @@ _SCAN_READERS: dict[str, Callable[[list[str], LogSettings], LoggedScan]] = {
 
 
 def _pose(words: list[str]) -> SE2:
-    """Read a pose; ValueError where it cannot be one, whose place compiled code would look for in memory."""
+    """Read a pose; ValueError if it is impossible, since compiled code would compute a memory address from it."""
     x, y, theta = map(float, words)
     pose = SE2(x, y, theta)
     if not abs(pose.x) + abs(pose.y) + abs(pose.theta) <= FARTHEST_PLACE:
@@ -137,7 +137,7 @@ def _in_metres(pose: SE2) -> SE2:
 
 
 def _seconds(word: str) -> float:
-    """Read a time; ValueError where it cannot be one."""
+    """Read a time; ValueError if it is impossible."""
     seconds = float(word)
     if not abs(seconds) <= _LATEST:
         raise ValueError(f"time must be finite and of this age, got {word}")

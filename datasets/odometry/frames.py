@@ -26,7 +26,7 @@ def is_localised(frame: str) -> bool:
 
 @dataclass
 class Edge:
-    """What the survey saw of one edge; `first` carries coordinates from child to parent.
+    """The surveyed transforms of one edge; `first` transforms coordinates from child to parent.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class FrameGraph:
         return sorted({frame for key in self.edges for frame in key})
 
     def path(self, start: str, end: str, through_localised: bool = False) -> list[Step] | None:
-        """Return the shortest way from one frame to another, its product being T_start_end; None if there is none."""
+        """Return the shortest path between two frames, whose product is T_start_end; None if there is no path."""
         arrived_by: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = deque([start])
         while waiting and end not in arrived_by:
@@ -125,7 +125,7 @@ class FrameGraph:
             chain.append(above[0])
 
     def doubts(self, steps: list[Step]) -> list[str]:
-        """Return a sentence for each frame on a way that tf places twice, so that one place had to be taken."""
+        """Return a warning for each frame of a path with two parents in tf, one of which was chosen."""
         said = []
         for edge in (step.edge for step in steps):
             name = f"{edge.child} in {edge.parent}"

@@ -40,7 +40,7 @@ class SE3(NamedTuple):
         return cls(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta))
 
     def __matmul__(self, other: "SE3") -> "SE3":
-        """Compose: first `other`, then this one."""
+        """Return the composition: first `other`, then this motion."""
         x, y, z = self._rotate(other.x, other.y, other.z)
         ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
         bx, by, bz, bw = other.qx, other.qy, other.qz, other.qw
@@ -55,7 +55,7 @@ class SE3(NamedTuple):
         )
 
     def inverse(self) -> "SE3":
-        """Return the motion that undoes this one."""
+        """Return the inverse motion."""
         turned_back = SE3(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
         x, y, z = turned_back._rotate(self.x, self.y, self.z)
         return SE3(-x, -y, -z, -self.qx, -self.qy, -self.qz, self.qw)
@@ -91,7 +91,7 @@ class SE3(NamedTuple):
         return SE2(self.x, self.y, heading)
 
     def up(self) -> float:
-        """Return how far the z axis points up: 1 upright, 0 lying, -1 upside down."""
+        """Return the upward component of the z axis: 1 upright, 0 horizontal, -1 upside down."""
         return 1.0 - 2.0 * (self.qx * self.qx + self.qy * self.qy)
 
     def _rotate(self, x: float, y: float, z: float) -> tuple[float, float, float]:

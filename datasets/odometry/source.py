@@ -21,7 +21,7 @@ class Mounting:
     steps
         Path from the robot's frame to the laser's; None if it is not recorded: then the laser is at the centre.
     sensor_pose, upside_down
-        Replaces the recorded one.
+        Replaces the recorded mount.
     """
 
     def __init__(self, steps: list[Step] | None, sensor_pose: SE2 | None, upside_down: bool | None) -> None:

@@ -22,7 +22,7 @@ class FoundPose(NamedTuple):
 
 
 class PoseHistory:
-    """Stamped poses as they arrive, looked up by stamp.
+    """Buffered poses in the order of arrival, with lookup by stamp.
 
     Some recorders step back in time while the robot drives on. Sorting by stamp would then weave two parts of the
     drive into each other, so the poses stay in their order, as runs of rising stamps, and a stamp is looked up in the
@@ -36,7 +36,7 @@ class PoseHistory:
     Attributes
     ----------
     received
-        How many poses came.
+        The number of received poses.
     first_stamp
         The earliest stamp of all of them [s]; None before the first.
     """
@@ -55,7 +55,7 @@ class PoseHistory:
         """Append the pose recorded next."""
         if not self._stamps or stamp < self._stamps[-1]:
             self._runs.append(len(self._stamps))
-        if self.first_stamp is None or stamp < self.first_stamp:  # a clock that is set back begins anew
+        if self.first_stamp is None or stamp < self.first_stamp:  # the clock was set back
             self.first_stamp = stamp
         self._stamps.append(stamp)
         self._poses.append(pose)
@@ -64,7 +64,7 @@ class PoseHistory:
             self._forget(len(self._stamps) - self._capacity)
 
     def reaches(self, stamp: float) -> bool:
-        """Return whether the newest run has come as far as this stamp."""
+        """Return whether the newest run has reached a stamp."""
         return bool(self._stamps) and self._stamps[-1] >= stamp
 
     def bracket(self, stamp: float) -> tuple[int, int] | None:
@@ -80,7 +80,7 @@ class PoseHistory:
         return None
 
     def at(self, stamp: float, longest_gap_s: float, limit_s: float) -> "FoundPose | None":
-        """Return the pose at a stamp, interpolated, or carried on from the nearest recorded one.
+        """Return the pose at a stamp, interpolated or extrapolated from the nearest recorded pose.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class PoseHistory:
         longest_gap_s
             Poses further apart than this are not interpolated [s].
         limit_s
-            How far beyond a recorded pose it may be carried on, at the end or into such a gap [s].
+            Largest extrapolation beyond a recorded pose, at the end or into such a gap [s].
         """
         bracket = self.bracket(stamp)
         if bracket is None:
@@ -232,7 +232,7 @@ class Pairing:
         return sum(history.received for history in self._histories)
 
     def _has_arrived(self, waiting: _Waiting) -> bool:
-        """Return whether the odometry has come past a scan."""
+        """Return whether the odometry has passed a scan."""
         for history in self._histories:
             if not history.reaches(waiting.end):
                 return False
@@ -292,7 +292,7 @@ def scaled(T_odom_robot: SE2, scale: float) -> SE2:
 
 
 def turned_over(scan: LaserScan) -> LaserScan:
-    """Return the scan of an upside-down laser as seen from above: its beams run the other way."""
+    """Return the scan of an upside-down laser as seen from above, with its beams reversed."""
     return LaserScan(
         scan.stamp,
         -scan.angle_min,

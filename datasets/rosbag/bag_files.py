@@ -1,4 +1,4 @@
-"""The files of a bag: which belong to it, whether they are whole, and packed ones unpacked."""
+"""The files of a bag: their listing, the check that they are complete, and their decompression."""
 
 import contextlib
 import lzma
@@ -27,7 +27,7 @@ def is_ros1(path: Path) -> bool:
 
 
 def storage_files(folder: Path) -> list[Path]:
-    """Return the storage files of a ROS 2 bag's directory as they were written: number 10 comes after number 9."""
+    """Return the storage files of a ROS 2 bag's directory in the order of writing: 10 comes after 9."""
     files = [entry for entry in folder.iterdir() if entry.suffix in STORAGE_SUFFIXES]
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
 
@@ -84,7 +84,7 @@ class UnpackedFile(NamedTuple):
     Parameters
     ----------
     path
-        The file itself where it is not packed, else one that is removed when the program ends.
+        The file itself if it is not compressed, else a temporary file that is removed when the program ends.
     damage
         What is wrong with the packing: the file ends where that shows.
     """

@@ -14,7 +14,7 @@ from datasets.rosbag.source import BagSource
 from datasets.salvage.salvaged_bag import BagConnection, Loss
 
 _MOST = 0.5
-"""Share of the shorter bag's time, and of the scans: parts of one drive overlap by less, and hold the same there."""
+"""Least shares of the shorter bag's time, and of equal scans, for two bags of one drive; parts overlap by less."""
 
 
 def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
@@ -52,7 +52,7 @@ def _overlap(bag: BagSource, other: BagSource) -> bool:
 
 
 def _alike(bag: BagSource, other: BagSource, topic: str) -> bool:
-    """Return whether most of the scans of one bag are in another, too."""
+    """Return whether most scans of one bag are also in another bag."""
     held = [
         {hashlib.blake2b(message.data, digest_size=16).digest() for message in source.messages([topic], topic)}
         for source in (bag, other)
@@ -109,7 +109,7 @@ class BagFiles:
         return sorted(topic for topic in self.topics.values() if topic.msgtype in msgtypes)
 
     def first_clouds(self, topic: str, count: int) -> list[PointCloud]:
-        """Return the first point clouds of a topic, at most so many of them; unreadable ones are left out."""
+        """Return the first point clouds of a topic, at most `count`; unreadable clouds are left out."""
         clouds: list[PointCloud] = []
         for source in self._sources:
             decoded = MessageDecoder(source.is_ros1).decoded
@@ -154,12 +154,12 @@ class BagFiles:
         yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]
 
     def close(self) -> None:
-        """Close the files, which stay open from one pass to the next; another pass opens them again."""
+        """Close the files, which stay open between passes; another pass opens them again."""
         for source in self._sources:
             source.close()
 
     def damages(self) -> list[str]:
-        """Return one line for each file found damaged so far."""
+        """Return one line for each damaged file."""
         return [line for source in self._sources for line in source.damages()]
 
     def losses(self, topic: str) -> list[Loss]:
@@ -186,7 +186,7 @@ def _stream(source: BagSource, topics: Collection[str], steered_by: str, cut: Cl
 
 
 def _check_definitions(path: Path, connections: list[BagConnection]) -> None:
-    """Refuse a message type that only bears the name of a standard one."""
+    """Refuse a message type that has the name of a standard type but another definition."""
     for connection in connections:
         standard = standard_md5_sum(connection.msgtype)
         # A name may be damaged, too: nothing of it will be decoded.

@@ -82,7 +82,7 @@ class IndexedMessages:
         self._chunk = lru_cache(_KEPT_CHUNKS)(partial(_decompressed, reader))
 
     def by_time(self, connections: Sequence[Connection]) -> Iterator[RawMessage]:
-        """Yield messages by time; of one time, those of the connection that is named first come first."""
+        """Yield messages by time; messages of equal times in the order of their connections."""
         listed = (zip(self._reader.indexes[c.id], repeat(plain(c))) for c in connections)
         return self._read(merge(*listed, key=_time_of))
 

@@ -111,7 +111,7 @@ def transforms_of(message: Any) -> Iterator[StampedTransform]:
 
 
 def poses_of(message: Any) -> Iterator[StampedTransform]:
-    """Read an Odometry or PoseWithCovarianceStamped, which holds one pose; none where it is no motion."""
+    """Read the pose of an Odometry or PoseWithCovarianceStamped; none if it is no motion."""
     p, q = message.pose.pose.position, message.pose.pose.orientation
     pose = SE3.from_values(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
     if pose is not None:
@@ -213,7 +213,7 @@ def _transforms(data: bytes, is_cdr: bool) -> list[StampedTransform]:
 
 
 def _odometry(data: bytes, is_cdr: bool) -> list[StampedTransform]:
-    """Read an Odometry, which holds one pose; none where it is no motion."""
+    """Read the pose of an Odometry; none if it is no motion."""
     parent, child, stamp, place = _frames(data, 4, is_cdr)
     pose = SE3.from_values(*_POSE.unpack_from(data, place))
     _check_end(data, place + _POSE.size + _BEHIND_POSE, is_cdr)
@@ -221,7 +221,7 @@ def _odometry(data: bytes, is_cdr: bool) -> list[StampedTransform]:
 
 
 def _frames(data: bytes, place: int, is_cdr: bool) -> tuple[str, str, float, int]:
-    """Read a stamp and the names of two frames; return parent, child, stamp [s], and where the numbers behind begin."""
+    """Read a stamp and two frames; return parent, child, stamp [s], and the position of the following numbers."""
     seconds, nanoseconds = _STAMP.unpack_from(data, place)
     place += _STAMP.size
     (size,) = _SIZE.unpack_from(data, place)

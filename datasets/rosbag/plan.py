@@ -179,7 +179,7 @@ def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) 
 
 
 def _take(survey: Survey, message: Message) -> None:
-    """Hand one message to the survey."""
+    """Add one message to the survey."""
     if message.content is None:
         return
     if isinstance(message.content, FramedScan):
@@ -195,7 +195,7 @@ def _take(survey: Survey, message: Message) -> None:
 
 
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
-    """Return the laser whose scans are read, and warn if the topic holds scans of others."""
+    """Return the laser whose scans are read, and warn if the topic has scans of other lasers."""
     lasers = list(survey.lasers.values())
     if not lasers:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")

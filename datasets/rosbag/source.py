@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 
 class OpenBag:
-    """A bag with its index in memory, which for a large one takes seconds to read.
+    """A bag with its index in memory; reading a large index takes seconds.
 
     Its file is closed at the latest when the object is collected.
 
@@ -101,7 +101,7 @@ class BagSource:
     Raises
     ------
     DatasetError
-        It is of a version that cannot be read, or nothing of it can.
+        The version is not supported, or no part can be read.
     """
 
     def __init__(self, path: Path) -> None:

@@ -82,7 +82,7 @@ class SurveyedLaser:
         return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
 
     def alternates(self) -> bool:
-        """Return whether every other scan is of another laser: it is unlike its neighbours, and like the next but one.
+        """Return whether two lasers alternate: a scan differs from its neighbours, but not from the next scan but one.
 
         Of two robots or lasers on one topic. One laser's scans differ the more, the later they come.
         """
@@ -160,7 +160,7 @@ class Survey:
 
     @property
     def laser(self) -> SurveyedLaser | None:
-        """The laser asked for, or else that with most usable scans, of several the first; None if it was not seen."""
+        """The chosen laser, or else the first laser with most usable scans; None if there is none."""
         if self.options.laser_frame is not None:
             return self.lasers.get(plain(self.options.laser_frame))
         return max(self.lasers.values(), key=lambda laser: laser.usable, default=None)
@@ -177,11 +177,11 @@ class Survey:
         self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.extend([lag] * math.isfinite(lag))
 
     def frames(self) -> Frames | None:
-        """Return the frames chosen so far."""
+        """Return the chosen frames."""
         return choose_frames(self.graph, self.laser.frame if self.laser is not None else "", self.options)
 
     def is_enough(self, bag_time: float) -> bool:
-        """Return whether the rest of the recording need not be looked at."""
+        """Return whether the survey needs no more of the recording."""
         self.started_at = bag_time if self.started_at is None else self.started_at
         seconds = bag_time - self.started_at
         if seconds < _SECONDS_NEEDED or self.laser is None or len(self.laser.ranges) < _SCANS_NEEDED:

@@ -20,7 +20,7 @@ def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -
     Parameters
     ----------
     names
-        Topics of one kind.
+        The topics of each kind.
     scan
         The topic of scans that was chosen.
     other_scans
@@ -50,7 +50,7 @@ def nearness_to(scan: str) -> Callable[[str], int]:
 
 
 def is_plain_odom(name: str, scan: str) -> bool:
-    """Return whether a topic is called odom, in the namespace of scans or in one around it."""
+    """Return whether a topic is named odom, in the namespace of the scans or in a parent namespace."""
     return name.rsplit("/", 1)[-1] == "odom" and len(_namespace(name)) == nearness_to(scan)(name)
 
 
@@ -172,7 +172,7 @@ def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -
 
 
 def _names(files: BagFiles) -> str:
-    """Return the files' paths as one text."""
+    """Return the paths of the files as text."""
     return ", ".join(str(path) for path in files.paths)
 
 

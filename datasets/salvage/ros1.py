@@ -58,7 +58,7 @@ class Record(NamedTuple):
 
 
 def record_at(buffer: Buffer, position: int) -> Record | None:
-    """Return the record that begins at a position; None if none does."""
+    """Return the record at a position, or None."""
     length = _uint32(buffer, position)
     if length is None or not len(_MARK) < length <= _LONGEST_HEADER:
         return None
@@ -77,7 +77,7 @@ def record_at(buffer: Buffer, position: int) -> Record | None:
 
 
 def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_NEEDED)) -> int:
-    """Return where the next record of some kinds begins, at or after a position; the buffer's end without any."""
+    """Return the position of the next record of some kinds; the end of the buffer if there is none."""
     mark = buffer.find(_MARK, position)
     while mark >= 0:
         for start in _short_lengths(buffer, max(position, mark - _LONGEST_HEADER), mark - 4):
@@ -94,7 +94,7 @@ def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_N
 
 
 def _short_lengths(buffer: Buffer, first: int, last: int) -> Iterator[int]:
-    """Yield the places, from the last to the first, where a number below 65536 may stand, as a header's length is."""
+    """Yield positions of possible header lengths (numbers below 65536), from the last to the first."""
     window = buffer[first : last + 4]
     found = window.rfind(_ZEROS, 2)
     while found >= 0:
@@ -154,7 +154,7 @@ def _uint32(buffer: Buffer, position: int) -> int | None:
 
 
 _FILE = -1  # number of the block that is the file itself
-_MOST_MISSING = 1000  # a bag that claims to have been so many times larger has a damaged header instead
+_MOST_MISSING = 1000  # a bag whose header states more missing parts has a damaged header
 
 
 def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
@@ -179,7 +179,7 @@ def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
 
 
 class _Scan:
-    """Messages, connections and holes found so far."""
+    """The found messages, connections and holes."""
 
     def __init__(self) -> None:
         self.entries = array("q")
@@ -215,7 +215,7 @@ class _Scan:
         return max(round(each * (self.index_place - place)) - int(sizes[count:].sum()), 0)
 
     def _take(self, buffer: Buffer, record: Record, position: int, block: int) -> int:
-        """Take a record in; return where the next one begins."""
+        """Add a record; return the position of the next record."""
         complete = record.end <= len(buffer)
         if record.op == MESSAGE:
             if not complete:
@@ -250,7 +250,7 @@ class _Scan:
             self.holes.append(Hole(len(self), stated - len(content)))
         else:
             self._read_whole = (chunk.end, len(self))
-        # What looks like a message in compressed data is the inside of a chunk.
+        # An apparent message in compressed data is the inside of a chunk.
         return chunk.end if _fits(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
     def _connect(self, record: Record, data: bytes) -> None:

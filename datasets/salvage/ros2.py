@@ -71,7 +71,7 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
 
 
 class _Scan:
-    """Messages, channels and holes found so far."""
+    """The found messages, channels and holes."""
 
     def __init__(self, buffer: mmap.mmap) -> None:
         self.entries = array("q")
@@ -133,7 +133,7 @@ class _Scan:
 
 
 class _Chunks:
-    """Blocks of an MCAP file: the messages of the chunk at a place, one after another."""
+    """Blocks of an MCAP file: the messages of the chunk at a position."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -268,7 +268,7 @@ class _Pages:
         return payload if len(payload) == length else None
 
     def _kept_in_page(self, length: int) -> int:
-        """Return how many bytes of a payload lie in the leaf itself."""
+        """Return the number of bytes of a payload in the leaf itself."""
         most = self._usable - 35
         if length <= most:
             return length
@@ -304,7 +304,7 @@ def _value(kind: int, content: bytes) -> object:
 
 
 def _varint(buffer: mmap.mmap | bytes, position: int) -> tuple[int, int]:
-    """Return a number of one to nine bytes, and where it ends."""
+    """Return a number of one to nine bytes, and the position of its end."""
     value = 0
     for _ in range(8):
         byte = buffer[position]

@@ -17,7 +17,7 @@ _KEPT_BLOCKS = 6
 
 
 class BagConnection(NamedTuple):
-    """A topic's messages of one publisher."""
+    """The messages of one publisher of a topic."""
 
     id: int
     topic: str
@@ -27,14 +27,14 @@ class BagConnection(NamedTuple):
 
 
 class Hole(NamedTuple):
-    """A place where something is missing: after so many messages in the order of writing, so many bytes of messages."""
+    """A missing part: the number of messages before it in the order of writing, and its bytes of messages."""
 
     after: int
     size: int
 
 
 class Loss(NamedTuple):
-    """A stretch of a topic that is gone: since when and how long [s], how many messages; estimated from the rest."""
+    """A lost part of a topic: begin, duration [s] and number of messages, estimated from the rest."""
 
     since: float
     seconds: float
@@ -129,9 +129,9 @@ class BagAnnouncement:
     files
         Names of the storage files.
     messages
-        How many messages each topic has.
+        Number of messages of each topic.
     start, seconds
-        When the recording begins and how long it lasts [s].
+        Begin and duration of the recording [s].
     """
 
     files: tuple[str, ...] = ()

@@ -23,7 +23,7 @@ def are_degrees(beams: int, angle_increment: float) -> bool:
 
 
 def angle_warning(beams: int, angle_increment: float) -> str | None:
-    """Return one line where a step looks wrong; None if it looks right.
+    """Return a warning if an angle step looks wrong, else None.
 
     Converters of old logs wrote 180 beams "from -90 to 90 degrees", so that they state 180/179 degrees a step where
     the laser made exactly 1. Simulated lasers do step so, hence this is said and not corrected.

@@ -22,7 +22,7 @@ FARTHEST = 1000.0
 
 @dataclass(frozen=True)
 class RangeRules:
-    """How the ranges of one laser are read.
+    """The rules of cleaning for one laser.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class ScanIntake:
     gap_s
         Longer pauses are counted as gaps [s].
     counts
-        Filled as scans come in.
+        The counts, filled with each scan.
     longest_sweep
         Time from first to last beam [s] beyond which the stated time between beams is not believed.
     """

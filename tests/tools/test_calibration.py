@@ -12,7 +12,7 @@ from merging.verification.wall_segments import Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
-from tools.calibration import Judgement, Trial, _surprise, calibration_table, fit_model, held_out, worth
+from tools.calibration import Judgement, Trial, _surprise, acceptance_table, calibration_table, fit_model, held_out
 from tools.map_pairs import KnownPair
 
 CHANCE = Evidence(
@@ -125,7 +125,7 @@ JUDGED = [
 
 
 def test_the_table_counts_what_would_be_accepted():
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in worth(JUDGED).splitlines()[2:]]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in acceptance_table(JUDGED).splitlines()[2:]]
     assert rows[0] == ["0.5", "1/1", "1/2", "1", "1 of 1"]
     assert rows[2] == ["0.7", "1/1", "0/2", "1", "0 of 1"]
 

@@ -1,4 +1,4 @@
-"""How often pairs of maps are aligned rightly, how often wrongly, and what the confidence is worth."""
+"""Correct and false alignments of pairs of maps with known truth, and the calibration of the confidence."""
 
 import argparse
 import json
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 OVERLAPS = (100, 75, 50, 35, 25, 15)
 
 SUMMARY_NOTES = """\
-By overlap: accepted and right. error m, error deg: medians of these. in deviations: their errors in the standard
-deviations that the alignments state. CPU s, most: median and maximum of a pair. ambiguous: refused as such. bent:
-accepted once one map was bent."""
+By overlap: accepted and right. error m, error deg: medians of these. in deviations: RMS of their errors in stated
+standard deviations. CPU s, most: median and maximum of a pair. ambiguous: refused as ambiguous. bent: accepted
+after one map was deformed."""
 
 COMPARISON_NOTES = """\
-Accepted and right, by overlap. Best place right: accepted or not. CPU s: median of a pair."""
+By overlap: accepted and right. best place right: accepted or not. CPU s: median of a pair."""
 
 _OVERLAP_HEAD = tuple(f"{overlap} %" for overlap in OVERLAPS)
 _SUMMARY_HEAD = ("error m", "error deg", "in deviations", "CPU s", "most", "ambiguous", "bent")
@@ -45,26 +45,26 @@ _SUMMARY_HEAD = ("error m", "error deg", "in deviations", "CPU s", "most", "ambi
 
 @dataclass(frozen=True)
 class PairResult:
-    """What became of one pair.
+    """The result of one pair.
 
     Parameters
     ----------
     name
         The pair.
     overlap
-        In percent; None if the maps show different places.
+        Overlap in percent; None if the maps show different places.
     accepted, right, ambiguous
-        What the aligner said, and whether its best place is the true one, accepted or not.
+        Whether the best pose was accepted, is the true pose, and was refused as ambiguous.
     confidence
-        Its probability of being right, in the aligner's opinion.
+        Stated probability that the pose is right.
     translation_error_m, rotation_error_deg
-        Of its best place, where there is a truth.
+        Errors of the best pose; None without a truth.
     surprise
-        Mean square of these errors in the standard deviations that the aligner states, 1 if it states them rightly.
+        Mean square of the errors in stated standard deviations; its expected value is 1.
     bent_m
         How far one of the maps was deformed to fit [m].
     cpu_s
-        Processor time for both maps and their alignment [s].
+        CPU time of both maps and their alignment [s].
     """
 
     name: str
@@ -159,7 +159,7 @@ def measure(path: Path, method: str) -> PairResult:
 
 
 def summary(results: Sequence[PairResult], method: str) -> ResultTable:
-    """Return the table of what was accepted and right by overlap, and what went wrong."""
+    """Return the table of correct alignments by overlap, and of false ones."""
     head = ("method", "pairs", *_OVERLAP_HEAD, "wrong but accepted", "negatives accepted", *_SUMMARY_HEAD)
     true = [result for result in results if result.overlap is not None]
     right = [r for r in true if r.accepted and r.right]
@@ -197,10 +197,10 @@ def comparison(results: Mapping[str, Sequence[PairResult]]) -> ResultTable:
 
 
 def details(results: Sequence[PairResult]) -> str:
-    """Return a line for every pair that was not accepted rightly or refused rightly."""
+    """Return a line for every pair with a wrong decision or a true pose that was refused."""
     odd = [r for r in results if (r.accepted != r.right) or (r.overlap is not None and not r.accepted)]
     rows = [[r.name, r.reason, f"{r.confidence:.3f}", "right" if r.right else "wrong"] for r in odd]
-    return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "nothing amiss"
+    return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "all decisions are right"
 
 
 def _by_overlap(true: Sequence[PairResult]) -> list[str]:
@@ -208,7 +208,7 @@ def _by_overlap(true: Sequence[PairResult]) -> list[str]:
 
 
 def _false_accepts(results: Sequence[PairResult]) -> tuple[str, str]:
-    """Return how many wrong answers were accepted, of pairs of one place and of others."""
+    """Return the numbers of false accepts, of pairs of one place and of pairs of different places."""
     negatives = [result for result in results if result.overlap is None]
     wrong = sum(r.accepted and not r.right for r in results if r.overlap is not None)
     return str(wrong), f"{sum(r.accepted for r in negatives)} of {len(negatives)}"
@@ -234,13 +234,13 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 _WITHIN_M = 3.0
-"""Robots that meet are no farther apart than this."""
+"""Largest distance of robots that meet [m]."""
 
 
 def encounters_of(pair: KnownPair) -> list[Encounter]:
-    """Let the two robots meet once, anywhere that both know as free; never where they share no place.
+    """Return a simulated encounter of the two robots where both maps are free; none if they share no free cell.
 
-    The place, the headings and the error of the measurement are drawn by the pair's name: the same for every run.
+    The position, the headings and the error of the measurement are drawn with the pair's name as the seed.
     """
     if pair.T_target_source is None:
         return []

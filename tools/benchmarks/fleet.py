@@ -1,4 +1,4 @@
-"""What it takes to merge the sessions of many robots in many buildings, and whether each building becomes one map."""
+"""Cost and errors of a merge of many maps of many buildings, with a picture of the groups."""
 
 import argparse
 import dataclasses
@@ -36,12 +36,12 @@ HEAD = (
     *("CPU s", "wall s", "peak MB"),
 )
 NOTES = """\
-Simulated maps of buildings, all merged at once. groups: those of two maps or more. joined: pairs of maps in one group,
-rightly where that puts the second within 0.5 m and 4 degrees of its true place. placed: maps in the largest group of
-their building. CPU s: of all processes of this machine; peak MB: of the merging process."""
+Simulated maps of buildings, all merged at once. groups: groups of two maps or more. joined: pairs of maps in one group;
+a pair is right if the pose of the second map is within 0.5 m and 4 degrees of the truth. placed: maps in the largest
+group of their building. CPU s: of all processes of this machine; peak MB: of the merging process."""
 
 _SEEDS_APART = 100_000
-"""Numbers of buildings between those of one seed and those of the next."""
+"""Difference between the building numbers of consecutive seeds."""
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ class FleetRun:
     Parameters
     ----------
     buildings, maps
-        How many there were.
+        Numbers of buildings and of maps.
     aligned
-        Pairs of maps that were aligned.
+        Number of pairs that were aligned.
     groups
-        Groups of two maps or more.
+        Number of groups of two maps or more.
     right, possible
-        Pairs of maps of one building that were joined rightly, and all of them.
+        Number of pairs of one building that were joined correctly, and number of all pairs of one building.
     wrong
-        Pairs of maps that were joined wrongly.
+        Number of pairs that were joined wrongly.
     placed
-        Maps in the largest group of their building.
+        Number of maps in the largest group of their building.
     cpu_s, wall_s
-        Time that the merge took.
+        CPU time and wall time of the merge [s].
     peak_memory_mb
-        Most memory that a process held.
+        Peak memory of the merging process [MB].
     """
 
     buildings: int
@@ -82,7 +82,7 @@ class FleetRun:
 
 
 def benchmark_fleet(args: argparse.Namespace) -> None:
-    """Merge fleets of the given sizes and print what became of them."""
+    """Merge fleets of the given sizes and print the table."""
     machine = describe_machine()
     plots = [args.plot, *[None] * len(args.sizes)]
     runs = [
@@ -101,7 +101,7 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
 def run_fleet(
     buildings: int, maps_each: int, seed: int, workers: int, scheduler: str | None, plot: Path | None = None
 ) -> FleetRun:
-    """Make a fleet and merge it, and draw it where a picture is wanted; the same numbers make the same fleet."""
+    """Make a fleet by its numbers, merge it, and draw it to `plot` if that is given."""
     placed = make_fleet(buildings, maps_each, seed)
     maps = maps_by_name(placed)
     forget_peak_memory()  # of the simulation
@@ -113,7 +113,7 @@ def run_fleet(
     if plot is not None and found.merged is not None:
         accepted = [pair for pair, one in found.alignments.items() if one.accepted]
         layers = [place(maps[name].grid, pose, found.merged.grid.geometry) for name, pose in found.poses.items()]
-        # Where maps without drives differ by a cell, the default rule leaves nothing to be seen.
+        # Under the default rule, walls of maps without drives vanish if they differ by a cell.
         mean = fuse(layers, "average").grid
         write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), mean)))
     right, wrong = _joined(groups, placed, maps)
@@ -133,7 +133,7 @@ def run_fleet(
 
 
 def make_fleet(buildings: int, maps_each: int, seed: int) -> dict[str, PlacedMap]:
-    """Return so many maps of each of some buildings, in any order; the same numbers make the same maps."""
+    """Return `maps_each` maps of each building in random order, by name."""
     rng = np.random.default_rng([seed, buildings, maps_each])
     placed = [
         dataclasses.replace(one, place=f"building {index}")
@@ -144,7 +144,7 @@ def make_fleet(buildings: int, maps_each: int, seed: int) -> dict[str, PlacedMap
 
 
 def _joined(groups: list[Group], placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> tuple[int, int]:
-    """Return how many pairs of maps were joined rightly, and how many wrongly."""
+    """Return the numbers of pairs that were joined correctly, and wrongly."""
     joined = joined_pairs(groups)
     right = sum(is_right(known_pair(pair, placed, maps), where) for pair, where in joined.items())
     return right, len(joined) - right
@@ -159,7 +159,7 @@ def _placed(groups: list[Group], placed: Mapping[str, PlacedMap]) -> int:
 
 
 def _cpu_s() -> float:
-    """Return the CPU time of this process and of those that it has waited for."""
+    """Return the CPU time of this process and its finished children [s]."""
     uses = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(use.ru_utime + use.ru_stime for use in uses)
 
@@ -181,13 +181,13 @@ def _row(run: FleetRun) -> list[str]:
 
 
 _FINER = 2
-"""It is drawn so many times as large, and reduced."""
+"""Factor of oversampling."""
 _HEIGHT, _MARGIN = 672, 24
-"""Height of both pictures, and the space around them [pixels]."""
+"""Height of both pictures, and the margin around them [pixels]."""
 _RING, _NODE = 0.32, 0.045
-"""Radius of the ring that a group's maps stand on, and of a map, in sides of the group's square."""
+"""Radius of the ring of a group's maps, and of a map's dot, in sides of the group's square."""
 _SURE = (0.3, 0.7)
-"""Probabilities of being occupied that are drawn white and black."""
+"""Probabilities of occupied that are drawn white and black."""
 _WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (232, 232, 232), (150, 150, 150), 226
 _COLOURS = (
     (178, 114, 0),
@@ -199,21 +199,20 @@ _COLOURS = (
     (61, 61, 158),
     (128, 128, 0),
 )
-"""Of groups, blue, green and red; after M. Okabe and K. Ito, "Color universal design", 2008."""
+"""Colours of groups as blue, green, red; after M. Okabe and K. Ito, "Color universal design", 2008."""
 
 
 def draw_fleet(
     groups: Sequence[Group], accepted: Collection[Pair], aligned: Collection[Pair], merged: TbmGrid
 ) -> Picture:
-    """Draw maps as dots, those of a group in a ring, and alignments as lines; beside them a merged map.
+    """Draw maps as dots, with a ring for each group, and alignments as lines; beside them a merged map.
 
     Parameters
     ----------
     groups
-        The groups, the largest first; maps alone are grey.
+        The groups, the largest first. Single maps are grey.
     accepted, aligned
-        The pairs whose alignment was accepted, and all that were aligned. Accepted ones have their group's colour,
-        refused ones are faint.
+        The accepted pairs, drawn in their group's colour, and all aligned pairs; refused pairs are faint.
     merged
         The merged map.
     """
@@ -222,7 +221,7 @@ def draw_fleet(
 
 
 def _framed(picture: Picture) -> Picture:
-    """Return a picture with space around it."""
+    """Return a picture with a margin."""
     framed = cv2.copyMakeBorder(picture, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_CONSTANT, value=_WHITE)
     return np.asarray(framed, dtype=np.uint8)
 
@@ -251,7 +250,7 @@ def _graph(groups: Sequence[Group], accepted: set[Pair], aligned: Collection[Pai
 
 
 def _ring(middle: FloatArray, radius: float, count: int) -> Iterator[FloatArray]:
-    """Yield the places of so many maps around a middle, the first one above it."""
+    """Yield the positions of `count` maps on a ring, the first one above the middle."""
     for turn in np.arange(count) * (2.0 * math.pi / count):
         yield middle + (radius if count > 1 else 0.0) * np.array([math.sin(turn), -math.cos(turn)])
 
@@ -267,7 +266,7 @@ def _pixel(place: FloatArray) -> tuple[int, int]:
 
 
 def _map(grid: TbmGrid) -> Picture:
-    """Return a map: walls dark, free space white, what nobody saw grey."""
+    """Return a picture of a map: walls are dark, free space is white, unknown cells are grey."""
     known = grid.cropped_to_known(margin=8)
     free = np.clip((_SURE[1] - known.pignistic()) / (_SURE[1] - _SURE[0]), 0.0, 1.0)
     shades = np.where(known.is_known(), 255.0 * free, _UNSEEN).astype(np.uint8)[::-1]

@@ -1,4 +1,4 @@
-"""Calls in a fresh process of their own, so that memory and caches are those of the call alone."""
+"""Calls in fresh processes, so that memory and caches are those of the call alone."""
 
 import contextlib
 import multiprocessing
@@ -18,16 +18,16 @@ _R = TypeVar("_R")
 
 
 class MeasurementError(TbmSlamError):
-    """What was to be measured did not come to its end."""
+    """A measured call failed."""
 
 
 class FreshProcess(Generic[_R]):
-    """A call under way in a new Python process.
+    """A running call in a new Python process.
 
     Parameters
     ----------
     call
-        A module's function; it, its arguments and its result are pickled.
+        A function of a module. The function, its arguments and its result are pickled.
     """
 
     def __init__(self, call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> None:
@@ -39,12 +39,12 @@ class FreshProcess(Generic[_R]):
         theirs.close()
 
     def result(self) -> _R:
-        """Wait for the call's end and return what it returned.
+        """Wait for the call and return its result.
 
         Raises
         ------
         MeasurementError
-            The call raised a `TbmSlamError`, whose message this repeats, or the process died.
+            The call raised a `TbmSlamError`, whose message is repeated, or the process died.
         """
         try:
             is_good, answer = self.answered.recv()
@@ -65,19 +65,19 @@ class FreshProcess(Generic[_R]):
         return cast("_R", answer)
 
     def stop(self) -> None:
-        """End the call; its result is not needed."""
+        """Terminate the call."""
         self._process.terminate()
         self._process.join()
         self.answered.close()
 
 
 def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
-    """Make a call in a new Python process and return what it returns; see `FreshProcess`.
+    """Return the result of a call in a new Python process; see `FreshProcess`.
 
     Raises
     ------
     MeasurementError
-        The call raised a `TbmSlamError`, whose message this repeats, or the process died.
+        The call raised a `TbmSlamError`, whose message is repeated, or the process died.
     """
     return FreshProcess(call, *args, **keywords).result()
 
@@ -113,7 +113,7 @@ def in_fresh_processes(
 
 
 def peak_memory_mb() -> float:
-    """Return the most memory this process has held so far [MB]."""
+    """Return the peak memory of this process [MB]."""
     # Where there is /proc: getrusage may report the parent's peak, taken over when the process began.
     status = Path("/proc/self/status")
     if status.exists():

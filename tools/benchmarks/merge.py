@@ -1,4 +1,4 @@
-"""What a merge costs by the area of the maps, beside the paper's own program, and what many robots cost."""
+"""Cost of a merge by the area of the maps, compared with the paper's program, and cost of merging many robots."""
 
 import argparse
 import dataclasses
@@ -51,9 +51,9 @@ _R = TypeVar("_R")
 _PAPER_RESOLUTION = 0.1
 _WARM_UP_M2 = 300.0
 _CANVAS_SHARE = 0.42
-"""Of the canvas that two maps turned against each other need, what the floor itself takes, about."""
+"""Approximate area of the floor as a share of the canvas of two rotated maps."""
 _TRIES, _NEAR_ENOUGH = 4, 0.1
-"""How often a floor is tried whose canvas has the wanted size, to that share of it."""
+"""Number of attempts to make a floor whose canvas has the requested area, and the relative tolerance."""
 _OVERLAP = 0.5
 
 
@@ -64,15 +64,15 @@ class MergeRun:
     Parameters
     ----------
     area_m2, cells
-        Of the canvas of the two maps at 0.1 m.
+        Area and cells of the canvas of the two maps at 0.1 m.
     features_ms, matching_ms, transform_ms, fusion_ms
         Wall time of each step of the paper's chain.
     cpu_ms
-        CPU time of all of them, on whichever cores.
+        CPU time of all steps, on all cores.
     align_cpu_s, is_right
-        CPU time of the default alignment, and whether it was accepted and right to 0.5 m and 2 degrees.
+        CPU time of the default alignment, and whether it was accepted and right within 0.5 m and 2 degrees.
     peak_memory_mb
-        Most memory that the process held.
+        Peak memory of the process.
     """
 
     area_m2: float
@@ -88,13 +88,13 @@ class MergeRun:
 
     @property
     def sum_ms(self) -> float:
-        """Of the paper's whole chain."""
+        """Wall time of the paper's whole chain [ms]."""
         return self.features_ms + self.matching_ms + self.transform_ms + self.fusion_ms
 
 
 @dataclass(frozen=True)
 class CrewRun:
-    """Figures of one merge of many maps: how many, processes, how many went in, wall time, memory of the parent."""
+    """Figures of one merge of many maps: robots, processes, merged maps, wall time, memory of the parent."""
 
     robots: int
     workers: int
@@ -104,7 +104,7 @@ class CrewRun:
 
 
 def benchmark_merge(args: argparse.Namespace) -> None:
-    """Run what the arguments ask for and print the table."""
+    """Run the benchmark and print the table."""
     machine, runs = describe_machine(), []
     for area in args.areas:
         sys.stderr.write(f"benchmark: {area:g} m2\n")
@@ -127,7 +127,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
 
 
 def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
-    """Make a pair whose canvas is about as large as asked [m2], and measure merging it."""
+    """Make a pair with a canvas of about the given area [m^2], and measure its merge."""
     for size in (_WARM_UP_M2, _floor_m2(area)):  # first what is compiled or loaded once
         steps, canvas = _time_chain(_pair(size, _PAPER_RESOLUTION), repeat)
         is_right, align_cpu_s = _align(_pair(size, resolution))
@@ -136,7 +136,7 @@ def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
 
 
 def run_crew(robots: int, workers: int) -> CrewRun:
-    """Merge the maps of robots that each saw a part of one building, about a third."""
+    """Merge the maps of robots, each of which saw about a third of one building."""
     building = building_of_world("office", 1)
     inside = float((building.occupancy == 0).sum()) * building.resolution**2
     maps = {}
@@ -151,7 +151,7 @@ def run_crew(robots: int, workers: int) -> CrewRun:
 
 
 def _floor_m2(area: float) -> float:
-    """Return the floor [m2] whose two maps, turned against each other, need about such a canvas [m2]."""
+    """Return the area of a floor [m^2] whose two rotated maps have about the given canvas [m^2]."""
     floor = _CANVAS_SHARE * area
     for _ in range(_TRIES):
         pair = _pair(floor, _PAPER_RESOLUTION)
@@ -169,7 +169,7 @@ def _pair(area: float, resolution: float) -> KnownPair:
 
 
 def _time_chain(pair: KnownPair, repeat: int) -> tuple[tuple[float, float, float, float, float], GridGeometry]:
-    """Return the time of each step of the paper's chain, the CPU time of all [ms], and the canvas of the fused map."""
+    """Return the wall time of each step of the paper's chain, the CPU time of all [ms], and the fused canvas."""
     config, target, source = MergeConfig(), pair.target.grid, pair.source.grid
     T_target_source = pair.T_target_source or SE2.identity()
     features, *described = _quickest(lambda: describe_all([target, source], config.features), repeat)
@@ -188,7 +188,7 @@ def _align(pair: KnownPair) -> tuple[bool, float]:
 
 
 def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float, float]:
-    """Return what a call returns, and the least wall and the least CPU time that it took [ms]."""
+    """Return the result of a call, and its least wall time and CPU time [ms]."""
     least, least_cpu = math.inf, math.inf
     for _ in range(repeat):
         begin, cpu_begin = time.perf_counter(), time.process_time()

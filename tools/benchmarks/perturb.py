@@ -1,4 +1,4 @@
-"""How brittle the SLAM is: each recording as it is and perturbed, each run in a process of its own."""
+"""Robustness of the SLAM: errors of perturbed recordings against the unperturbed one, each run in its own process."""
 
 import argparse
 import dataclasses
@@ -34,8 +34,8 @@ from tools.command_line.text_table import describe_machine, number, text_table
 Change: TypeAlias = Callable[[Iterable[Reading]], Iterator[Reading]]
 
 _SEED = 0
-_ANGLE_STEP = 0.003  # share of the angle between beams; 180 / 179 degrees, which converters wrote, are twice as far off
-_ODOMETRY_SCALE = 0.05  # share of the way
+_ANGLE_STEP = 0.003  # share of the angle step; 180 / 179 degrees, which converters wrote, differ by twice as much
+_ODOMETRY_SCALE = 0.05  # share of the distance
 _LATER_S = 30.0
 _DROPPED = 0.05  # share of the scans
 _RANGE_NOISE_M = 0.01
@@ -46,40 +46,39 @@ _USUAL_RATIO, _WITHOUT_ODOMETRY_RATIO = 1.1, 1.5
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One way in which a recording might differ.
+    """A perturbation of a recording or of a parameter.
 
     Parameters
     ----------
     name
-        Which, for people.
+        The name in the table.
     change
-        Turns the recording's readings into the perturbed ones; may be pickled.
+        Perturbs the readings; may be pickled.
     setting
-        A parameter of the SLAM that has another value, as ``map.resolution=0.1``; None if all are as they are.
+        A changed parameter of the SLAM, as ``map.resolution=0.1``; None for none.
     ratio
-        How many times the unperturbed error is allowed.
+        Largest ratio of the error to the unperturbed error.
     T_stated_true
-        Pose of the robot as recorded in the frame of the robot as it is stated: both carry the laser, and the truth is
-        about the robot as recorded.
+        Pose of the recorded robot frame in the perturbed robot frame; the truth is of the recorded frame.
     """
 
     name: str
     change: Change = iter
     setting: str | None = None
     ratio: float = _USUAL_RATIO
-    T_stated_true: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - a tuple, which nothing can change
+    T_stated_true: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - an immutable tuple
 
 
 UNPERTURBED = Perturbation("as it is")
 
 
 def perturbations(settings: Iterable[str] = ()) -> list[Perturbation]:
-    """Return all of them, the recording as it is first.
+    """Return all perturbations, the unperturbed recording first.
 
     Parameters
     ----------
     settings
-        Parameters to be tried with another value, each on its own.
+        Changed parameters, each of which is one perturbation.
     """
     mounts = [(axis, sign * _MOUNT_M) for axis in "xy" for sign in (1, -1)]
     return [
@@ -97,14 +96,14 @@ def perturbations(settings: Iterable[str] = ()) -> list[Perturbation]:
 
 
 def with_angle_step(readings: Iterable[Reading], factor: float) -> Iterator[Reading]:
-    """Yield readings with another angle between beams; the first beam keeps its direction, as with --angle-step-deg."""
+    """Yield readings with another angle step; the first beam keeps its direction, as with --angle-step-deg."""
     for reading in readings:
         scan = reading.scan
         yield reading.with_scan(replace(scan, angle_increment=factor * scan.angle_increment))
 
 
 def with_odometry_scaled(readings: Iterable[Reading], factor: float) -> Iterator[Reading]:
-    """Yield readings whose odometry reports other lengths."""
+    """Yield readings with scaled odometry."""
     for reading in readings:
         poses = (reading.T_odom_robot, reading.T_odom_swept)
         before, after = (pose and SE2(factor * pose.x, factor * pose.y, pose.theta) for pose in poses)
@@ -118,7 +117,7 @@ def without_odometry(readings: Iterable[Reading]) -> Iterator[Reading]:
 
 
 def begun_later(readings: Iterable[Reading], seconds: float = _LATER_S) -> Iterator[Reading]:
-    """Yield readings from the first that is some time later than the recording's first."""
+    """Yield the readings without the first seconds of the recording."""
     iterator = iter(readings)
     first = next(iterator, None)
     if first is not None:
@@ -127,13 +126,13 @@ def begun_later(readings: Iterable[Reading], seconds: float = _LATER_S) -> Itera
 
 
 def with_scans_dropped(readings: Iterable[Reading], share: float = _DROPPED) -> Iterator[Reading]:
-    """Yield readings but a random share."""
+    """Yield readings without a random share."""
     rng = np.random.default_rng(_SEED)
     return (reading for reading in readings if rng.random() >= share)
 
 
 def with_range_noise(readings: Iterable[Reading], deviation: float = _RANGE_NOISE_M) -> Iterator[Reading]:
-    """Yield readings with normal noise on every range that was measured; none becomes negative."""
+    """Yield readings with Gaussian noise on every measured range, limited to positive ranges."""
     rng = np.random.default_rng(_SEED)
     for reading in readings:
         ranges = reading.scan.ranges
@@ -142,7 +141,7 @@ def with_range_noise(readings: Iterable[Reading], deviation: float = _RANGE_NOIS
 
 
 def with_laser_moved(readings: Iterable[Reading], x: float, y: float) -> Iterator[Reading]:
-    """Yield readings whose laser is stated elsewhere on the robot [m]."""
+    """Yield readings with a displaced mount of the laser [m]."""
     T_stated_true = SE2(x, y, 0.0)
     for reading in readings:
         yield replace(reading, T_robot_sensor=T_stated_true @ reading.T_robot_sensor)
@@ -151,7 +150,7 @@ def with_laser_moved(readings: Iterable[Reading], x: float, y: float) -> Iterato
 def with_odometry_reversed(
     readings: Iterable[Reading], seconds: float = _REVERSED_S, every: float = _REVERSED_EVERY_S
 ) -> Iterator[Reading]:
-    """Yield readings whose odometry reports translations with the wrong sign at the end of every so many seconds."""
+    """Yield readings whose odometry has the wrong sign of translation for some seconds at the end of every period."""
     begin, before, reported = math.nan, SE2.identity(), SE2.identity()
     for reading in readings:
         pose = reading.T_odom_robot
@@ -182,12 +181,12 @@ def _mounted(axis: str, offset: float) -> Perturbation:
 
 
 def config_with(setting: str | None) -> SlamConfig:
-    """Return the default configuration, with one parameter changed where a setting is given, as ``map.resolution=0.1``.
+    """Return the default configuration, with one parameter changed by a setting as ``map.resolution=0.1``.
 
     Raises
     ------
     ConfigError
-        There is no such parameter, or it cannot have this value.
+        The parameter does not exist, or the value is impossible.
     """
     config = SlamConfig()
     return config if setting is None else changed(config, parse_setting(setting), "--without")
@@ -199,7 +198,7 @@ def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveError
     Raises
     ------
     TbmSlamError
-        When the recording cannot be read or mapped, or nothing is known of the truth.
+        When the recording cannot be read or mapped, or has no truth.
     """
     truth = truth_beside(spec.path)
     slam, stamps = Slam(config_with(perturbation.setting)), array("d")
@@ -212,7 +211,7 @@ def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveError
 
 
 def poses_of(tbm_map: TbmMap, perturbation: Perturbation) -> Trajectory:
-    """Return the poses of all drives of a map, as the robot is in the unperturbed recording."""
+    """Return the poses of all drives of a map in the robot frame of the unperturbed recording."""
     trajectories = [drive.trajectory for drive in tbm_map.drives]
     stamps = np.concatenate([np.zeros(0), *(trajectory.stamps for trajectory in trajectories)])
     poses = np.concatenate([np.zeros((0, 3)), *(trajectory.poses for trajectory in trajectories)])
@@ -221,7 +220,7 @@ def poses_of(tbm_map: TbmMap, perturbation: Perturbation) -> Trajectory:
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Keep warnings to itself for a block: runs side by side warn of what was done to the recording on purpose."""
+    """Disable warnings, which are about the perturbations."""
     logging.disable(logging.WARNING)
     try:
         yield
@@ -232,12 +231,12 @@ def _without_warnings() -> Iterator[None]:
 OVERVIEW_HEAD = ("recording", "error m", "perturbed runs", "misses", "lost or failed", "worst ratio")
 
 NOTES = """\
-mean error m, deg: of the relations that the run scores. unscored: relations that it cannot score, since a scan is not
-in the map or the two lie in maps that are not in one frame. left out: relations of scans that the perturbation took
-away; they count nowhere. ratio: the error in metres over that of the recording as it is, of those of the same relations
-that were scored there. ok: at most 1.1 times that error (without odometry 1.5 times) or 3 mm more. LOST: more than that
-and than 5 times, or relations unscored that were scored before. FAILED: no map. Where the truth is a trajectory, the
-same holds for its poses and the ATE. A laser that is stated elsewhere is scored by where the laser was."""
+mean error m, deg: of the scored relations. unscored: relations with a scan that is not in the map. left out: relations
+with a scan that the perturbation removed; they are not counted. ratio: the error in metres divided by the error of the
+unperturbed run, over relations that both score. ok: the error is at most 1.1 times the unperturbed error (without
+odometry 1.5 times), or at most 3 mm larger. LOST: more than 5 times, or relations are unscored that were scored before.
+FAILED: no map. If the truth is a trajectory, its poses and the ATE are scored. With a displaced laser, the recorded
+robot frame is scored."""
 
 _MORE_M = 0.003
 _LOST_RATIO = 5.0
@@ -245,22 +244,22 @@ _LOST_RATIO = 5.0
 
 @dataclass(frozen=True)
 class Score:
-    """What a perturbation did to the error.
+    """The error of a perturbed run.
 
     Parameters
     ----------
     perturbation
-        Its name.
+        Name of the perturbation.
     error_m, error_deg
-        Of all that the run scores; None if that is nothing.
+        Errors of all scored relations or poses; None if there are none.
     unscored
-        Relations or poses that cannot be scored though their scans were given.
+        Number of relations or poses that are not scored although their scans were given.
     left_out
-        Those whose scans the perturbation took away.
+        Number of relations or poses whose scans the perturbation removed.
     ratio
-        Of the error to that of the unperturbed run where both score; None if that is nowhere.
+        Ratio of the error to that of the unperturbed run, where both are scored; None if nowhere.
     verdict
-        ok, MISS, LOST or FAILED; a dash for the recording as it is.
+        ok, MISS, LOST or FAILED; a dash for the unperturbed run.
     """
 
     perturbation: str
@@ -272,7 +271,7 @@ class Score:
     verdict: str
 
     def is_miss(self) -> bool:
-        """Return whether it did too much."""
+        """Return whether the error is too large."""
         return self.verdict not in ("ok", "-")
 
 
@@ -311,16 +310,16 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
 
 
 def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, unperturbed: DriveErrors) -> Score:
-    """Hold a run against the run over the recording as it is."""
+    """Compare a run with the unperturbed run."""
     if isinstance(errors, MeasurementError):
         return Score(perturbation.name, None, None, 0, 0, None, f"FAILED: {errors}")
     counted = np.ones(len(errors.metres), dtype=np.bool_)
-    if errors.kind == "poses":  # of which there may be some between the scans
+    if errors.kind == "poses":  # some true poses may lie between the scans
         counted = unperturbed.has_scans
     left_out = counted & unperturbed.has_scans & ~errors.has_scans
     unscored = counted & ~left_out & ~errors.scored()
     scored = errors.scored() & ~left_out
-    # What only this run scores counts, too: parts that were not in one map before may now be in a torn one.
+    # Relations that only this run scores count too: its map may be torn there.
     error_m, before_m = errors.error_m(scored), unperturbed.error_m(scored & unperturbed.scored())
     ratio = error_m / before_m if error_m is not None and before_m else None
     if perturbation is UNPERTURBED:
@@ -343,7 +342,7 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
 
 
 def summary(scores: Sequence[Score]) -> str:
-    """Return one line on how many perturbations did too much."""
+    """Return one line with the numbers of runs, misses and lost runs."""
     perturbed = [row for row in scores if row.verdict != "-"]
     misses = [row for row in perturbed if row.is_miss()]
     lost = sum(row.verdict != "MISS" for row in misses)
@@ -358,7 +357,7 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
 
 
 def _overview(name: str, scores: Sequence[Score]) -> list[str]:
-    """Return a row on a recording: its error as it is, and what became of it perturbed."""
+    """Return the row of a recording: its unperturbed error, and the numbers of misses."""
     perturbed = [row for row in scores if row.verdict != "-"]
     misses = [row for row in perturbed if row.is_miss()]
     lost = sum(row.verdict != "MISS" for row in misses)

@@ -1,4 +1,4 @@
-"""Simulated maps whose true places are known, and what a merge made of them."""
+"""Simulated maps with known true poses, and the comparison of a merge with the truth."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -14,24 +14,24 @@ from tools.map_pairs import KnownPair, grid_of
 
 
 def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
-    """Return maps in any order, by names without their places."""
+    """Return maps in random order, by names that do not tell their places."""
     return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(len(placed)).tolist())}
 
 
 def maps_by_name(placed: Mapping[str, PlacedMap]) -> dict[str, TbmMap]:
-    """Return the maps themselves."""
+    """Return the maps by name."""
     return {name: TbmMap(grid_of(placed_map.occupancy, placed_map.resolution)) for name, placed_map in placed.items()}
 
 
 def known_pair(pair: Pair, placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> KnownPair:
-    """Return a pair of maps with the truth about it."""
+    """Return a pair of maps with its true pose."""
     target, source = (placed[name] for name in pair)
     motion = target.T_map_building @ source.T_map_building.inverse() if target.place == source.place else None
     return KnownPair("-".join(pair), maps[pair[0]], maps[pair[1]], motion, 0.0)
 
 
 def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
-    """Return where the second of any two maps of a group lies in the first's frame."""
+    """Return the relative pose of every two maps of a group."""
     return {
         (a, b): group.poses[a].inverse() @ group.poses[b]
         for group in groups
@@ -40,5 +40,5 @@ def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
 
 
 def is_right(known: KnownPair, where: SE2 | None) -> bool:
-    """Return whether a pair shows one place, and a motion T_target_source puts the source there."""
+    """Return whether a pair shows one place and T_target_source is its true pose."""
     return known.T_target_source is not None and where is not None and known.is_near(where)

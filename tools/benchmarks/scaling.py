@@ -1,4 +1,4 @@
-"""Memory and costs of long drives and large maps: each run in a process of its own, and the promised limits."""
+"""Cost and memory of long drives and large maps, each run in its own process, and the check of the promised limits."""
 
 import argparse
 import dataclasses
@@ -38,9 +38,9 @@ HEAD = (
 )
 
 NOTES = """\
-round: around one block again and again; spiral: outwards, nothing is seen twice. CPU microseconds a scan to match, to
-insert, in all before the end, in all over the last quarter of the drive, and to finish (closing loops, rendering).
-Once there are thousands of keyframes, loops are closed on the way too."""
+round: around one block repeatedly; spiral: outwards, nothing is seen twice. CPU microseconds per scan of registration,
+of insertion, of the whole drive, of its last quarter, and of the end (closing loops, rendering). With thousands of
+keyframes, loops are also closed during the drive."""
 
 _SCAN_RATE = 5.0  # [Hz]: a scan every 10 cm or so
 _BLOCK = 50
@@ -53,17 +53,17 @@ class ScalingRun:
     Parameters
     ----------
     route, preset
-        What was driven, and how it was mapped.
+        Kind of route, and preset of the SLAM.
     length_m, scans
-        How far, and how often the laser turned.
+        Length of the drive, and number of scans.
     seen_m2, box_m2
-        Area of the cells known in the end, and of the upright box around them.
+        Final area of the known cells, and of their bounding box.
     cell_m
-        Side of a cell in the end.
+        Final side of a cell.
     matching_us, inserting_us, scan_us, last_quarter_us, finishing_us
-        CPU time a scan: see NOTES.
+        CPU time per scan; see NOTES.
     driven_memory_mb, peak_memory_mb
-        Most memory that the process held until the drive's end, the simulated scans included, and in all.
+        Peak memory of the process until the end of the drive, including the simulated scans, and in all.
     ate_m
         Error against the true trajectory.
     """
@@ -86,7 +86,7 @@ class ScalingRun:
 
 
 def benchmark_scaling(args: argparse.Namespace) -> None:
-    """Run what the arguments ask for and print the table."""
+    """Run the benchmark and print the table."""
     machine, runs, failures = describe_machine(), [], []
     for preset_name, route, length in itertools.product(args.preset, ROUTES, args.lengths):
         label = f"{route} {preset_name} {length:g} m"
@@ -108,12 +108,12 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
 
 
 def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
-    """Drive and map in this process, so many scans a second [Hz], and measure it.
+    """Drive and map in this process at a scan rate [Hz], and measure it.
 
     Raises
     ------
     TbmSlamError
-        When the map becomes too large.
+        If the map becomes too large.
     """
     config = preset(preset_name)
     angle_min, angle_increment = SimulatedLaser.field_of(beams)
@@ -179,7 +179,7 @@ _BEAMS = 180
 
 
 class Limit(NamedTuple):
-    """A drive to be survived: what it stands for, its route, its length [m] and its scans a second [Hz]."""
+    """A drive of promised size: its name, route, length [m] and scan rate [Hz]."""
 
     name: str
     route: Route
@@ -194,7 +194,7 @@ LIMITS = (
 
 
 def benchmark_limits(args: argparse.Namespace) -> None:
-    """Drive as far as promised, or the share of it that the arguments ask for, and print the table."""
+    """Map drives of the promised size, or of the given share of it, and print the table."""
     machine, rows, runs = describe_machine(), [], []
     for limit in LIMITS:
         sys.stderr.write(f"benchmark: {limit.name}\n")

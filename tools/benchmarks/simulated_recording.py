@@ -1,4 +1,4 @@
-"""A simulated drive in one word of a command line: ``office:1:good,beams=361``."""
+"""Recordings and simulated drives as arguments of a benchmark, as ``office:1:good,beams=361``."""
 
 import argparse
 import contextlib
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordingSpec:
-    """One recording to open.
+    """A recording to open.
 
     Parameters
     ----------
     path
         The bag or log.
     options
-        How to read it.
+        The options of reading.
     """
 
     path: Path
@@ -42,7 +42,7 @@ def parse_recording_spec(text: str) -> RecordingSpec:
     Raises
     ------
     ValueError
-        When an option is unknown or its value cannot be meant.
+        If an option is unknown or its value is impossible.
     """
     path, *settings = text.split(",")
     parser = _RaisingParser(prog=path, add_help=False, allow_abbrev=False)
@@ -63,7 +63,7 @@ def as_words(settings: list[str]) -> list[str]:
 
 
 def beside(recording: Path, suffix: str) -> Path | None:
-    """Return the file beside a recording that has its name without endings and a suffix of its own, if there is one."""
+    """Return the file beside a recording with its name and another suffix, or None."""
     stem = recording.name
     while True:
         candidate = recording.parent / f"{stem}{suffix}"
@@ -76,7 +76,7 @@ def beside(recording: Path, suffix: str) -> Path | None:
 
 
 IGNORED = "ignored"
-"""Odometry that the bag holds and the SLAM ignores."""
+"""The kind of odometry that the bag holds but the SLAM ignores."""
 
 
 class SimulationError(TbmSlamError):
@@ -85,16 +85,16 @@ class SimulationError(TbmSlamError):
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A drive to be simulated.
+    """A simulated drive.
 
     Parameters
     ----------
     kind
-        Of building.
+        Kind of building.
     seed
-        Of the building, the drive and all noise.
+        Seed of the building, the drive and all noise.
     odometry
-        How wheels err, as make_world says it, or IGNORED.
+        Kind of odometry noise as in make_world, or IGNORED.
     settings
         Options of make_world, each ``name=value``.
     """
@@ -120,11 +120,11 @@ class SimulatedRecording:
         return cls(parts[0], int(parts[1]), parts[2], tuple(settings))
 
     def __str__(self) -> str:
-        """Return the word it was read from."""
+        """Return the argument that it was parsed from."""
         return ",".join((f"{self.kind}:{self.seed}:{self.odometry}", *self.settings))
 
     def family(self) -> str:
-        """Return what all seeds have in common."""
+        """Return the argument without the seed."""
         return ",".join((f"{self.kind}:*:{self.odometry}", *self.settings))
 
     def seeds(self, count: int) -> list["SimulatedRecording"]:

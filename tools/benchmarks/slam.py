@@ -36,15 +36,15 @@ from tools.benchmarks.simulated_recording import RecordingSpec, beside
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 WARM_UP_SCANS = 20
-"""Scans of a recording that are mapped once before."""
+"""Scans of a recording that are mapped before the measurement."""
 
 _ROUND_M = 130.0  # once around a block and on, so that a loop is closed
 
 
 def warm_up(config: SlamConfig, readings: Iterable[Reading]) -> None:
-    """Map the first scans of a recording, and a short simulated drive that closes a loop, which the first scans do not.
+    """Map the first scans of a recording, and a short simulated drive that closes a loop.
 
-    What lives by then stays, and is not looked through for garbage again, as `tools.command_line.program` has it.
+    The living objects are excluded from garbage collection, as in `tools.command_line.program`.
     """
     angle_min, angle_increment = SimulatedLaser.field_of(91)
     laser = SimulatedLaser(beams=91, angle_min=angle_min, angle_increment=angle_increment, rate=2.0)
@@ -57,7 +57,7 @@ def warm_up(config: SlamConfig, readings: Iterable[Reading]) -> None:
     gc.freeze()
 
 
-_BLOCK = 50  # readings between two looks at the CPU clock: a look costs a microsecond
+_BLOCK = 50  # readings between two reads of the CPU clock, which take a microsecond each
 
 
 @dataclass(frozen=True)
@@ -67,21 +67,21 @@ class SlamRun:
     Parameters
     ----------
     scans, beams, keyframes
-        How many; beams of the largest scan.
+        Numbers of scans, of beams of the largest scan, and of keyframes.
     duration_s, length_m
-        How long and how far the drive was.
+        Duration and length of the drive.
     start_s
-        CPU time to import and to load compiled code, see `tools.benchmarks.slam`; in no other figure.
+        CPU time of imports and of loading compiled code; not part of other figures.
     reading_s
-        CPU time to read the recording.
+        CPU time of reading the recording.
     mapping_s
-        CPU time of everything else. Among it:
+        CPU time of everything else, including the following.
     matching_s, inserting_s, finishing_s, closing_s
-        To place scans; to learn from them; to make the map at the end; to close loops, a part of finishing.
+        CPU time of registration, of updating the tracker, of the end of the drive, and of closing loops (within that).
     wall_s
-        Time that passed from the first scan to the map.
+        Wall time from the first scan to the map.
     start_memory_mb, peak_memory_mb
-        Most memory that the process held until after the warm-up, and in all.
+        Peak memory of the process after the warm-up, and at the end.
     translation_error_m, rotation_error_deg
         Mean errors against the relations beside the recording; None without.
     ate_m
@@ -109,12 +109,12 @@ class SlamRun:
 
 
 class CpuClock:
-    """Adds up CPU and wall time of this process by activity.
+    """Measures CPU and wall time of this process by activity.
 
     Attributes
     ----------
     cpu, wall
-        Seconds of each activity so far.
+        Seconds of each activity.
     """
 
     def __init__(self) -> None:
@@ -123,14 +123,14 @@ class CpuClock:
 
     @contextmanager
     def during(self, activity: str) -> Iterator[None]:
-        """Add what the block takes."""
+        """Add the time of the block."""
         cpu, wall = time.process_time(), time.perf_counter()
         yield
         self.cpu[activity] += time.process_time() - cpu
         self.wall[activity] += time.perf_counter() - wall
 
     def cpu_share(self, activity: str) -> float:
-        """Return CPU seconds for each second that passed: less than 1 where others used the processor."""
+        """Return the ratio of CPU time to wall time; less than 1 if other processes used the processor."""
         return self.cpu[activity] / self.wall[activity] if self.wall[activity] > 0.0 else 1.0
 
 
@@ -177,7 +177,7 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
 
 
 def _blocks(readings: Iterable[Reading], clock: CpuClock) -> Iterator[list[Reading]]:
-    """Yield the readings some at a time, timed."""
+    """Yield the readings in blocks, and measure the time of reading."""
     iterator = iter(readings)
     while True:
         with clock.during("reading"):
@@ -188,7 +188,7 @@ def _blocks(readings: Iterable[Reading], clock: CpuClock) -> Iterator[list[Readi
 
 
 def _errors(spec: RecordingSpec, drive: Drive) -> dict[str, float | None]:
-    """Return the errors against what is known of the truth."""
+    """Return the errors against the truth beside the recording."""
     trajectory = drive.trajectory
     errors: dict[str, float | None] = {}
     if (path := beside(spec.path, ".relations")) is not None:
@@ -221,14 +221,14 @@ numba's cache; then each process maps the first {WARM_UP_SCANS} scans, and a sho
 start, which loads the compiled code."""
 
 TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
-"""Scans per CPU second at TARGET_BEAMS beams that the presets are held to: five times the original program's."""
+"""Target of scans per CPU second at TARGET_BEAMS beams: five times the speed of the original program."""
 
 TARGET_BEAMS = 1040
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording with the name it has in the table, and what it has in common with other seeds of a world."""
+    """A recording with its name in the table, and the family of worlds with other seeds."""
 
     name: str
     spec: RecordingSpec
@@ -237,7 +237,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Result:
-    """A recording mapped with a preset, once or several times."""
+    """One or several runs of a recording with a preset."""
 
     recording: str
     preset: str
@@ -247,7 +247,7 @@ class Result:
 
 
 def benchmark_slam(args: argparse.Namespace) -> None:
-    """Run what the arguments ask for and print the table."""
+    """Run the benchmark and print the tables."""
     machine = describe_machine()
     results: list[Result] = []
     for entry in _entries(args):
@@ -272,7 +272,7 @@ def benchmark_slam(args: argparse.Namespace) -> None:
 
 
 def median_run(runs: Sequence[SlamRun]) -> SlamRun:
-    """Return the median of every figure; the errors are the same each time, as the SLAM is deterministic."""
+    """Return the median of every figure; the errors of all runs are equal, since the SLAM is deterministic."""
     figures: dict[str, Any] = {}
     for field in fields(SlamRun):
         values = [getattr(run, field.name) for run in runs]
@@ -281,7 +281,7 @@ def median_run(runs: Sequence[SlamRun]) -> SlamRun:
 
 
 def against_targets(results: Sequence[Result]) -> list[str]:
-    """Return a line for every result that a target exists for."""
+    """Return a line for every result with a target."""
     return [
         f"{result.recording} {result.preset}: {_rate(result.median.scans, result.median.mapping_s)} scans per CPU "
         f"second, to be at least {TARGETS[result.preset]:.0f} at {TARGET_BEAMS} beams: "
@@ -292,7 +292,7 @@ def against_targets(results: Sequence[Result]) -> list[str]:
 
 
 def seeds_table(results: Sequence[Result]) -> ResultTable:
-    """Return a row for every family of worlds that was run with several seeds."""
+    """Return a row for every world that was run with several seeds."""
     families: dict[tuple[str, str], list[tuple[float, str]]] = {}
     for result in results:
         if result.family is not None and result.median.ate_m is not None:
@@ -309,7 +309,7 @@ def seeds_table(results: Sequence[Result]) -> ResultTable:
 
 
 def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
-    """Return tables of errors and of scans per CPU second with a row a preset and a column a recording."""
+    """Return tables of errors and of speeds, with a row for each preset and a column for each recording."""
     recordings = [*dict.fromkeys(result.recording for result in results)]
     presets = [*dict.fromkeys(result.preset for result in results)]
     medians = {(result.preset, result.recording): result.median for result in results}
@@ -321,7 +321,7 @@ def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
 
 
 def _entries(args: argparse.Namespace) -> Iterator[Entry]:
-    """Yield the recordings, simulated ones while they are needed."""
+    """Yield the recordings; a simulated one exists until the next is requested."""
     for spec in args.recordings:
         yield Entry(_short_name(spec.path), spec)
     for world in (world for first in args.world for world in first.seeds(args.seeds)):

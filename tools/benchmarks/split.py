@@ -1,4 +1,4 @@
-"""From one recording to several robots' maps and back: what is merged, how exactly, and how like the undivided map."""
+"""Recordings cut into robots, mapped and merged: errors of the poses, and agreement with the undivided map."""
 
 import argparse
 import contextlib
@@ -56,16 +56,16 @@ _NEAR_M, _NEAR_DEG = 0.2, 1.0
 
 @dataclass(frozen=True)
 class SplitRun:
-    """What became of one recording cut into robots.
+    """The result of one recording and one number of robots.
 
     Parameters
     ----------
     recording, robots
-        Its name, and how many robots.
+        The name, and the number of robots.
     merged
-        The robots that were merged.
+        The merged robots.
     left_out
-        The others, and why.
+        The other robots, with the reasons.
     pairs
         For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
         error of its relative pose [m], [deg]; None if one was left out.
@@ -73,13 +73,13 @@ class SplitRun:
         Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None if nothing was
         merged.
     turned
-        The share for the undivided map itself, drawn again on the merged map's cells.
+        The share for the undivided map, resampled on the merged map's cells.
     again
         The share for a second map of the whole recording, in the odometry's frame.
     merge_cpu_s
         CPU time of the merge [s].
     truth_doubt
-        Why truth.json may be wrong itself; None if nothing is known against it.
+        The reason to doubt truth.json; None if there is none.
     """
 
     recording: str
@@ -96,7 +96,7 @@ class SplitRun:
 
 
 def benchmark_split(args: argparse.Namespace) -> None:
-    """Run what the arguments ask for and print the table."""
+    """Run the benchmark and print the table."""
     runs = []
     with tempfile.TemporaryDirectory() as folder:
         for number, text in enumerate(args.recordings):
@@ -131,7 +131,7 @@ def cut(text: str, robots: int, out: Path) -> None:
     Raises
     ------
     MeasurementError
-        If build_maps fails; its one line is repeated.
+        If build_maps fails, with its message.
     """
     path, *settings = text.split(",")
     said = io.StringIO()
@@ -142,7 +142,7 @@ def cut(text: str, robots: int, out: Path) -> None:
 
 
 def agreement_of(again: Path, undivided: Path) -> float:
-    """Return the share of cells in which one map of the whole recording is like another."""
+    """Return the share of cells in which two maps of the whole recording agree."""
     return _agreements(load_map(again), load_map(undivided))[0].agree
 
 
@@ -176,7 +176,7 @@ def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRu
 def _judged(
     maps: Mapping[str, TbmMap], truth: Mapping[str, SE2], found: Mapping[str, SE2]
 ) -> tuple[tuple[str, str, float, tuple[float, float] | None], ...]:
-    """Return the pairs that overlap, and their errors."""
+    """Return the overlapping pairs with their errors."""
     judged = []
     for first, second in itertools.combinations(maps, 2):
         true = truth[first].inverse() @ truth[second]
@@ -190,7 +190,7 @@ def _judged(
 
 
 def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
-    """Return the free space that two maps share, as a share of that of the map that has less."""
+    """Return the common free space of two maps, as a share of the smaller free space."""
     free = [cell_labels(tbm_map.grid) == FREE for tbm_map in (first, second)]
     there = cell_labels(resample(second.grid, T_first_second, first.grid.geometry)) == FREE
     areas = [float(cells.sum()) * m.grid.geometry.resolution**2 for cells, m in zip(free, (first, second), strict=True)]
@@ -198,7 +198,7 @@ def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
 
 
 def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
-    """Return how far off a relative pose is in the middle of what the second map knows [m], [deg]."""
+    """Return the error of a relative pose at the middle of the second map [m], [deg]."""
     rows, cols = np.nonzero(moved.grid.is_known())
     middle = moved.grid.geometry.centre_of(float(rows.mean()), float(cols.mean()))
     return math.dist(found.apply(middle), true.apply(middle)), abs(math.degrees(wrap_angle(found.theta - true.theta)))
@@ -221,7 +221,7 @@ def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
     Raises
     ------
     MeasurementError
-        If fewer than two poses are in both.
+        If the maps share fewer than two poses.
     """
     whole = undivided.drives[0].trajectory
     there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]

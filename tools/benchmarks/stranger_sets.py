@@ -1,7 +1,7 @@
-"""How often sets of maps are joined that do not belong together.
+"""The rate of false joins in sets of maps.
 
-Of many maps three may lead to each other round a circle by chance, and maps of one place agree on whatever looks alike
-elsewhere: a set may be joined of which every pair is refused.
+The wrong poses of three maps may be consistent by chance, and maps of one place are similar to the same other place.
+Therefore a set may be joined wrongly although every pair is refused.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from tools.benchmarks.strangers import building_of, some_part
 from tools.command_line.text_table import describe_machine, machine_line, number, text_table
 
 MAPS = 6
-"""Maps of a set."""
+"""Number of maps of a set."""
 KINDS = {
     "six buildings": "a map of each",
     "two buildings": "three maps of each",
@@ -43,25 +43,25 @@ HEAD = (
 )
 
 _SETS_APART, _SEEDS_APART = 100, 100_000
-"""Numbers of buildings between those of one set and those of the next, and between those of seeds."""
+"""Differences between the building numbers of consecutive sets, and of consecutive seeds."""
 
 
 @dataclass(frozen=True)
 class StrangerSet:
-    """What became of one set.
+    """The merge of one set.
 
     Parameters
     ----------
     kind
-        Of `KINDS`.
+        One of `KINDS`.
     number
-        Of the set.
+        Number of the set.
     accepted
-        Pairs that were accepted, wrongly.
+        Pairs that were accepted wrongly.
     joined
-        Pairs that were joined, wrongly.
+        Pairs that were joined wrongly.
     right, possible
-        Pairs that were joined rightly, and that show one place.
+        Numbers of pairs that were joined correctly, and of pairs that show one place.
     """
 
     kind: str
@@ -73,7 +73,7 @@ class StrangerSet:
 
 
 def benchmark_sets(args: argparse.Namespace) -> None:
-    """Try as many sets as asked for and print the rate."""
+    """Merge sets and print the rate of false joins."""
     machine = describe_machine()
     met = list(tqdm(_meet_all(args.sets, args.seed, args.workers), total=args.sets, disable=None))
     table = summary(met)
@@ -94,7 +94,7 @@ def summary(met: list[StrangerSet]) -> ResultTable:
 
 
 def meet_set(number_of_set: int, seed: int) -> StrangerSet:
-    """Make a set and merge it; the same numbers make the same set."""
+    """Make a set by its number and merge it."""
     placed = make_set(number_of_set, seed)
     maps = maps_by_name(placed)
     config = MergeConfig()
@@ -117,12 +117,12 @@ def meet_set(number_of_set: int, seed: int) -> StrangerSet:
 
 
 def kind_of(number_of_set: int) -> str:
-    """Return which of `KINDS` a set is."""
+    """Return the kind of a set."""
     return list(KINDS)[number_of_set % len(KINDS)]
 
 
 def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
-    """Return maps of the whole or of parts of some places; the same numbers make the same maps."""
+    """Return the maps of a set, each of a whole building or of a part of one."""
     rng = np.random.default_rng([seed, number_of_set, MAPS])
     first = seed * _SEEDS_APART + number_of_set * _SETS_APART
     kind, half = kind_of(number_of_set), MAPS // 2

@@ -1,4 +1,4 @@
-"""How often maps that do not belong together are merged all the same: simulated strangers by the thousand."""
+"""The rate of false accepts: simulated pairs of maps of different places."""
 
 import argparse
 import dataclasses
@@ -41,7 +41,7 @@ KINDS = {
     "self-similar": "two parts of a corridor that looks the same everywhere; a place other than the true one counts",
 }
 UNKNOWN_TO_EACH_OTHER = ("unrelated", "mirrored", "far ends")
-"""Those kinds of which no place at all is right."""
+"""The kinds whose maps show different places, so that no pose is right."""
 HEAD = ("pairs", "maps", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
 
 _WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
@@ -51,27 +51,27 @@ _SMALLEST_M2, _LARGEST_M2 = 40.0, 400.0
 
 
 class EarlierRunError(TbmSlamError):
-    """A file holds another run than the one that shall go on."""
+    """The file of an earlier run does not match this run."""
 
 
 @dataclass(frozen=True)
 class Encounter:
-    """One pair, and what the aligner made of it.
+    """The alignment of one pair.
 
     Parameters
     ----------
     kind
-        Of `KINDS`.
+        One of `KINDS`.
     number
-        Of the pair among those of its kind and seed.
+        Number of the pair among those of its kind and seed.
     name
-        Of the pair; the seeds follow from it.
+        Name of the pair.
     is_wrong
         Whether a false alignment was accepted.
     is_ambiguous
-        Whether several places fitted about as well, and it was refused for that.
+        Whether it was refused because several poses fit well.
     confidence
-        Of the best alignment.
+        Confidence of the best pose.
     """
 
     kind: str
@@ -83,7 +83,7 @@ class Encounter:
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:
-    """Align as many pairs as asked for and print the rates; what `--json` holds already is not tried again."""
+    """Align pairs and print the rates; pairs in the file of `--json` are not tried again."""
     what = {"seed": args.seed, "judge": _judge()}
     done = _tried_before(args.json, what)
     kinds = list(KINDS)
@@ -112,7 +112,7 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
-    """Make a pair and align it; the same numbers make the same pair."""
+    """Make a pair by its numbers and align it."""
     pair = make_pair(kind, number_of_pair, seed)
     found = align(pair.target, pair.source)
     is_wrong = found.accepted and not pair.is_right(found.T_target_source)
@@ -120,12 +120,12 @@ def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
 
 
 def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
-    """Make a pair of maps; the same numbers make the same pair."""
+    """Make a pair of maps by its numbers."""
     return KnownPair.of(_pair(kind, number_of_pair, seed))
 
 
 def _judge() -> str:
-    """Return an identifier of the alignment and of the pairs: results of different ones are never mixed."""
+    """Return an identifier of the code and the model; results of different ones are never mixed."""
     model = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
     code = code_digest("tbmslam", "merging", building_of_world.__module__.rpartition(".")[0])
     return hashlib.sha256((model + code).encode()).hexdigest()[:16]
@@ -137,7 +137,7 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
     Raises
     ------
     EarlierRunError
-        If the file holds something else.
+        If the file does not match this run.
     """
     if path is None or not path.exists():
         return {}
@@ -150,9 +150,7 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
     except (OSError, ValueError, TypeError, KeyError):
         same = False
     if not same:
-        raise EarlierRunError(
-            f"{path}: is no earlier run with this seed and this judge: name another file or remove it"
-        )
+        raise EarlierRunError(f"{path}: is no earlier run with this seed and this code: name another file or remove it")
     return {(encounter.kind, encounter.number): encounter for encounter in found}
 
 
@@ -187,7 +185,7 @@ def building_of(number: int, rng: np.random.Generator) -> Building:
 
 
 def some_part(building: Building, rng: np.random.Generator) -> Building:
-    """Return all of a building, or, half of the time, the surroundings of one place."""
+    """Return a whole building, or with a probability of one half the surroundings of one place."""
     if rng.random() < 0.5:
         return building
     return room_of(building, float(rng.uniform(_SMALLEST_M2, _LARGEST_M2)), int(rng.integers(2**31)))

@@ -44,7 +44,7 @@ def test_the_table_counts_right_wrong_and_negatives():
     found = dict(zip(columns, row, strict=True))
     assert [found[name] for name in ("error m", "in deviations", "CPU s", "bent")] == ["0.020", "2.00", "0.30", "0"]
     assert "0.50 to 0.70 | 1     |       0.500 |        1.000" in calibration_table(results, BINS)
-    assert details(results[:1]) == "nothing amiss"
+    assert details(results[:1]) == "all decisions are right"
     assert details(results).count("because") == 3
 
 
@@ -148,8 +148,8 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert calibrate_merging.main([*what, "-o", str(again), "--workers", "1"]) == 0
     assert again.read_text() == model.read_text()
     assert capsys.readouterr().out == printed
-    assert f"{folder}, buildings left out of the fit" in printed
-    assert "all that were left out" in printed
+    assert f"{folder}, by models fitted without its buildings" in printed
+    assert "all pairs, by models fitted without their buildings" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
     assert written["weights"]["log of all walls"] <= 0.0 <= written["weights"]["agreement"]

@@ -37,7 +37,7 @@ def test_another_run_is_not_gone_on_with(tmp_path, capsys, content):
     path = tmp_path / "other.json"
     path.write_text(content)
     assert main(["strangers", "--pairs", "4", "--seed", "7", "--json", str(path)]) == 1
-    assert "other.json: is no earlier run with this seed and this judge" in capsys.readouterr().err
+    assert "other.json: is no earlier run with this seed and this code" in capsys.readouterr().err
     assert path.read_text() == content
 
 
@@ -47,7 +47,7 @@ def test_other_code_is_another_judge(tmp_path, capsys, monkeypatch):
     assert main(run) == 0
     monkeypatch.setattr(strangers, "code_digest", lambda *_: "of another day")
     assert main(run) == 1
-    assert "earlier.json: is no earlier run with this seed and this judge" in capsys.readouterr().err
+    assert "earlier.json: is no earlier run with this seed and this code" in capsys.readouterr().err
 
 
 @pytest.mark.slow
