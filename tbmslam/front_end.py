@@ -22,7 +22,7 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
 
 _AT_START = 1e8 * np.eye(3)
-"""Information of the motion to the first keyframe: the drive begins where it begins."""
+"""Information of the motion to the first keyframe, which fixes the begin of the drive."""
 
 
 class Placement(NamedTuple):
@@ -99,7 +99,7 @@ class FrontEnd:
         placement
             The scan and its pose.
         index
-            How many readings there were before.
+            Number of the reading.
         """
         reading, scan, prior, match, T_map_robot = placement
         self._tracker.learn(scan, match)
@@ -115,7 +115,7 @@ class FrontEnd:
         return self._tracker.revised_poses()
 
     def grid(self) -> TbmGrid | None:
-        """Return the grid where the tracker wrote one."""
+        """Return the grid of a tracker that writes one, else None."""
         grid = self._tracker.grid
         return None if grid is None else grid.to_tbm_grid(self._keep_conflict).cropped_to_known()
 

@@ -86,7 +86,7 @@ class Slam:
         return self._stamps[0] if self._stamps else 0.0
 
     def process(self, reading: Reading) -> SE2:
-        """Place one reading, learn from it, and return the robot's pose T_map_robot.
+        """Register one reading, update the surfels, and return the robot's pose T_map_robot.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class Slam:
         self._monitor.warn_at_end(warnings, self.start_stamp)
 
     def _forget_where_full(self) -> None:
-        """Forget keyframes that show nothing new, once there are very many."""
+        """Remove redundant keyframes if there are very many."""
         if self._buffer.is_full():
             keyframes = self._packed(self._tracked_poses())
             drive = self._back_end.closed(self._buffer.keyframes, keyframes, Progress())
@@ -187,7 +187,7 @@ class Slam:
         return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
-        """Return the grid that the tracker wrote, or else draw one from the keyframes at their final poses."""
+        """Return the grid of the tracker, or else render one from the keyframes at their final poses."""
         grid = self._front_end.grid()
         return render([keyframes], self.config.map) if grid is None else grid
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 
 def is_device_or_pipe(path: Path) -> bool:
-    """Return whether something stands there that is neither a file nor a folder: reading it might never end.
+    """Return whether a path exists that is neither a file nor a folder; reading it might never end.
 
-    Of a link, what it leads to counts; where nothing stands there is no device either.
+    Links are followed. A path that does not exist is no device.
 
     Raises
     ------
@@ -19,7 +19,7 @@ def is_device_or_pipe(path: Path) -> bool:
 def why_unreadable(path: Path) -> str | None:
     """Return why a file cannot be read, as the rest of a sentence; None if it may be readable.
 
-    Some of the system's files, /proc/kmsg for one, pass for empty files, and reading them might never end either.
+    Some files of the system, such as /proc/kmsg, appear empty, and reading them might never end.
 
     Raises
     ------

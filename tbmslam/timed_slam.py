@@ -1,4 +1,4 @@
-"""A SLAM that notes how long its parts take, for benchmarks: the plain one pays nothing for it.
+"""A SLAM that measures the time of its parts, for benchmarks; the plain SLAM has no overhead.
 
 Wall time is measured, since reading the CPU time costs a microsecond, which is much beside a scan: to get CPU time
 of the parts measures that of a whole stretch, and shares it out.
@@ -30,7 +30,7 @@ class StageClock:
     Attributes
     ----------
     seconds
-        Of each stage so far.
+        The time of each stage [s].
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class TimedSlam(Slam):
 
 
 class _TimedTracker:
-    """A tracker whose work is timed."""
+    """A tracker with a clock."""
 
     def __init__(self, tracker: Tracker, clock: StageClock) -> None:
         self._tracker = tracker

@@ -1,9 +1,9 @@
-"""When two pieces of wall are one, or contradict each other."""
+"""Limits of the comparison of walls: agreement and contradiction."""
 
 from typing import NamedTuple
 
 FACING = 0.7
-"""Least cosine between the normals of two pieces of wall that may be one wall seen from the same side."""
+"""Least cosine between the normals of two walls that may be one wall seen from the same side."""
 
 
 class Limits(NamedTuple):
@@ -16,7 +16,7 @@ class Limits(NamedTuple):
     conflict
         A wall on free space farther than this from every wall contradicts.
     front
-        How far before a wall one looks whether another robot was there to see it.
+        Distance before a wall in which the other map must have free space, so that its robot could see the wall.
     facing
         Least cosine between the normals of walls that may be one.
     """

@@ -12,7 +12,7 @@ from tbmslam.geometry.se2 import FloatArray
 
 Masses = npt.NDArray[np.float32]
 SUM_TOLERANCE = 1e-3
-"""How far the masses of a cell may miss the sum of one: many updates in float32 round."""
+"""Largest deviation of the sum of a cell's masses from one, by rounding in float32."""
 _CELLS_AT_ONCE = 1 << 20
 _SLIVER = 1e-6
 """Of a cell: what an edge misses it by is rounding."""
@@ -192,12 +192,12 @@ class TbmGrid:
 
 
 RELIABILITY = 0.9
-"""How far a map that holds only probabilities is believed: it is evidence, but its author's certainty is lost."""
+"""Reliability of a map that holds only probabilities, whose certainty is not known."""
 
 MIN_BALANCE = 0.1
-"""How far the masses of free and occupied must differ for a cell to be one of them; see `occupancy_of`."""
+"""Least difference of the masses of free and occupied for a decision; see `occupancy_of`."""
 _BAND = 256
-"""So many rows of cells are decided at once."""
+"""Rows of cells that are decided at once, to limit the memory."""
 
 
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:

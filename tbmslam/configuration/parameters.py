@@ -21,7 +21,7 @@ class ConfigError(TbmSlamError):
 def changed(config: Config, changes: Mapping[str, object], source: str = "configuration") -> Config:
     """Return a configuration with some parameters changed.
 
-    Where a table may be of several kinds, as the tracker, another `kind` begins with that kind's defaults.
+    If a table may be of several kinds, as the tracker, another `kind` starts with the defaults of that kind.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
     changes
         New values in nested tables, as TOML has them.
     source
-        Where they come from, for messages.
+        The source of the changes, for messages.
 
     Raises
     ------
     ConfigError
-        When a key is unknown, which names the nearest one, or a value does not fit.
+        If a key is unknown (the message names the most similar key), or a value is invalid.
     """
     names = list(parameter_names(config))
     try:

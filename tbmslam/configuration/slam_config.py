@@ -143,6 +143,6 @@ def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
     Raises
     ------
     ConfigError
-        When a key is unknown, with the nearest one, or a value does not fit, in one line with the key's place.
+        If a key is unknown or a value is invalid: one line with the key and the most similar key.
     """
     return changed(preset(str(values.get("preset", "default"))), values)

@@ -1,1 +1,1 @@
-"""How far maps and trajectories are from the truth."""
+"""Errors of maps and trajectories against the truth."""

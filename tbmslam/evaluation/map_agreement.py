@@ -17,7 +17,7 @@ Labels = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class MapAgreement:
-    """A map's cells against the true ones.
+    """Comparison of the cells of a map with the truth.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class MapAgreement:
 
 
 def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
-    """Return the label of each cell (rows, cols) of a map: occupied or free, whichever mass is larger.
+    """Return the label of each cell (rows, cols) of a map by the larger mass: occupied or free.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
 
 
 def _is_near(labels: Labels, others: Labels) -> npt.NDArray[np.bool_]:
-    """Return of each cell (rows, cols) whether the others have its label there or in one of the eight cells around."""
+    """Return whether each cell's label (rows, cols) is found in the other map there or in one of eight neighbours."""
     near = np.zeros(labels.shape, dtype=np.bool_)
     for label in (FREE, OCCUPIED):
         near |= (labels == label) & ndimage.binary_dilation(others == label, np.ones((3, 3), dtype=np.bool_))
@@ -149,7 +149,7 @@ def refine_map_transform(
     Raises
     ------
     MapRefinementError
-        When one of the maps has no occupied cell.
+        If a map has no occupied cell.
     """
     points = _occupied_centres(labels, geometry)
     if not len(points) or not (truth == OCCUPIED).any():

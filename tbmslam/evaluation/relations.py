@@ -17,7 +17,7 @@ from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
 
 _MOST_LIKE = 64
-"""Poses of about the same stamp that are considered: where a clock stands still, all poses have it."""
+"""Number of poses with similar stamps that are considered; all poses have one stamp if the clock stands still."""
 
 _Cost = tuple[int, float]
 
@@ -51,7 +51,7 @@ def matching_poses(
     first, second
         Stamps in the order of the recording [s].
     tolerance
-        How far stamps that belong together may be apart [s].
+        Largest difference of matching stamps [s].
     """
     if len(first) < 2 or (np.diff(first) > 0.0).all():
         return matching_stamps(first, second, tolerance)
@@ -81,7 +81,7 @@ def matching_poses(
 
 
 def _runs(stamps: FloatArray) -> npt.NDArray[np.int64]:
-    """Return the number (N,) of each stamp's run: within one, stamps rise."""
+    """Return the number of the run of each stamp (N,); stamps increase within a run."""
     return np.concatenate(([0], np.cumsum(np.diff(stamps) <= 0.0)))[: len(stamps)]
 
 
@@ -139,7 +139,7 @@ class Relations:
 
 @dataclass(frozen=True)
 class RelationErrors:
-    """How far estimated motions are from the true ones.
+    """Errors of estimated motions between the moments of relations.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def read_relations(path: Path) -> Relations:
 
 
 def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: float = 1e-3) -> RelationErrors:
-    """Compare a trajectory's relative motions with the true ones.
+    """Compare the relative motions of a trajectory with the truth.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: flo
     trajectory
         The estimate.
     tolerance
-        How far a pose's stamp may be from a relation's [s].
+        Largest difference between the stamps of a pose and of a relation [s].
     """
     indices = np.full(relations.stamps.shape, -1, dtype=np.int64)
     for end in (0, 1):

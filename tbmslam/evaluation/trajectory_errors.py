@@ -109,7 +109,7 @@ class AbsoluteErrors:
 
 @dataclass(frozen=True)
 class RelativeErrors:
-    """How far estimated steps are from the true ones.
+    """Errors of the steps of an estimated trajectory.
 
     Parameters
     ----------
@@ -146,14 +146,14 @@ def relative_errors(
     seconds: float | None = None,
     max_stamp_difference: float = 0.01,
 ) -> RelativeErrors:
-    """Compare steps of a chosen length, one beginning where the last one ended, with the true ones, eq. 1 there.
+    """Compare consecutive steps of a given length with the truth, eq. 1 there.
 
     Parameters
     ----------
     truth, estimate
         Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
     distance, seconds
-        Length of a step, one of the two: travelled by the truth [m], or passed [s].
+        Length of a step: either the true travelled distance [m], or the duration [s].
 
     Raises
     ------
@@ -188,7 +188,7 @@ def _passed(stamps: FloatArray) -> FloatArray:
 
 
 def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:
-    """Return indices of the first pose and of every pose that is the first at least one step after the last one."""
+    """Return indices of poses one step apart: each is the first that is at least one step after the previous."""
     ends = [0] if len(progress) else []
     while ends:
         following = int(np.searchsorted(progress, progress[ends[-1]] + step))
@@ -202,7 +202,7 @@ def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:
 
 
 def _motions(poses: FloatArray) -> FloatArray:
-    """Return each pose (N - 1, 3) in the frame of the one before."""
+    """Return each pose (N - 1, 3) in the frame of the previous pose."""
     (dx, dy, turn), heading = np.diff(poses, axis=0).T, poses[:-1, 2]
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.column_stack((cosine * dx + sine * dy, cosine * dy - sine * dx, turn))
@@ -243,7 +243,7 @@ class ErrorStatistics:
 _LEAST_M = 0.02
 """A smaller error needs no explanation, and noise explains it [m]."""
 _SHARE = 0.5
-"""What is left of an error (root mean square) where most of it, three quarters of its square, is explained."""
+"""Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
 _FARTHEST_S = 5.0
 """Clocks that differ by more have hardly a pose in common by their stamps [s]."""
 _STEP_S = 0.05
@@ -252,14 +252,14 @@ _LEAST_S = 0.02
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
-    """Return in one line which constant explains most of the error; None if none does.
+    """Return which constant explains most of the error, in one line; None if none does.
 
     Parameters
     ----------
     truth, estimate
-        Trajectories of one drive.
+        The true and the estimated trajectory of a drive.
     max_stamp_difference
-        Poses belong together whose stamps differ by no more [s].
+        Largest difference of the stamps of matching poses [s].
     """
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < 3:

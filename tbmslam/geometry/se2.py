@@ -58,7 +58,7 @@ class SE2(NamedTuple):
         return vx, vy, omega
 
     def __matmul__(self, other: "SE2") -> "SE2":
-        """Compose: first `other`, then this one."""
+        """Return the composition: first `other`, then this motion."""
         x, y, theta = self
         dx, dy, turn = other
         cosine, sine = math.cos(theta), math.sin(theta)
@@ -69,7 +69,7 @@ class SE2(NamedTuple):
         return tuple.__new__(SE2, (x + cosine * dx - sine * dy, y + sine * dx + cosine * dy, heading))
 
     def to(self, other: "SE2") -> "SE2":
-        """Return `self.inverse() @ other` in half the time: for poses in one frame, the other as seen from this one."""
+        """Return `self.inverse() @ other` in half the time: the other pose in the frame of this pose."""
         x, y, theta = self
         dx, dy, heading = other[0] - x, other[1] - y, other[2] - theta
         cosine, sine = math.cos(theta), math.sin(theta)
@@ -78,13 +78,13 @@ class SE2(NamedTuple):
         return tuple.__new__(SE2, (cosine * dx + sine * dy, cosine * dy - sine * dx, heading))
 
     def inverse(self) -> "SE2":
-        """Return the motion that undoes this one."""
+        """Return the inverse motion."""
         x, y, theta = self
         cosine, sine = math.cos(theta), math.sin(theta)
         return tuple.__new__(SE2, (-cosine * x - sine * y, sine * x - cosine * y, wrap_angle(-theta)))
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
-        """Carry points (..., 2) in metres to the other frame."""
+        """Transform points (..., 2) [m] to the other frame."""
         xy = np.asarray(points, dtype=np.float64)
         cosine, sine = math.cos(self.theta), math.sin(self.theta)
         moved = np.empty_like(xy)

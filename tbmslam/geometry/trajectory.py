@@ -48,7 +48,7 @@ class Trajectory:
         return Trajectory(self.stamps, moved)
 
     def driven(self) -> float:
-        """Return how far the robot drove [m]; motions within `_REST_M` of where it last was do not count.
+        """Return the driven distance [m]; motions within `_REST_M` of the last counted position are ignored.
 
         The estimated poses of a robot at rest differ by millimetres from scan to scan, over hours by tens of metres.
         """

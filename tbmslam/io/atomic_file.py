@@ -75,7 +75,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def _check_place(target: Path) -> None:
-    """Refuse to put a file in the place of a device, a pipe or a link to one; a folder cannot be replaced anyway."""
+    """Refuse to replace a device, a pipe or a link to one; folders are never replaced."""
     try:
         is_taken = is_device_or_pipe(target)
     except OSError:  # a folder of the path may not be readable; writing reports it

@@ -59,7 +59,7 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
 
 
 def _text(path: Path) -> str:
-    """Return the file's text, no more of it than a map can be."""
+    """Return the text of the file, limited to the largest size of a map."""
     try:
         check_file(path)
         with path.open("rb") as plain:

@@ -33,7 +33,7 @@ def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
 
 
 def _lines(drive: Drive, first: int) -> Iterator[str]:
-    """Yield the lines of a drive whose first vertex has some number."""
+    """Yield the lines of a drive, with the number of its first vertex."""
     yield f"# drive {drive.name}"
     for number, pose in enumerate(drive.keyframes.all_sensor_poses(), first):
         yield f"VERTEX_SE2 {number} {_numbers(pose)}"

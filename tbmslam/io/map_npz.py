@@ -114,7 +114,7 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
 
 
 def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:
-    """Return names of a map's drives and how many poses each has; none where the file is no map."""
+    """Return the names of a map's drives and their numbers of poses; empty if the file is no map."""
     try:
         if why_unreadable(Path(path)):
             return []
@@ -183,10 +183,10 @@ def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:
 
 
 _SAME_POSE = 1e-6
-"""Poses that differ by less [m, rad] are one, written twice."""
+"""Poses that differ by less [m, rad] are one pose."""
 
 _MOST_COMPARED = 100
-"""Poses of one stamp that are compared with a keyframe: where a clock stands still, all poses have the same."""
+"""Number of poses with one stamp that are compared with a keyframe; all have one stamp if the clock stands still."""
 
 
 def indices_by_stamp(trajectory: Trajectory, stamps: FloatArray, poses: FloatArray) -> npt.NDArray[np.int64]:
@@ -218,13 +218,13 @@ def indices_by_stamp(trajectory: Trajectory, stamps: FloatArray, poses: FloatArr
         having.setdefault(stamp, []).append(index)
     found, previous = np.empty(count, dtype=np.int64), -1
     for number, stamp in enumerate(stamps.tolist()):
-        last = length - count + number  # so many come after it
+        last = length - count + number  # enough poses remain for the later keyframes
         same = having.get(stamp, [])
         first = bisect_left(same, previous + 1)
         coming = [index for index in same[first : first + _MOST_COMPARED] if index <= last]
         if coming:
             apart = np.abs(trajectory.poses[coming] - poses[number]).max(axis=1)
-            previous = coming[int(np.argmax(apart < _SAME_POSE))]  # the first one where there is none
+            previous = coming[int(np.argmax(apart < _SAME_POSE))]  # the first pose if none is near
         else:
             previous = _nearest_coming(trajectory.stamps, stamp, previous + 1, last)
         found[number] = previous
@@ -232,7 +232,7 @@ def indices_by_stamp(trajectory: Trajectory, stamps: FloatArray, poses: FloatArr
 
 
 def _nearest_coming(stamps: FloatArray, stamp: float, first: int, last: int) -> int:
-    """Return the first index from one to another, both included, after which stamps move away from the given one."""
+    """Return the first index of a range, ends included, after which the stamps move away from the given stamp."""
     while first < last and abs(stamps[first + 1] - stamp) < abs(stamps[first] - stamp):
         first += 1
     return first

@@ -18,7 +18,7 @@ from tbmslam.io.atomic_file import replacing
 
 Array = npt.NDArray[Any]
 _DEFLATE_LIMIT = 1040
-"""Deflate never packs more bytes than this into one: a file that claims it lies about its sizes."""
+"""Largest compression ratio of deflate; a file that states a larger one has wrong sizes."""
 
 _FREE_BYTES, _USUAL_RATIO = 64_000_000, 100
 """An array of unforeseen length that is larger than this, and packed better than numbers of a drive are, is a bomb."""
@@ -91,7 +91,7 @@ class ArrayZip:
         Parameters
         ----------
         dtype, shape
-            What is expected; None stands for any length.
+            The expected shape; None stands for any length.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class ArrayZip:
                 _check_ratio(name, info)
             values = np.lib.format.read_array(stream, allow_pickle=False)
             stream.read(1)  # at its end an entry is compared with its checksum
-            # numpy makes strings of numbers that are no characters, and Python then breaks wherever they are used.
+            # numpy accepts strings with invalid code points, on which Python fails later.
             if values.dtype.kind == "U" and np.any(np.frombuffer(values.tobytes(), dtype=np.uint32) > sys.maxunicode):
                 raise NpzError(f"{name} is damaged text")
             return np.ascontiguousarray(values).reshape(values.shape)

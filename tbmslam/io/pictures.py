@@ -1,4 +1,4 @@
-"""A map's masses as pictures: one pixel a cell, y up, with a world file."""
+"""The masses of a map as pictures: one pixel for each cell, y up, with a world file."""
 
 import os
 from pathlib import Path

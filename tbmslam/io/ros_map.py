@@ -1,4 +1,4 @@
-"""Maps as ROS keeps them, for map_server and nav2: a yaml file and a picture whose top row has the largest y."""
+"""Maps in the format of map_server and nav2: a yaml file, and a picture whose top row has the largest y."""
 
 import logging
 import os
@@ -133,7 +133,7 @@ def _number(path: Path, key: str, value: object) -> float:
 def _image_path(path: Path, name: object) -> Path:
     """Return where the picture lies: in the yaml's folder or below, so that a map cannot name any file there is.
 
-    A name of elsewhere, as map savers write for another machine, stands for the file of that name beside the yaml.
+    If a path does not exist, as one of another machine, the file of that name beside the yaml is used.
     """
     if not isinstance(name, str) or not name or "\0" in name:
         raise MapFileError(f"{path}: image must name a file, it is {reprlib.repr(name)}: correct it")

@@ -111,7 +111,7 @@ def _merging_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
 
 
 def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
-    """Compress as the original's roslz4 does, whose reader takes nothing else."""
+    """Compress in the format of roslz4, the only one that the original program reads."""
     frame = lz4.frame.compress(
         cells.tobytes(),
         block_size=lz4.frame.BLOCKSIZE_MAX4MB,
@@ -123,7 +123,7 @@ def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
 
 
 def _unpacked(path: Path) -> tuple[GridGeometry, bytes]:
-    """Return where the cells lie and their bytes, at most one more than they can be."""
+    """Return the geometry and the bytes of the cells, with at most one byte too many."""
     try:
         check_file(path)
         with path.open("rb") as plain:

@@ -112,7 +112,7 @@ class ReferenceTrajectory:
     frame: Frame
 
     def of_robot(self, T_robot_sensor: SE2) -> Trajectory:
-        """Return where the robot was whose laser is mounted so."""
+        """Return the trajectory of the robot from that of its laser."""
         if self.frame == "robot":
             return self.trajectory
         poses = compose(self.trajectory.poses, np.array(T_robot_sensor.inverse()))

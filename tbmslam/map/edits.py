@@ -19,7 +19,7 @@ _NUMBERS: dict[str, int] = {"crop": 4, "rotate": 1, "erase": 4, "free": 4, "occu
 _MOST_POINTS = 20_000
 """Largest number of occupied cells that are used to find the rotation of a building."""
 _TURNS_DEG = ((45.0, 0.5), (0.5, 0.05), (0.05, 0.01))
-"""Turns that are tried, from coarse to fine: so far to either side, in such steps."""
+"""Ranges and steps of the tried rotations, from coarse to fine."""
 _FARTHEST = 1e5
 """A coordinate [m] beyond this is a mistake."""
 
@@ -73,13 +73,13 @@ class MapEdit:
 
 
 def without_scans(tbm_map: TbmMap) -> TbmMap:
-    """Return a map whose drives keep their trajectories only: a merge would draw it from scans again, unedited."""
+    """Return a map whose drives have trajectories only: from keyframes, a merge would render the map unedited."""
     nothing = Keyframes.from_scans([], [], [])
     return replace(tbm_map, drives=tuple(Drive(drive.name, drive.trajectory, nothing) for drive in tbm_map.drives))
 
 
 def angle_to_axes(grid: TbmGrid) -> float:
-    """Return the smallest turn [degrees] that lays the walls of a map along the axes; 0 if it has none.
+    """Return the smallest rotation [degrees] that aligns the walls of a map with the axes; 0 without walls.
 
     Seen along its walls a building is a few sharp peaks: of all turns the one is taken whose histograms of the occupied
     cells over x and over y have the largest sum of squares.
@@ -98,7 +98,7 @@ def angle_to_axes(grid: TbmGrid) -> float:
 
 
 def _sharpness(points: FloatArray, turn: float) -> float:
-    """Return the sum of squares of two histograms of points (N, 2), in cells, once they are turned [rad]."""
+    """Return the sum of squares of both histograms of points (N, 2) in cells, rotated by an angle [rad]."""
     x = math.cos(turn) * points[:, 0] - math.sin(turn) * points[:, 1]
     y = math.sin(turn) * points[:, 0] + math.cos(turn) * points[:, 1]
     total = 0.0
@@ -135,7 +135,7 @@ def _rectangle(
 
 
 def _line(geometry: GridGeometry, begin: tuple[float, float], end: tuple[float, float]) -> tuple[npt.NDArray[Any], ...]:
-    """Return rows and columns of the cells that a line meets, two points in each cell being looked at."""
+    """Return rows and columns of the cells of a line, sampled twice per cell."""
     steps = 2 * math.ceil(math.dist(begin, end) / geometry.resolution) + 1
     rows, cols, inside = geometry.cells_at(np.linspace(begin, end, steps))
     return rows[inside], cols[inside]

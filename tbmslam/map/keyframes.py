@@ -25,7 +25,7 @@ class Keyframes:
     beams
         Angle and range limits (K, 4): angle_min, angle_increment [rad], range_min, range_max [m].
     offsets
-        Where each scan begins in `ranges`, and where the last one ends (K + 1,).
+        Begin of each scan in `ranges`, and end of the last scan (K + 1,).
     ranges
         All scans' ranges one after another, float32 [m], coded as in `LaserScan`.
     beam_steps
@@ -69,7 +69,7 @@ class Keyframes:
     ) -> "Keyframes":
         """Pack scans taken at robot poses in the map by lasers mounted at sensor poses.
 
-        `indices` say which poses of the trajectory these are; None: the first ones, one after another.
+        `indices` of the poses in the trajectory; None for the first poses.
         """
         return cls(
             stamps=np.array([scan.stamp for scan in scans], dtype=np.float64),

@@ -18,7 +18,7 @@ FAR_M = 1000.0
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Where a near frame has its origin in a far one: shifted by whole metres and not turned.
+    """A near frame in a far frame: translated by whole metres and not rotated.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class LocalFrame:
 
     @classmethod
     def around(cls, T_far_robot: SE2 | None) -> "LocalFrame":
-        """Return the frame near a pose; the far one itself where its origin is, or where there is no pose."""
+        """Return the frame near a pose; the far frame itself if its origin is near, or without a pose."""
         if T_far_robot is None or max(abs(T_far_robot.x), abs(T_far_robot.y)) <= FAR_M:
             return cls()
         return cls(SE2(float(round(T_far_robot.x)), float(round(T_far_robot.y)), 0.0))
 
     def reading(self, reading: Reading) -> Reading:
-        """Return a reading with its odometry as it is seen here."""
+        """Return a reading with its odometry in the near frame."""
         return in_frame(reading, self.T_far_near.inverse()) if self.is_far else reading
 
     def pose_there(self, T_near_robot: SE2) -> SE2:

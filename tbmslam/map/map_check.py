@@ -24,7 +24,7 @@ def machine_memory() -> int:
 
 
 def _own_limit() -> int:
-    """Return how much address space this program may take."""
+    """Return the address space that is available to this program [bytes]."""
     try:
         import resource  # noqa: PLC0415 - not every system has it
     except ImportError:
@@ -57,7 +57,7 @@ SMALLEST_CELL, LARGEST_CELL = 1e-3, 100.0
 
 
 class MapFileError(TbmSlamError):
-    """A file that should hold a map does not: one line with the file, the fact and the remedy."""
+    """A file holds no valid map: one line with the file, the fact and the remedy."""
 
 
 def check_file(path: str | os.PathLike[str]) -> None:

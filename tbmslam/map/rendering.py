@@ -38,7 +38,7 @@ class MapConfig(FrozenConfig):
             "drive ends with an error; a cell takes 28 bytes while it is rendered and 16 afterwards"
         ),
     )
-    # A beam that speaks a little for both contradicts itself, and many that agree would fill a cell with conflict.
+    # A beam with evidence for both contradicts itself, so that many equal beams would fill a cell with conflict.
     sensor_model: SensorModelConfig = SensorModelConfig(
         hit_probability=1.0, hit_quality=0.274, miss_probability=0.0, miss_quality=0.096, wall_blur=0.0
     )
@@ -56,7 +56,7 @@ class MapConfig(FrozenConfig):
 
 _SCANS_AT_ONCE = 1000
 _BEAMS_KEPT = 2_000_000
-"""Beams whose ends are kept, in 34 MB, until they are counted."""
+"""Number of beams whose ends are stored until they are counted, in 34 MB."""
 _BYTES_A_CELL = 24  # counts and masses; to save a map takes less
 
 
@@ -91,7 +91,7 @@ def _from_beams(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
 
 
 def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
-    """Count the scans that speak of each cell: where each has one word, the counts are all that matters."""
+    """Count the scans that see each cell: if each scan counts once per cell, the counts determine the masses."""
     lasers = [keyframes.all_sensor_poses() for keyframes in drives]
     blocks = _AllBlocks(drives, lasers, config)
     corners = [_corners(block) for block in blocks]
@@ -100,7 +100,7 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     geometry = _geometry_around(np.vstack(corners), config)
     resolution = geometry.resolution
     first_row, first_col = round(geometry.origin_y / resolution), round(geometry.origin_x / resolution)
-    # The system gives memory where cells are touched first, so unexplored parts of the box take little of it.
+    # The system allocates memory at the first access, so unexplored parts of the box take little memory.
     counts: Counts = np.zeros((geometry.rows + 2, geometry.cols + 2), dtype=np.int64)
     lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
     for block in blocks:
@@ -119,7 +119,7 @@ class _Block(NamedTuple):
 
 
 class _AllBlocks:
-    """The scans of drives, for each that goes over them; those of a short drive are made once."""
+    """The scans of drives for several passes; the scans of a short drive are stored."""
 
     def __init__(self, drives: Sequence[Keyframes], lasers: Sequence[FloatArray], config: MapConfig) -> None:
         self._drives, self._lasers, self._config = drives, lasers, config
@@ -135,7 +135,7 @@ class _AllBlocks:
 
 
 def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iterator[_Block]:
-    """Yield the scans that speak of any cell, some at a time: the ends of all beams would take much memory."""
+    """Yield the scans that see any cell in blocks, since the ends of all beams would take much memory."""
     limit, clears = config.insertion.max_range, config.insertion.no_return == "free"
     for first in range(0, len(keyframes), _SCANS_AT_ONCE):
         scans = slice(first, first + _SCANS_AT_ONCE)
@@ -154,7 +154,7 @@ def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iter
 
 
 def _corners(block: _Block) -> FloatArray:
-    """Return the lower and the upper corner (2, 2) of the box around all that some scans speak of."""
+    """Return the lower and the upper corner (2, 2) of the bounding box of all cells that some scans see."""
     lasers = block.lasers[np.diff(block.offsets) > 0, :2]
     # A kernel's time is a twentieth of what NumPy takes along this axis.
     spans = np.array([extent(np.ascontiguousarray(lasers)), extent(block.ends)])

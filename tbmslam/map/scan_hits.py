@@ -1,4 +1,4 @@
-"""What the scans of a drive hit, made once for all that go over it."""
+"""The hits of the scans of a drive, computed once for all uses."""
 
 from bisect import bisect_left
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class ScanHits:
     Parameters
     ----------
     points, normals
-        Hits (P, 2) [m] of one scan after the other, and the normals (P, 2) of what was hit, towards the laser.
+        Hits (P, 2) [m] of all scans in their order, and normals (P, 2) of the surfaces, towards the laser.
     offsets
-        Where each scan's begin, and where the last ones end (K + 1,).
+        Begin of each scan's hits, and end of the last scan's hits (K + 1,).
     """
 
     points: npt.NDArray[np.float32]
@@ -68,7 +68,7 @@ class DriveHits:
         self._travelled = self.travelled.tolist()
 
     def begins(self, chosen: npt.NDArray[np.int64], at_least: int = _ALL) -> npt.NDArray[np.int64]:
-        """Return where the hits of each of some keyframes begin in what `placed` returns, and where the last ones end.
+        """Return the begins of the hits of some keyframes in the result of `placed`, and the end of the last.
 
         Parameters are those of `placed`.
         """
@@ -77,14 +77,14 @@ class DriveHits:
         return -(-ends // max(int(ends[-1]) // at_least, 1))
 
     def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int = _ALL) -> Hits:
-        """Return hits of some keyframes in the frame of one.
+        """Return the hits of some keyframes in the frame of a keyframe.
 
         Parameters
         ----------
         chosen
             Indices of the keyframes.
         frame
-            Index of the one.
+            Index of that keyframe.
         at_least
             Every n-th hit is enough, as long as this many are left, where there are as many; all by default.
         """

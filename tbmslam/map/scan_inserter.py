@@ -57,7 +57,7 @@ class ScanInserter:
         grid
             The grid to write into.
         scan_quality
-            Weight in [0, 1] on the evidence of every beam: how sure the pose is.
+            Weight in [0, 1] of the evidence of every beam, by the certainty of the pose.
         """
         limit, no_return = self._config.max_range, self._config.no_return
         starts, ends, is_hit, corners = beams_of_scan(

@@ -20,7 +20,7 @@ from tbmslam.map.map_image import PixelRule, occupancy_of_image, read_image
 
 @dataclass(frozen=True, repr=False)
 class TbmMap:
-    """A map: one drive where one robot made it, several after a merge, none where only a picture was left.
+    """A map, with one drive of one robot, several drives after a merge, or no drive if it was a picture.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class TbmMap:
         Raises
         ------
         ValueError
-            If the array holds anything else, or the cells cannot be a map's.
+            If the array holds other values, or the geometry is impossible.
         """
         cells = np.asarray(occupancy)
         if cells.ndim != 2 or not cells.size or cells.dtype.kind not in "iu":
@@ -84,7 +84,7 @@ class TbmMap:
         Parameters
         ----------
         path
-            PNG, PGM, or what else OpenCV reads.
+            PNG, PGM, or another format that OpenCV reads.
         resolution
             Side of a pixel [m].
         origin
@@ -135,7 +135,7 @@ class TbmMap:
         Parameters
         ----------
         ax
-            Axes to draw on; None makes new ones.
+            Axes to draw on; None for new axes.
 
         Returns
         -------
@@ -158,5 +158,5 @@ class TbmMap:
         return ax
 
     def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
-        """Return the map in another frame, its drives moved and its grid replaced by one resampled there."""
+        """Return the map in another frame, with transformed drives and the given resampled grid."""
         return TbmMap(grid, tuple(drive.transformed(T_new_old) for drive in self.drives), self.provenance)

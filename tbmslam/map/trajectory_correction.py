@@ -36,7 +36,7 @@ def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor
 
 
 def with_keyframes_at(drive: Drive, poses: FloatArray) -> Drive:
-    """Return a drive whose keyframes' robot is at other poses (K, 3), and whose trajectory follows them."""
+    """Return a drive with other robot poses (K, 3) at its keyframes, and a trajectory that follows them."""
     trajectory, keyframes = drive.trajectory, drive.keyframes
     moved = replace(drive, keyframes=replace(keyframes, poses=poses))
     if len(trajectory) == 0:

@@ -33,14 +33,14 @@ Indices = npt.NDArray[np.int64]
 
 
 def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limits: Limits) -> FloatArray:
-    """Return weighted sums (M, 8) over some walls (K,) of one map held against another.
+    """Return weighted sums (M, 8) over some walls (K,) of one map, compared with another map.
 
     Parameters
     ----------
     moving, fixed
-        The map whose walls are held, and the one they are held against.
+        The map whose walls are compared, and the map with which they are compared.
     some
-        Which walls of the moving map are looked at.
+        Indices of the compared walls of the moving map.
     motions
         T_fixed_moving, as many as wanted.
     limits
@@ -55,7 +55,7 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
 
 
 def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
-    """Return the fate of each wall (K,) of one map under a motion into another's frame.
+    """Return the class of each wall (K,) of one map under a transform to another map's frame.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits
 
 
 def see_through(moving: Walls, fixed: Walls, T_fixed_moving: SE2, reach_m: float) -> npt.NDArray[np.bool_]:
-    """Return which walls (N,) of one map another saw through: it knows free space so far before and behind them."""
+    """Return which walls (N,) of one map another map saw through: it has free space up to a distance on both sides."""
     return see_through_walls(moving, fixed, T_fixed_moving, reach_m)
 
 
@@ -88,11 +88,11 @@ def slide(
     target, source
         The maps.
     target_some, source_some
-        Which of their walls look for their like.
+        Indices of the walls that are matched.
     motions
         First guesses of T_target_source.
     reaches
-        How far a wall looks in each iteration [m].
+        Largest distance of a match in each iteration [m].
     facing
         Least cosine between the normals of walls that may be one.
     """

@@ -252,7 +252,7 @@ class LaserView:
         self._incidents = incidents
         self._beams = BlockedBeams(config)
         self._reported: _Reported | None = None
-        # When each beam was last known to be blocked, and when one beside it was [s].
+        # Last times at which each beam was blocked, and at which a neighbour was blocked [s].
         self._known, self._beside = np.zeros(0), np.zeros(0)
         self._raw: LaserScan | None = None
 
@@ -292,7 +292,7 @@ class LaserView:
             if reported is not None and abs(since - reported.since) <= _TOGETHER_S:
                 reported.beams[new] = True
                 self._incidents.reword(reported.number, _blocks(scan, reported.beams))
-            elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # at the edges others come and go
+            elif (new & (scan.stamp - self._beside > _LATELY_S)).any():  # neighbours at the edges change often
                 self._reported = _Reported(since, new, self._incidents.add(since, _blocks(scan, new)))
         self._note(scan, blocked)
 

@@ -18,13 +18,13 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
 _SPAN_S, _STEP_S = 10.0, 1.0
 """Time over which a speed is measured, and between its poses: noise of single poses is no speed."""
 _FASTEST = 4.0
-"""Robots that map buildings drive up to 2 m/s, and platforms for them 3 m/s at the most [m/s]."""
+"""Largest plausible speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
 _CONFIRMED = 0.5
 """Share of the speed that odometry must confirm."""
 
 
 class ImpossibleSpeed(NamedTuple):
-    """The fastest part of a drive that is faster than any robot: its begin [s] and its speed [m/s]."""
+    """The fastest part of a drive with an impossible speed: its begin [s] and its speed [m/s]."""
 
     stamp: float
     speed: float
@@ -50,7 +50,7 @@ def impossible_speed(
         Times (K,) [s] and poses (K, 3) of the robot by odometry at keyframes; nan if there was none.
     """
     times = _running(stamps)
-    # A pose a second, wherever there is one: a clock may have stepped over years.
+    # At most one pose per second of the recording: the clock may have stepped over years.
     _, chosen = np.unique(np.floor(times / _STEP_S), return_index=True)
     begins, speeds = _speeds(times[chosen], poses[chosen])
     if not len(speeds):
@@ -74,7 +74,7 @@ def _running(stamps: FloatArray) -> FloatArray:
 
 
 def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the poses (S,) at which a whole span begins, and the mean speeds (S,) over it [m/s]."""
+    """Return the poses (S,) that begin a whole span, and the mean speeds (S,) over the spans [m/s]."""
     travelled = path_lengths(poses)
     ends = np.searchsorted(times, times + _SPAN_S)
     begins = np.flatnonzero(ends < len(times))

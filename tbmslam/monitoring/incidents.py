@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 _MOST_KEPT = 100
 SOON_S = 5.0
-"""Events less than this apart are one incident [s]."""
+"""Events with a smaller distance in time are one incident [s]."""
 
 
 class Incident(NamedTuple):
@@ -70,7 +70,7 @@ class Incidents:
         return len(self._kept)
 
     def add(self, stamp: float, what: str, seconds: float = 0.0) -> int:
-        """Add an incident and return its number; one that continues an earlier one makes that longer instead."""
+        """Add an incident and return its number; the continuation of an earlier incident extends that one."""
         for number in range(len(self._kept) - 1, max(len(self._kept) - 4, -1), -1):
             known = self._kept[number]
             if known.what == what and 0.0 <= stamp - known.stamp - known.seconds <= SOON_S:

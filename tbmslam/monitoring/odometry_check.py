@@ -77,7 +77,7 @@ class OdometryCheck:
 
 
 _LENGTH, _LEAST = 1.0, 0.1
-"""Least length of a compared section, and the length below which one of both stood still [m]."""
+"""Least length of a compared section, and the length below which odometry or scans are at rest [m]."""
 _DETERMINED = 0.5
 """Share of each step's length that scans must determine; below, odometry is compared with itself."""
 

@@ -52,21 +52,21 @@ class Contradictions:
 
 
 _NEAR, _NEAR_SHARE = 0.15, 0.03
-"""Distance between two ranges of one surface [m], and more of it per metre, as beams fall beside each other."""
+"""Largest distance between two hits of one surface [m], and its increase per metre of range."""
 _FEWEST = 10
 _FARTHEST = 40.0
 """Hits beyond are left out, as the tracker leaves them out [m]."""
 
 
 def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> float:
-    """Return which share of the hits of a scan the next one confirms, of those in its view; 1 where these are few.
+    """Return the share of a scan's hits in view of the next scan that this confirms; 1 if few are in view.
 
     Parameters
     ----------
     before, after
         The two scans.
     T_before_after
-        Pose of the laser at the later one as seen from the earlier.
+        Pose of the laser at the later scan in its frame at the earlier scan.
     """
     points = T_before_after.inverse().apply(before.hits(_FARTHEST).points)
     step, beams = after.angle_increment, len(after.ranges)

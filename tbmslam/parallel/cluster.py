@@ -52,7 +52,7 @@ class Cluster:
         self._address = address
         self._run = secrets.token_hex(4)
         try:
-            if place[2] != "tls":  # whose server speaks only once it was greeted
+            if place[2] != "tls":  # a tls server answers only after a greeting
                 _hear_scheduler(place[3], int(place[4]))
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except Exception as error:  # noqa: BLE001 - of what is no scheduler, or of certificates, Dask raises anything
@@ -125,7 +125,7 @@ class Cluster:
 
 
 def _hear_scheduler(host: str, port: int) -> None:
-    """Raise an OSError where no scheduler speaks; Dask itself waits for half a minute or for ever.
+    """Raise an OSError if no scheduler answers; Dask itself waits for half a minute or without end.
 
     A scheduler begins with a frame's size, a number of eight bytes that is not large.
     """

@@ -1,4 +1,4 @@
-"""Processes and threads of this machine that share work; processes end with the one that started them."""
+"""Processes and threads of this machine that share work; processes end with their parent."""
 
 import multiprocessing
 import os
@@ -90,7 +90,7 @@ class WorkerPool(ProcessPoolExecutor):
     Parameters
     ----------
     workers
-        How many there are at the most.
+        The largest number of processes.
     initializer
         What each does first.
     interrupt
@@ -167,7 +167,7 @@ def _begin(initializer: Callable[[], object] | None) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the process that started this one, in case it was killed; then end."""
+    """Wait for the end of the parent process, which may be killed, and then end."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
@@ -176,11 +176,11 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting for a block; a process that begins in it never hears it, not even while it begins."""
+    """Defer Ctrl-C during a block; a process that starts in it ignores Ctrl-C from its first moment."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # it begins with the first process, and lets Ctrl-C through again
+    resource_tracker.ensure_running()  # it starts with the first process, and enables Ctrl-C again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -26,7 +26,7 @@ class TileMaps:
     Parameters
     ----------
     count
-        How many maps.
+        The number of maps.
     resolution
         Side of a cell [m].
     max_cells
@@ -49,17 +49,17 @@ class TileMaps:
 
     @property
     def tiles_in_use(self) -> int:
-        """How many tiles the maps hold in memory together."""
+        """The number of tiles of all maps in memory."""
         return len(self._tiles) - 1 - self._free_count
 
     def grid(self, number: int) -> TileGrid:
-        """Return one of the maps as kernels read it; it is good until something is written."""
+        """Return a map in the form that kernels read; it is valid until the next change."""
         return TileGrid(self._tiles, self._places[number], self.resolution, self._first_row, self._first_col)
 
     def insert(
         self, number: int, cells: npt.NDArray[np.int32], is_hit: npt.NDArray[np.bool_], factors: BeamFactors
     ) -> None:
-        """Combine evidence into one of the maps.
+        """Add evidence to a map.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class TileMaps:
         )
 
     def resample(self, ancestors: npt.NDArray[np.int64]) -> None:
-        """Replace every map by the one of its ancestor (N,); tiles without a map become free."""
+        """Replace every map by the map of its ancestor (N,); unused tiles become free."""
         self._places = self._places[ancestors]
         self._references = np.bincount(self._places.ravel(), minlength=len(self._tiles))
         self._free = (np.flatnonzero(self._references[1:] == 0)[::-1] + 1).astype(np.int32)
@@ -114,7 +114,7 @@ class TileMaps:
         self._references[0] = np.count_nonzero(grown == 0)
 
     def _provide(self, needed: int) -> None:
-        """Enlarge the pool until so many tiles are free."""
+        """Enlarge the pool until `needed` tiles are free."""
         if self._free_count >= needed:
             return
         before = len(self._tiles)
@@ -138,7 +138,7 @@ class Ancestry:
     Parameters
     ----------
     count
-        How many particles.
+        The number of particles.
     """
 
     def __init__(self, count: int) -> None:
@@ -154,7 +154,7 @@ class Ancestry:
         return np.asarray(relative / relative.sum())
 
     def effective_number(self) -> float:
-        """Return how many equally weighted particles these are worth, N_eff = 1 / sum of squared weights (Liu 1996)."""
+        """Return the effective number of particles, N_eff = 1 / sum of squared weights (Liu 1996)."""
         return float(1.0 / np.sum(self.weights() ** 2))
 
     def best(self) -> int:
@@ -247,7 +247,7 @@ class ParticleTracker:
         self._poses = np.zeros((config.particles, 3))
         self._variances = np.zeros(3)
         self._last = SE2.identity()  # of the best particle, when it learnt
-        self._T_now_before = SE2.identity()  # by how much the last keyframe was moved after it had been placed
+        self._T_now_before = SE2.identity()  # the correction of the last keyframe after it was placed
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
         """Search the best particle's map around the start."""

@@ -43,7 +43,7 @@ def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _say_of_directions(count: int, first: float, step: float) -> FloatArray:
-    """Return how much each of some directions (N,) counts; a laser's are always the same."""
+    """Return the weights of directions (N,); the directions of a laser do not change."""
     angles = first + step * np.arange(count, dtype=np.float64)
     cosine, sine = np.abs(np.cos(angles)), np.abs(np.sin(angles))
     return np.asarray(np.select([cosine > 0.9, cosine > 0.8], [3.0, 2.0], sine + cosine))
@@ -113,7 +113,7 @@ class MonteCarloMatcher:
     config
         Deviations and limits.
     draw_normals
-        Where the randomness comes from; by default a generator with a seed.
+        The random generator; by default one with a fixed seed.
     """
 
     def __init__(self, config: MonteCarloConfig, draw_normals: DrawNormals) -> None:

@@ -39,7 +39,7 @@ class Hits(NamedTuple):
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, so that at least `count` are left where there are as many."""
         step = max(len(self.points) // count, 1)
-        # In one piece, as kernels are compiled once more for others.
+        # Contiguous, since kernels are compiled again for other layouts.
         return Hits(np.ascontiguousarray(self.points[::step]), np.ascontiguousarray(self.normals[::step]))
 
 
@@ -92,7 +92,7 @@ class LaserScan:
     def starts(self) -> FloatArray:
         """Return where every beam was sent from (N, 2) in the sensor's frame at the first beam [m].
 
-        One row stands for all where the laser stayed where it was.
+        A single row is valid for all beams if the laser did not move.
         """
         return beam_starts(len(self.ranges), self.beam_step)
 
@@ -117,7 +117,7 @@ class LaserScan:
         A normal is square to the line between the neighbours on both sides; where those lie on something else, beyond
         half a metre, the surface is taken to face the laser.
         """
-        # Plain tuples come in in half the time of named ones, and this is asked of every scan.
+        # Kernels accept plain tuples in half the time of named tuples, and this is called for every scan.
         step = (*self.beam_step,)
         return Hits(*hits_of_scan(self.ranges, self.angle_min, self.angle_increment, step, max_range))
 

@@ -1,4 +1,4 @@
-"""One recording stands for several robots: which of its readings belong to whom, and in which private frame."""
+"""Division of one recording into several robots: the readings of each robot, and its private frame."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ class Segment(NamedTuple):
 
 @dataclass(frozen=True)
 class Itinerary:
-    """When and how far a recording's robot drove.
+    """The stamps and the travelled distance of a recording.
 
     Parameters
     ----------

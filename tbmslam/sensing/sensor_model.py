@@ -16,7 +16,7 @@ from tbmslam.kernels.rays.insertion import BeamFactors
 
 
 class SensorModelConfig(FrozenConfig):
-    """How much a beam is believed; qualities count where evidence is combined conjunctively."""
+    """The evidence of a beam; qualities apply where evidence is combined conjunctively."""
 
     PUBLIC: ClassVar = ("hit_quality", "miss_quality")
 
