@@ -89,7 +89,7 @@ def _add_slam(slam: argparse.ArgumentParser) -> None:
         "error) or ignored (the SLAM has none)",
     )
     slam.add_argument("--seeds", type=int, default=1, metavar="N", help="each world with SEED and the N - 1 next ones")
-    slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each, whose median counts (1)")
+    slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each; the median is shown (1)")
     _add_preset(slam)
 
 
@@ -117,7 +117,7 @@ def _add_align(align: argparse.ArgumentParser) -> None:
         help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is given a simulated encounter",
     )
     align.add_argument("--details", action="store_true", help="print a line for every pair that is not right")
-    align.add_argument("--plot", type=path_argument, metavar="FILE", help="where a picture of the calibration goes")
+    align.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
 
 
 def _add_merge(merge: argparse.ArgumentParser) -> None:
@@ -127,7 +127,7 @@ def _add_merge(merge: argparse.ArgumentParser) -> None:
     merge.add_argument("--resolution", type=float, default=0.05, metavar="M", help="cells of the alignment (0.05)")
     merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
     merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
-    merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step, whose best counts (5)")
+    merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step; the best is shown (5)")
 
 
 def _add_split(split: argparse.ArgumentParser) -> None:
@@ -169,13 +169,13 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
         nargs="*",
         default=["1x40", "40x1"],
         metavar="BUILDINGSxMAPS",
-        help="how many buildings, and maps of each (1x40 40x1)",
+        help="number of buildings, and of maps of each (1x40 40x1)",
     )
     fleet.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the buildings (0)")
     fleet.add_argument("--workers", type=int, default=1, metavar="N", help="processes; the result is the same (1)")
-    fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs instead")
+    fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs")
     fleet.add_argument(
-        "--plot", type=path_argument, metavar="FILE", help="where a picture of the first fleet's graph and map goes"
+        "--plot", type=path_argument, metavar="FILE", help="write a picture of the first fleet's graph and map here"
     )
 
 
@@ -202,7 +202,7 @@ def _check(args: argparse.Namespace) -> None:
     Raises
     ------
     ValueError
-        When one of them means nothing.
+        If an option has an impossible value.
     """
     if args.command == "align":
         args.method = _pair_methods(args.method)
@@ -235,7 +235,7 @@ def _numbers(option: str, text: str) -> list[float]:
 
 
 def _check_strangers(args: argparse.Namespace) -> None:
-    """Refuse numbers of `strangers` that mean nothing; see `_check`."""
+    """Check the options of `strangers`; see `_check`."""
     if min(args.pairs, args.workers) < 1 or min(args.seed, args.sets) < 0:
         raise ValueError("--pairs and --workers must be positive, --seed and --sets not negative")
     if args.sets and args.json:

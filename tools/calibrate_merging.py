@@ -34,13 +34,13 @@ EXAMPLES = """examples:
 exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 WHOLE = 3.0
-"""A pair of a whole building counts for so many of a part of one, which ends where no building ends."""
+"""Weight of a pair of whole buildings; a part has 1, since its border is no border of a building."""
 SIMULATED = 0.3
-"""Weight of a pair of simulated buildings; a real one has 1."""
+"""Weight of a pair of simulated buildings; real buildings have 1."""
 
 
 STRANGERS_SEED = 1
-"""No run of `benchmark strangers` with this seed says anything of the model fitted."""
+"""A run of `benchmark strangers` with this seed is no test of the fitted model."""
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -1,6 +1,6 @@
 """Download public recordings by name.
 
-What broke off goes on where it was; what has arrived is checked, and not downloaded again.
+An interrupted download is continued. A complete file is checked, and not downloaded again.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -37,7 +37,7 @@ def parser(program: str = "download") -> argparse.ArgumentParser:
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     what = grammar.add_argument_group("what")
     what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
-    what.add_argument("--list", action="store_true", help="say which there are")
+    what.add_argument("--list", action="store_true", help="list the recordings")
     where = grammar.add_argument_group("where to")
     where.add_argument(
         "-o", "--out", type=path_argument, default=Path("recordings"), metavar="FOLDER", help="(recordings)"

@@ -43,7 +43,7 @@ class EditError(TbmSlamError):
 
 
 class _Append(argparse.Action):
-    """Appends an option and its numbers to one list, so that their order is kept."""
+    """Appends an option and its numbers to one list, which keeps their order."""
 
     def __call__(self, _: object, namespace: argparse.Namespace, values: Any, option: str | None = None) -> None:
         kind = (option or "").lstrip("-")

@@ -1,4 +1,4 @@
-"""Say how far a trajectory or a map is from the truth, and where.
+"""Compute and draw the errors of a trajectory or a map.
 
 A trajectory, anybody's in TUM format, is compared with a true one (ATE, RPE after a rigid alignment) or with the true
 relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
@@ -86,7 +86,7 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
 
 def _add_map(command: argparse.ArgumentParser) -> None:
     command.add_argument("map", type=path_argument, metavar="MAP", help="the map: a folder, map.npz or ROS yaml")
-    command.add_argument("--truth", type=path_argument, required=True, metavar="MAP2|world.npz", help="the true one")
+    command.add_argument("--truth", type=path_argument, required=True, metavar="MAP2|world.npz", help="the true map")
     place = command.add_argument_group("pose of the map in the truth (identity)")
     either = place.add_mutually_exclusive_group()
     either.add_argument("--transform", type=float, nargs=3, metavar=("X", "Y", "DEG"), help="T_truth_map [m, m, deg]")

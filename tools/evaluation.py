@@ -44,7 +44,7 @@ GIVEN = "trajectories given as true"
 
 
 class TruthFileError(TbmSlamError):
-    """A truth.json that does not say where maps lie: one line with the file, the fact and the remedy."""
+    """A truth.json without poses of the maps: one line with the file, the fact and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class TruthFile:
     warnings: tuple[Mapping[str, object], ...] = ()
 
     def doubt(self) -> str | None:
-        """Return in one line why the reference itself may be wrong; None if nothing is known against it."""
+        """Return the reason to doubt the reference, in one line; None if there is none."""
         if not self.warnings:
             return None
         first, number = self.warnings[0], len(self.warnings)

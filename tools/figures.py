@@ -119,7 +119,7 @@ def fill(text: str, records: Mapping[str, Record], page: str) -> str:
 def table_text(words: str, records: Mapping[str, Record]) -> str:
     """Return the table that `FILE/TABLE | COLUMN | ...` names, as Markdown, and the commit that it was measured at.
 
-    Columns of numbers stand to the right.
+    Columns of numbers are right-aligned.
     """
     place, *names = (word.strip() for word in words.split("|"))
     table = _table(place, records)
@@ -174,7 +174,7 @@ def _wanted(names: Sequence[str], records: Mapping[str, Record]) -> Sequence[str
 
 
 def _measure(name: str, record: Record, data: Path) -> None:
-    """Run the commands of a figure and keep what the last of them writes; say so where that cannot be done here."""
+    """Run the commands of a figure and keep the tables; skip a figure whose recordings are missing."""
     words = [shlex.split(command) for command in record["commands"]]
     if not words:
         sys.stderr.write(f"figures: {name} skipped: no command measures it\n")
@@ -199,7 +199,7 @@ def _measure(name: str, record: Record, data: Path) -> None:
 
 
 def write_record(path: Path, record: Record) -> None:
-    """Write a file of figures, a row of a table on one line."""
+    """Write a file of figures, with one line for each row of a table."""
     text = json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     write_text(path, re.sub(r"\n {5,}", " ", text).replace("\n    ]", "]"))
 

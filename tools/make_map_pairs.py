@@ -32,7 +32,7 @@ KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_pla
 PERCENT = (100, 75, 50, 35, 25, 15)
 _MOST_M2, _MOST_PARTS = 1e5, 1000
 _MOST_BEND_M = 2.0
-"""Bent by more than this over 20 m, where a point comes to lie is not found to a cell, and then floors fold."""
+"""Largest distortion over 20 m [m]; with more the inverse is not exact to a cell, and floors fold."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -66,17 +66,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     what.add_argument(
         "--lattice", type=float, metavar="M2",
-        help="besides, floors of like blocks and niches, so large, one of each seed; alone without --world",
+        help="also floors of this area with repeating blocks, one for each seed; only these without --world",
     )  # fmt: skip
-    what.add_argument("--area", type=float, metavar="M2", help="take only so much of each building (all of it)")
-    what.add_argument("--parts", type=int, default=0, metavar="N", help="besides, its mirror image and N parts of it")
+    what.add_argument("--area", type=float, metavar="M2", help="free area of the part of each building (all of it)")
+    what.add_argument("--parts", type=int, default=0, metavar="N", help="also its mirror image and N parts of it")
     what.add_argument(
         "--largest", type=float, default=float("inf"), metavar="M2", help="write no pair that knows more (no limit)"
     )
     what.add_argument("--overlap", nargs="+", type=int, default=PERCENT, metavar="PERCENT", help="of the two maps")
     grammar.add_argument(
         "--bend", type=float, metavar="M",
-        help="bend each map so far over tens of metres and move all things, as in another year (2 to 6 cm, and some)",
+        help="distort each map by this over tens of metres, and move all objects (2 to 6 cm, and some objects)",
     )  # fmt: skip
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar

@@ -67,7 +67,7 @@ class KnownPair:
         return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
     def errors(self, found: SE2) -> tuple[float, float]:
-        """Return how far an alignment puts the middle of what the source knows from its true place [m], [deg].
+        """Return the errors of an alignment at the middle of the known part of the source [m], [deg].
 
         Raises
         ------
@@ -83,7 +83,7 @@ class KnownPair:
         return float(apart), abs(math.degrees(wrap_angle(found.theta - self.T_target_source.theta)))
 
     def is_right(self, found: SE2 | None) -> bool:
-        """Tell whether an alignment is the true one, to 0.5 m and 2 degrees."""
+        """Return whether an alignment is right within 0.5 m and 2 degrees."""
         if found is None or self.T_target_source is None:
             return False
         metres, degrees = self.errors(found)
@@ -103,9 +103,9 @@ def load_pair(path: Path) -> KnownPair:
     Raises
     ------
     PairFileError
-        If the file holds something else.
+        If the file holds no pair.
     MapFileError
-        If one of the maps has no cells, too many, or cells of no size.
+        If a map has no cells, too many cells, or an impossible resolution.
     """
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise PairFileError(f"{path} {why}: give a folder of pairs")
@@ -142,7 +142,7 @@ _VARIANT = r"(part\d+)?(mir)*"
 
 
 def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
-    """Return for each pair's name the buildings that it shows, one or two.
+    """Return the buildings of each pair, one or two, by the pair's name.
 
     Buildings are known by the names of the pairs of one building, `crop_BUILDING_OVERLAP`, `crop_BUILDING_SEED_OVERLAP`
     and `negs_BUILDING_SEED`; a pair of two places is held to show every building that its name names.
@@ -173,7 +173,7 @@ _LEAST_M2, _MOST_M2 = 30.0, 250.0
 
 
 def floor_of_grid(name: str, grid: TbmGrid) -> Building:
-    """Return the floor that a map shows, without the small things that stand about in it."""
+    """Return the floor of a map without its small objects."""
     free = grid.masses[..., FREE] > grid.masses[..., OCCUPIED]
     walls = grid.masses[..., OCCUPIED] > grid.masses[..., FREE]
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
@@ -186,7 +186,7 @@ def floor_of_grid(name: str, grid: TbmGrid) -> Building:
 
 
 def variants_of(floor: Building, parts: int) -> list[Building]:
-    """Return a floor, its mirror image, and so many parts of 30 to 250 m2, every second one mirrored."""
+    """Return a floor, its mirror image, and `parts` parts of 30 to 250 m^2, every second of which is mirrored."""
     whole_m2 = np.count_nonzero(floor.occupancy == 0) * floor.resolution**2
     most_m2 = min(_MOST_M2, 0.7 * whole_m2)
     found = [floor, mirrored(floor)]

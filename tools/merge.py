@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
         grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    else:  # a warning about a map needs no name of a module
+    else:  # warnings about maps are shown without a module name
         logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return ended(
         program,
@@ -135,7 +135,7 @@ def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Return whether a map would be overwritten by one saved into a folder."""
+    """Return whether saving into a folder would overwrite a map."""
     if path.is_dir():
         return path.resolve() == folder.resolve()
     file = Path(os.path.realpath(path))  # a link in a circle is no error here

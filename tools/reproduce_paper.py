@@ -96,7 +96,7 @@ def _check(args: argparse.Namespace) -> None:
     Raises
     ------
     ValueError
-        When one of them means nothing.
+        If an option has an impossible value.
     """
     for option, number in (("keypoints", int), ("ratios", float), ("areas", float)):
         text = getattr(args, option)

@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog="screenshot", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("page", type=path_argument, help="a report.html")
-    grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="PNG", help="where the picture goes")
+    grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="PNG", help="write the picture here")
     grammar.add_argument(
         "--size", type=int, nargs=2, default=(1440, 900), metavar=("W", "H"), help="of the window (1440 900)"
     )

@@ -1,4 +1,4 @@
-"""The whole configuration of both programs: what a file says, what a preset says, and what the command line says."""
+"""The configuration of the programs, from a preset, a file and the command line."""
 
 import tomllib
 from collections.abc import Collection, Iterable, Mapping

@@ -1,4 +1,4 @@
-"""Ctrl-C, or a kill that asks, from a program's first statement to its last: one line and an exit code, no traceback.
+"""Interruption of a program by Ctrl-C or SIGTERM: one line and an exit code, no traceback.
 
 Signals before the first line of the program get Python's own handling.
 """
@@ -32,12 +32,12 @@ class Interruption:
     Parameters
     ----------
     program
-        Its name, which begins what it says.
+        The name of the program, for its message.
 
     Attributes
     ----------
     advice
-        What it says besides.
+        The rest of the message.
     ends_at_once
         Whether it ends there and then, as is right while there is nothing to tidy: modules that are just being loaded
         make errors of their own of it, or forget it. Else `KeyboardInterrupt` is raised, and a second signal ends it.
@@ -53,7 +53,7 @@ class Interruption:
 
     @property
     def line(self) -> str:
-        """What the program says before it ends."""
+        """The message before the program ends."""
         what = _HEARD[signal.Signals(self.came or signal.SIGINT)][1]
         return f"{self.program}: {what}" + (f": {self.advice}" if self.advice else "")
 

@@ -1,4 +1,4 @@
-"""A folder to write results into, by one run at a time."""
+"""A folder for results, which one run uses at a time."""
 
 import hashlib
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ def _take(lock: FileLock, folder: Path, made: list[Path]) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
-        except (FileNotFoundError, FileExistsError):  # the second where it goes between being made and looked at
+        except (FileNotFoundError, FileExistsError):  # another run may remove the folder at this moment
             if attempt == _TRIES - 1:
                 raise
         else:
@@ -70,7 +70,7 @@ def _take(lock: FileLock, folder: Path, made: list[Path]) -> None:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove folders, the innermost first, as far as they are empty."""
+    """Remove empty folders, the innermost first."""
     for folder in folders:
         try:
             folder.rmdir()

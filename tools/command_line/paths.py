@@ -96,12 +96,12 @@ def check_exist(paths: Iterable[Path], fact: str) -> None:
     paths
         The files or folders.
     fact
-        What is said of one that does not exist.
+        The message if a path does not exist.
 
     Raises
     ------
     MissingFileError
-        If one does not.
+        If a path does not exist.
     """
     for path in paths:
         try:
@@ -118,7 +118,7 @@ def path_argument(text: str) -> Path:
     Raises
     ------
     argparse.ArgumentTypeError
-        The word is empty, which `Path` takes for the folder that one is in.
+        If the text is empty, which `Path` takes for the current folder.
     """
     if not text:
         raise argparse.ArgumentTypeError("the name of a file is empty: is a variable of the shell unset?")
@@ -148,7 +148,7 @@ def holds_map(folder: Path) -> bool:
 
 
 def _by_number(folder: Path) -> list[str | tuple[int, str]]:
-    """Return a key under which robot_10 comes after robot_9."""
+    """Return a sort key that puts robot_10 after robot_9."""
     return [(int(part), part) if index % 2 else part for index, part in enumerate(re.split(r"(\d+)", folder.name))]
 
 
@@ -159,7 +159,7 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     while len(set(names)) < len(set(parts)):
         depth += 1
         names = ["/".join(own[-depth:]) for own in parts]
-    # What is left equal is one map given twice.
+    # Paths that are still equal are one map.
     return [
         name if names[:index].count(name) == 0 else f"{name}#{names[:index].count(name) + 1}"
         for index, name in enumerate(names)
@@ -167,7 +167,7 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
 
 
 def _naming_parts(path: Path) -> tuple[str, ...]:
-    """Return the parts of a path that say which map it is: `robot_0/map.npz` is robot_0."""
+    """Return the parts of a path that identify its map: `robot_0/map.npz` is robot_0."""
     try:
         full = path.resolve()
     except RuntimeError:  # links in a circle; loading reports the error

@@ -46,7 +46,7 @@ def check_environment() -> None:
 
 
 def _memory_limit() -> int | None:
-    """Return how much address space the program may take [bytes]; None if there is no limit, or none known."""
+    """Return the limit of the program's address space [bytes]; None if there is none or it is unknown."""
     try:
         import resource
     except ImportError:
@@ -69,7 +69,7 @@ def print_anything() -> None:
 
 
 class _Printable(logging.Formatter):
-    """Writes a message in one line without anything that steers a terminal."""
+    """Writes a message in one line without control characters."""
 
     def __init__(self, formatter: logging.Formatter | None) -> None:
         super().__init__()
@@ -82,7 +82,7 @@ class _Printable(logging.Formatter):
 
 
 def one_line(error: Exception) -> str:
-    """Return what an error says in one line; the system's errors, such as a name that is too long, with the name."""
+    """Return the message of an error in one line; errors of the system, such as a too long name, with the name."""
     if isinstance(error, OSError):
         what = error.strerror or error
         named = f"{error.filename}: {what}: check the name, or choose another"
@@ -94,7 +94,7 @@ def one_line(error: Exception) -> str:
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
 _NO_ROOM = "failed to map segment"
-"""What the system says where there is no memory for a library."""
+"""The system's message if there is no memory to load a library."""
 
 
 def ended(
@@ -110,7 +110,7 @@ def ended(
     Parameters
     ----------
     program
-        Its name, which begins the line on stderr.
+        The name of the program, which starts the line on stderr.
     work
         What it does after its arguments were understood.
     debug
@@ -169,7 +169,7 @@ def _prints_nothing() -> bool:
 
 
 def say(line: str) -> None:
-    """Say a line on stderr, where there is one."""
+    """Write a line to stderr, if it exists."""
     with suppress(AttributeError, OSError):  # there is no stderr, or it is full
         sys.stderr.write(f"{line}\n")
 
@@ -188,7 +188,7 @@ def typed_command(program: str, arguments: Sequence[str] | None) -> str:
 
 
 def examples(text: str, program: str) -> str:
-    """Return examples as they are typed where the program is called so: as a file of the source tree, or installed."""
+    """Return the examples for the way the program was called: as a file of the source tree, or installed."""
     if " " in program:  # a command of the installed tbmslam
         text = text.replace("python tools/%(prog)s.py", "%(prog)s")
     return text.replace("%(prog)s", program)
@@ -207,7 +207,7 @@ class ProgramParser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line, and end the program."""
+        """Write the error in one line, and end the program."""
         say(f"{self.prog}: error: {printable(' '.join(message.splitlines()))} ({self.prog} --help lists all options)")
         sys.exit(WRONG_USAGE)
 

@@ -52,7 +52,7 @@ class Compiling(Listener):
 
 
 class CompiledFunctions(Listener):
-    """Counts the functions that are compiled within a block; what comes from the cache is not compiled."""
+    """Counts the functions that are compiled within a block, without those from the cache."""
 
     def __init__(self) -> None:
         self.count = 0

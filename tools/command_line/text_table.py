@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table; every column but the first two stands to the right.
+    """Return a table; all columns but the first two are right-aligned.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def number(value: float | None, digits: int) -> str:
-    """Return a number with so many digits after the point, a dash for none."""
+    """Return a number with the given number of decimals, or a dash for None."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 

@@ -29,7 +29,7 @@ _UNSAFE = re.compile(r"[^\w-]+")
 _LONGEST = 60
 """Characters of a name: file systems allow 255 bytes, and a table should show it."""
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
-"""Names that Windows keeps for devices. (A name that begins with `-` would be taken for an option.)"""
+"""Names that Windows reserves for devices. (A name that begins with `-` looks like an option.)"""
 
 
 def robot_names(recordings: Sequence[Path]) -> list[str]:

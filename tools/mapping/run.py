@@ -132,7 +132,7 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
 def _map(
     args: argparse.Namespace, tasks: Sequence[MappingTask], shelf: Shelf, progress: Progress
 ) -> tuple[dict[str, Mapped], TbmSlamError | None]:
-    """Map what is not finished yet; return all results by robot, and what kept others from having one."""
+    """Map the unfinished robots; return the results by robot, and the errors of the others."""
     printed: set[tuple[tuple[Path, ...], str]] = set()
     kept = {} if args.redo else {task.name: found for task in tasks if (found := finished(task))}
     for task in tasks:

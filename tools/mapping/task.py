@@ -59,7 +59,7 @@ class MappingTask:
     T_own_start
         Where it starts in its own frame; None keeps the odometry's frame.
     folder
-        Where its map goes.
+        The folder of the map.
     segment, counts
         That part, and what was counted in a pass over the whole recording; None if all of it is the robot's.
     began
@@ -103,7 +103,7 @@ class Mapped:
     Parameters
     ----------
     run
-        What run.json says.
+        The content of run.json.
     summary
         What was read, for people.
     seconds
@@ -119,14 +119,14 @@ class Mapped:
 
 
 class Shelf:
-    """Keeps the recording that was opened last, so that several robots of one recording decompress it once."""
+    """Keeps the last opened recording, so that several robots of one recording decompress it once."""
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[Path, ...], RecordingOptions] | None = None
         self._recording: Recording | None = None
 
     def open(self, paths: tuple[Path, ...], options: RecordingOptions, once: bool = False) -> Recording:
-        """Return a recording, the one kept if it is that; one that is read once does not take the memory to keep it."""
+        """Return a recording, from memory if it was kept; a recording that is read once is not kept."""
         if self._recording is not None and self._kept == (paths, options):
             return self._recording
         recording = open_recording(paths, options)
@@ -137,7 +137,7 @@ class Shelf:
 
 
 def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
-    """Map a robot and write its folder; the checksums come last and say that it is finished."""
+    """Map a robot and write its folder; the checksums are written last and mark it as finished."""
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording
@@ -196,7 +196,7 @@ def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
 def finished(task: MappingTask) -> Mapped | None:
     """Return what an earlier run made of a task.
 
-    None if it did not finish it, made it of something else, or its files are no longer as it wrote them.
+    None if the map is unfinished, of other inputs, or if its files were changed.
     """
     try:
         if why_unreadable(task.folder / "run.json"):

@@ -1,4 +1,4 @@
-"""Where robots' maps lie in a common frame, for evaluation; nothing of it is in the maps."""
+"""The true poses of the robots' maps in a common frame, for evaluation only."""
 
 import hashlib
 import json
@@ -24,7 +24,7 @@ from tools.mapping.task import MappingTask, Shelf
 logger = logging.getLogger(__name__)
 
 _WHOLE = "whole recording, for truth.json"
-"""What the reference is called where its warnings come after those of the robots."""
+"""Name of the reference in the list of warnings."""
 
 
 class _Reference(NamedTuple):
@@ -54,7 +54,7 @@ def write_truth(
     made
         The robots and their maps.
     references
-        True trajectories by recording; without one, the default SLAM maps the whole recording for it.
+        True trajectories by recording; without one the default SLAM maps the whole recording as the reference.
     shelf
         Recordings at hand.
     progress
@@ -110,7 +110,7 @@ def _written(path: Path) -> str | None:
 def _reference(
     task: MappingTask, given: Path | None, keyframes: Keyframes, shelf: Shelf, progress: Progress
 ) -> _Reference:
-    """Return the trajectory of the whole drive; keyframes of it know where the laser is mounted."""
+    """Return the trajectory of the whole drive; its keyframes hold the mount of the laser."""
     if given is not None:
         return _Reference(given.name, read_reference(given).of_robot(keyframes.mounting()))
     recording = shelf.open(task.paths, task.config.recording)

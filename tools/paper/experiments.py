@@ -30,7 +30,7 @@ class PaperSettings:
     default_keypoints, default_ratio
         What the paper's program takes by default.
     tolerance_m
-        How far from its true place a right match may be [m].
+        Largest distance of a right match from its true position [m].
     areas_m2
         Areas of table IV for which pairs are cut from a building [m^2].
     repeats

@@ -62,7 +62,7 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
 
 
 def _why_absent(absent: Sequence[str]) -> str:
-    """Say why columns are empty."""
+    """Return the reasons for empty columns."""
     reasons = {
         "SURF": "SURF was patented: it runs only where OpenCV's contrib package was built with it. ",
         "BRIEF": "BRIEF is in OpenCV's contrib package, which is not installed: with it the column is filled. ",
@@ -103,7 +103,7 @@ _READINGS = {"as written": AS_WRITTEN, "as programmed": AS_PROGRAMMED}
 
 
 def conclusions(results: PaperResults) -> list[str]:
-    """Return what this run says of the paper's main conclusion, that concatenated descriptors are the best."""
+    """Return the results about the paper's main conclusion, that concatenated descriptors are the best."""
     said = []
     for name, variant in _READINGS.items():
         study = results.studies[variant]
@@ -119,7 +119,7 @@ def conclusions(results: PaperResults) -> list[str]:
 
 
 def _wins(study: Study, first: str, other: str) -> tuple[int, int, int]:
-    """Return in how many settings one modification is above another, in how many of them surely, and of how many."""
+    """Return the numbers of settings in which a modification is better, is significantly better, and of all."""
     higher = sure = total = 0
     for keypoints, ratio in dict.fromkeys((s.keypoints, s.ratio) for s in study.shares):
         mine, theirs = (study.shares[Setting(keypoints, ratio, letter)] for letter in (first, other))
@@ -131,7 +131,7 @@ def _wins(study: Study, first: str, other: str) -> tuple[int, int, int]:
 
 
 def _near_paper(study: Study) -> str:
-    """Return by modification how many means lie within 0.1 of the paper's."""
+    """Return the number of means within 0.1 of the paper's, by modification."""
     rows = [row for row in dict.fromkeys((s.keypoints, s.ratio) for s in study.shares) if row in TABLE_2]
     near = {
         letter: sum(

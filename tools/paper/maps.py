@@ -32,7 +32,7 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
     Parameters
     ----------
     folder
-        Where the bags go, one folder a drive.
+        The folder of the bags, with one folder for each drive.
     words
         More options of make_world, the building among them.
     drives
@@ -43,7 +43,7 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
     Raises
     ------
     PaperMapsError
-        If they cannot be simulated; make_world has said why.
+        If they cannot be simulated; make_world printed the reason.
     """
     bags = []
     for drive in range(drives):
@@ -61,7 +61,7 @@ def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str
     Raises
     ------
     PaperMapsError
-        If they cannot be mapped; build_maps has said why.
+        If they cannot be mapped; build_maps printed the reason.
     """
     code = build_maps.main([*map(str, recordings), "-o", str(folder), *words])
     if code:
@@ -83,14 +83,14 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
     folder
         With a folder for each map and truth.json.
     most
-        Pairs at the most, the first ones.
+        Largest number of pairs.
     min_overlap
         Share of the smaller map that both must know.
 
     Raises
     ------
     TruthFileError
-        If nothing says where the maps lie.
+        If the poses of the maps are unknown.
     PaperMapsError
         If there is no pair.
     """

@@ -27,7 +27,7 @@ Curve = dict[float, tuple[float, float]]
 
 
 def curves_of(study: Study, keypoints: int, ratio: float) -> tuple[dict[str, Curve], dict[str, Curve]]:
-    """Return each modification's curve over the keypoints at one ratio, and over the ratios with so many keypoints."""
+    """Return each modification's curves over the keypoints at one ratio, and over the ratios at one number of them."""
     over_keypoints: dict[str, Curve] = {letter: {} for letter in MODIFICATIONS}
     over_ratios: dict[str, Curve] = {letter: {} for letter in MODIFICATIONS}
     for setting, shares in study.shares.items():
@@ -171,7 +171,7 @@ class PaperTable:
 
 @dataclass(frozen=True)
 class PaperPicture:
-    """A PNG with its caption; wide ones take the whole line."""
+    """A PNG with its caption; wide pictures take the whole line."""
 
     png: bytes
     caption: str
