@@ -1,4 +1,4 @@
-"""Reports on other programs' trouble with recordings, by their numbers in section D of the field notes."""
+"""Problems with recordings that users of other programs reported."""
 
 import math
 
@@ -23,7 +23,7 @@ def read(script, tmp_path, **options):
     return list(recording), recording.counts
 
 
-def test_d01_the_number_of_beams_varies(script, tmp_path):
+def test_the_number_of_beams_varies(script, tmp_path):
     driven(script)
     for k, beams in enumerate((180, 181, 179, 361)):
         script.scan(101.0 + k, np.full(beams, 2.0 + k), angle_min=-1.5, step=0.005)
@@ -32,31 +32,31 @@ def test_d01_the_number_of_beams_varies(script, tmp_path):
     assert counts.beam_count_changes == 3
 
 
-def test_d02_angle_max_is_not_trusted(script, tmp_path):
+def test_angle_max_is_not_trusted(script, tmp_path):
     (reading,), _ = read(driven(script).scan(101.0, [1.0, 2.0, 3.0], angle_min=0.1, step=0.2), tmp_path)
     assert reading.scan.angles() == pytest.approx([0.1, 0.3, 0.5], abs=1e-6)  # the message says 99
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan], ids=["d03_inf", "d03_minus_inf", "d04_nan"])
-def test_d03_d04_ranges_that_are_no_numbers(script, tmp_path, value):
+def test_ranges_that_are_no_numbers(script, tmp_path, value):
     (reading,), _ = read(driven(script).scan(101.0, [value, 2.0, value]), tmp_path)
     assert np.isfinite(reading.scan.ranges).tolist() == [False, True, False]
     assert len(reading.scan.hit_points()) == 1
 
 
-def test_d05_an_empty_scan_is_dropped(script, tmp_path):
+def test_an_empty_scan_is_dropped(script, tmp_path):
     readings, counts = read(driven(script).scan(101.0, []).scan(101.1), tmp_path)
     assert (len(readings), counts.dropped) == (1, {"empty": 1})
 
 
-def test_d06_backward_and_duplicate_stamps(script, tmp_path):
+def test_backward_and_duplicate_stamps(script, tmp_path):
     driven(script).scan(101.0, [1.0]).scan(101.0, [1.0], bag_time=101.01).scan(101.0, [2.0], bag_time=101.02)
     readings, counts = read(script.scan(100.9, [3.0], bag_time=101.1), tmp_path)
     assert [reading.scan.ranges[0] for reading in readings] == [1.0, 2.0, 3.0]
     assert (counts.dropped, counts.same_stamps, counts.backward_stamps) == ({"duplicate": 1}, 1, 1)
 
 
-def test_d07_stamps_of_another_clock_than_the_bags(script, tmp_path):
+def test_stamps_of_another_clock_than_the_bags(script, tmp_path):
     driven(script)
     for k in range(60):
         script.scan(101.0 + 0.1 * k - 82.2, [1.0 + k], bag_time=101.0 + 0.1 * k)
@@ -64,7 +64,7 @@ def test_d07_stamps_of_another_clock_than_the_bags(script, tmp_path):
     assert readings[0].T_odom_robot.x == pytest.approx(1.0, abs=1e-6)
 
 
-def test_d08_a_wrong_time_increment_is_not_believed():
+def test_a_wrong_time_increment_is_not_believed():
     counts = ReadingCounts()
     intake = ScanIntake(RangeRules(None, None, (), "free"), None, 2.0, counts, longest_sweep=0.05)
     for k, increment in enumerate((1e-5, 7.0, -1.0, math.nan)):
@@ -72,25 +72,25 @@ def test_d08_a_wrong_time_increment_is_not_believed():
         assert 0.0 <= scan.time_increment < 1e-3
 
 
-def test_d09_scans_without_transforms_are_counted(script, tmp_path):
+def test_scans_without_transforms_are_counted(script, tmp_path):
     _, counts = read(driven(script).scan(99.5).scan(99.6).scan(101.0), tmp_path)
     assert counts.dropped == {"before_odometry": 2}
     assert "2 before_odometry" in counts.summary()
 
 
-def test_d10_a_laser_that_hangs_upside_down(script, tmp_path):
+def test_a_laser_that_hangs_upside_down(script, tmp_path):
     script.tf(99.0, "base_link", "laser", SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), topic="/tf_static")
     (reading,), _ = read(script.drive(100.0, 103.0).scan(101.0, [1.0, 2.0, 3.0], angle_min=0.1, step=0.2), tmp_path)
     assert reading.scan.angles() == pytest.approx([-0.1, -0.3, -0.5], abs=1e-6)
 
 
-def test_d12_nothing_in_range_is_free_and_no_hit(script, tmp_path):
+def test_nothing_in_range_is_free_and_no_hit(script, tmp_path):
     (reading,), counts = read(driven(script).scan(101.0, [np.inf, 65.533, 2.0]), tmp_path)
     assert reading.scan.ranges.tolist() == [np.inf, np.inf, 2.0]
     assert counts.beams == {"hit": 1, "no_return": 2}
 
 
-def test_d25_a_bag_that_is_cut_off_gives_what_is_left(script, tmp_path):
+def test_a_bag_that_is_cut_off_gives_what_is_left(script, tmp_path):
     driven(script, 106.0)
     for k in range(50):
         script.scan(100.5 + 0.1 * k, np.full(500, 1.0 + k), step=0.005)
@@ -100,7 +100,7 @@ def test_d25_a_bag_that_is_cut_off_gives_what_is_left(script, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
-def test_d25_a_ros_2_bag_without_metadata_or_cut_off(script, tmp_path, kind):
+def test_a_ros_2_bag_without_metadata_or_cut_off(script, tmp_path, kind):
     driven(script, 106.0)
     for k in range(50):
         script.scan(100.5 + 0.1 * k, np.full(500, 1.0 + k), step=0.005)
@@ -112,7 +112,7 @@ def test_d25_a_ros_2_bag_without_metadata_or_cut_off(script, tmp_path, kind):
     assert 10 < len(list(open_recording([folder]))) < 50
 
 
-def test_d31_messages_of_ros_1_have_their_sequence_number():
+def test_messages_of_ros_1_have_their_sequence_number():
     messages = Messages(ros1=True)
     scan = {"angle_min": 0.0, "angle_max": 0.0, "angle_increment": 0.1, "time_increment": 0.0, "scan_time": 0.0}
     scan |= {"range_min": 0.0, "range_max": 1.0, "ranges": np.ones(2, np.float32)}
@@ -122,7 +122,7 @@ def test_d31_messages_of_ros_1_have_their_sequence_number():
     assert messages.store.deserialize_ros1(data, "sensor_msgs/msg/LaserScan").header.frame_id == "laser"
 
 
-def test_d33_several_topics_and_stamps_left_at_zero(script, tmp_path):
+def test_several_topics_and_stamps_left_at_zero(script, tmp_path):
     driven(script).scan(101.0, topic="/a").scan(0.0, topic="/b", bag_time=102.0)
     with pytest.raises(DatasetError, match=r"several LaserScan topics: /a \(1 scans\), /b \(1 scans\): choose"):
         read(script, tmp_path)

@@ -1,6 +1,6 @@
-"""Reports on other programs' trouble with maps and merging, by their numbers in section D of the field notes.
+"""Problems with maps and merging that users of other programs reported.
 
-What concerns recordings is in tests/datasets/test_field_notes_d.py, and whole programs in tests/tools.
+Problems with recordings are in tests/datasets, and those of whole programs in tests/tools.
 """
 
 import math
@@ -80,7 +80,7 @@ def ros_map(tmp_path, image=b"P5\n4 3\n255\n" + bytes(12), **values):
     return tmp_path / "m.yaml"
 
 
-def test_d01_beam_counts_that_vary_are_mapped():
+def test_beam_counts_that_vary_are_mapped():
     scans = [room_scan(0.1 * k) for k in range(6)]
     scans[2] = LaserScan(0.2, scans[2].angle_min, scans[2].angle_increment, 0.1, 30.0, scans[2].ranges[:-1])
     tbm_map = slam_of(scans)
@@ -88,7 +88,7 @@ def test_d01_beam_counts_that_vary_are_mapped():
 
 
 @pytest.mark.parametrize(("report", "value"), [("d03", np.inf), ("d04", np.nan)])
-def test_d03_d04_ranges_without_a_number_poison_nothing(report, value):
+def test_ranges_without_a_number_poison_nothing(report, value):
     scans = drive_of_room()
     scans[3].ranges[:40] = value
     scans[4].ranges[:] = value
@@ -97,19 +97,19 @@ def test_d03_d04_ranges_without_a_number_poison_nothing(report, value):
     assert tbm_map.grid.is_known().sum() * 0.05**2 == pytest.approx(40.0, rel=0.15)
 
 
-def test_d06_stamps_that_step_back_or_repeat_are_mapped():
+def test_stamps_that_step_back_or_repeat_are_mapped():
     scans = [room_scan(stamp, x=0.1 * k) for k, stamp in enumerate((0.0, 0.1, 0.1, 0.05, -1e9, 0.3))]
     trajectory = slam_of(scans).drives[0].trajectory
     assert np.abs(trajectory.poses[:, 0] - 0.1 * np.arange(6)).max() < 0.05
 
 
 @pytest.mark.parametrize("first", [[np.nan] * 180, [np.inf] * 180, [0.2] * 180])
-def test_d11_a_bad_first_scan_does_not_leave_the_map_empty(first):
+def test_a_bad_first_scan_does_not_leave_the_map_empty(first):
     tbm_map = slam_of([room_scan(-0.1, first), *drive_of_room()])
     assert tbm_map.grid.is_known().sum() * 0.05**2 == pytest.approx(40.0, rel=0.2)
 
 
-def test_d12_nothing_in_range_writes_no_wall():
+def test_nothing_in_range_writes_no_wall():
     tbm_map = slam_of([room_scan(0.1 * k, np.where(ANGLES > 0.0, np.inf, 3.0)) for k in range(5)])
     occupied = np.argwhere(tbm_map.grid.pignistic() > 0.6)
     ys = [tbm_map.grid.geometry.centre_of(int(row), int(col))[1] for row, col in occupied]
@@ -125,18 +125,18 @@ def test_d12_nothing_in_range_writes_no_wall():
         b"P5\n-4 3\n255\n" + bytes(12),
     ],
 )
-def test_d13_an_image_that_is_not_as_large_as_it_says(tmp_path, image):
+def test_an_image_that_is_not_as_large_as_it_says(tmp_path, image):
     with pytest.raises(MapFileError, match=r"m\.(pgm|yaml): "):
         read_ros_map(ros_map(tmp_path, image))
 
 
 @pytest.mark.parametrize("resolution", [0, -1, ".nan", ".inf", "-.inf", "wide"])
-def test_d14_a_resolution_that_is_none(tmp_path, resolution):
+def test_a_resolution_that_is_none(tmp_path, resolution):
     with pytest.raises(MapFileError, match=r"m\.yaml: .*resolution"):
         read_ros_map(ros_map(tmp_path, resolution=resolution))
 
 
-def test_d15_a_map_too_large_is_refused_before_memory_is_taken():
+def test_a_map_too_large_is_refused_before_memory_is_taken():
     tracemalloc.start()
     with pytest.raises(MapFileError, match="60000 x 60000 cells are more than"):
         check_size("m.yaml", 60000, 60000)
@@ -153,7 +153,7 @@ def peak_bytes(work):
     return peak
 
 
-def test_d15_d16_a_large_map_takes_no_more_memory_than_is_asked_for_before_it_is_read_or_written(tmp_path):
+def test_a_large_map_takes_no_more_memory_than_is_asked_for_before_it_is_read_or_written(tmp_path):
     grid = checkered(700, 900)
     most = 20 * grid.geometry.rows * grid.geometry.cols + 4_000_000  # what does not grow with the cells
     tbm_map = TbmMap(grid)
@@ -162,12 +162,12 @@ def test_d15_d16_a_large_map_takes_no_more_memory_than_is_asked_for_before_it_is
     assert peak_bytes(lambda: load_map(tmp_path / "map.yaml")) < most
 
 
-def test_d16_a_grid_too_large_ends_with_what_to_change():
+def test_a_grid_too_large_ends_with_what_to_change():
     with pytest.raises(GridTooLargeError, match=r"raise map\.max_cells, use a coarser map\.resolution"):
         EvidenceGrid(0.05, max_cells=1000).grow_to_contain(np.array([[0.0, 0.0], [1e4, 1e4]]))
 
 
-def test_d17_loading_again_and_again_takes_no_more_memory(tmp_path):
+def test_loading_again_and_again_takes_no_more_memory(tmp_path):
     save_map(tmp_path, slam_of(drive_of_room()))
     load_map(tmp_path)
     tracemalloc.start()
@@ -180,7 +180,7 @@ def test_d17_loading_again_and_again_takes_no_more_memory(tmp_path):
     tracemalloc.stop()
 
 
-def test_d18_a_yaw_that_is_no_number_and_an_origin_with_all_its_digits(tmp_path):
+def test_a_yaw_that_is_no_number_and_an_origin_with_all_its_digits(tmp_path):
     with pytest.raises(MapFileError, match=r"m\.yaml: .*origin"):
         read_ros_map(ros_map(tmp_path, origin="[0, 0, .nan]"))
     grid = checkered(20, 30, origin=(-1234.56789, 98.7654321))
@@ -189,7 +189,7 @@ def test_d18_a_yaw_that_is_no_number_and_an_origin_with_all_its_digits(tmp_path)
     assert (geometry.origin_x, geometry.origin_y) == pytest.approx((-1234.56789, 98.7654321), abs=1e-9)
 
 
-def test_d19_the_unknown_stays_unknown(tmp_path, caplog):
+def test_the_unknown_stays_unknown(tmp_path, caplog):
     write_ros_map(tmp_path / "map", checkered(20, 30))
     again = read_ros_map(tmp_path / "map.yaml")
     assert not again.is_known()[-2:].any()
@@ -207,20 +207,20 @@ def test_d19_the_unknown_stays_unknown(tmp_path, caplog):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (13, 7)])
 @pytest.mark.parametrize("pose", [SE2(0.0, 0.0, 0.3), SE2(-7.77, 3.3, -3.1)])
-def test_d20_odd_sizes_and_transforms(size, pose):
+def test_odd_sizes_and_transforms(size, pose):
     grid = checkered(*size)
     moved = resample(grid, pose, GridGeometry(0.05, -10.0, -10.0, 401, 399))
     assert np.allclose(moved.masses.sum(axis=-1), 1.0)
 
 
-def test_d21_nothing_merged_is_no_success():
+def test_nothing_merged_is_no_success():
     blank = TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 60, 60)))
     result = merge({"a": blank, "b": TbmMap(checkered(60, 60))}, MergeConfig())
     assert result.merged is None
     assert all(reason for reason in result.left_out.values())
 
 
-def test_d22_a_moved_map_lies_where_it_should():
+def test_a_moved_map_lies_where_it_should():
     grid = TbmGrid.unknown(GridGeometry(0.05, -3.0, 2.0, 40, 60))
     row, col = 11, 37
     grid.masses[row, col] = np.eye(4)[OCCUPIED]
@@ -231,14 +231,14 @@ def test_d22_a_moved_map_lies_where_it_should():
     assert moved.masses[geometry.cell_at(float(x), float(y))][OCCUPIED] == pytest.approx(1.0)
 
 
-def test_d23_maps_of_different_sizes_fuse():
+def test_maps_of_different_sizes_fuse():
     windows = [checkered(40, 60), checkered(90, 30, origin=(1.0, 0.5))]
     fused = fuse(windows)
     min_x, min_y, max_x, max_y = fused.grid.geometry.bounds()
     assert (max_x - min_x, max_y - min_y) == pytest.approx((3.0, 5.0))
 
 
-def test_d23_a_map_merged_again_and_again_does_not_grow():
+def test_a_map_merged_again_and_again_does_not_grow():
     pair = next(iter(pairs_of([building_of_world("apartment", 3)], 1, [0.75])))
     first, second = (TbmMap(grid_of(seen, pair.resolution)) for seen in (pair.occ_a, pair.occ_b))
     merged = merge({"first": first, "second": second}, MergeConfig()).merged
@@ -251,7 +251,7 @@ def test_d23_a_map_merged_again_and_again_does_not_grow():
         assert merged.grid.geometry.cols <= size.cols + 1
 
 
-def test_d24_a_transform_is_applied_once():
+def test_a_transform_is_applied_once():
     keyframes = slam_of(drive_of_room()).drives[0].keyframes
     poses = np.tile([1.0, 2.0, 0.3], (keyframes.indices[-1] + 1, 1))
     trajectory = Trajectory(np.arange(float(len(poses))), poses)
@@ -262,7 +262,7 @@ def test_d24_a_transform_is_applied_once():
     assert moved.keyframes.pose(0) == pytest.approx(pose @ keyframes.pose(0))
 
 
-def test_d26_trajectories_as_others_read_them(tmp_path):
+def test_trajectories_as_others_read_them(tmp_path):
     stamps = 1.3e9 + np.array([0.0, 1e-5, 2e-5])
     write_tum(tmp_path / "t.tum", Trajectory(stamps, np.array([[1.0, 2.0, 3.0]] * 3)))
     for line in (tmp_path / "t.tum").read_text().splitlines():
@@ -278,7 +278,7 @@ def test_d26_trajectories_as_others_read_them(tmp_path):
         absolute_errors(again, later, 0.01)
 
 
-def test_d27_kernels_are_exact_and_know_nan():
+def test_kernels_are_exact_and_know_nan():
     kernels = [value for value in insertion_kernels.values() if hasattr(value, "targetoptions")]
     assert kernels
     for each in kernels:
@@ -287,7 +287,7 @@ def test_d27_kernels_are_exact_and_know_nan():
 
 
 @pytest.mark.parametrize("place", ["/dev/null/cache", "~nobody-of-this-name/cache"])
-def test_d27_without_a_place_for_a_cache_kernels_work_all_the_same(place):
+def test_without_a_place_for_a_cache_kernels_work_all_the_same(place):
     code = (
         "from tbmslam.kernels import kernel; from tbmslam.kernels.cache_folders import cache_root; "
         "print(cache_root(), kernel(lambda x: x + 1)(1))"
@@ -298,27 +298,27 @@ def test_d27_without_a_place_for_a_cache_kernels_work_all_the_same(place):
     assert (done.stdout, done.returncode) == ("None 2\n", 0), done.stderr
 
 
-def test_d27_two_threads_map_at_once():
+def test_two_threads_map_at_once():
     alone = slam_of(drive_of_room())
     with ThreadPoolExecutor(2) as pool:
         made = list(pool.map(lambda _: slam_of(drive_of_room()), range(4)))
     assert {each.grid.masses.tobytes() for each in made} == {alone.grid.masses.tobytes()}
 
 
-def test_d28_a_shift_moves_masses_exactly_and_the_library_of_one_bad_release_is_out():
+def test_a_shift_moves_masses_exactly_and_the_library_of_one_bad_release_is_out():
     grid = checkered(30, 40)
     moved = resample(grid, SE2(0.35, -0.2, 0.0), GridGeometry(0.05, 0.35, -0.2, 30, 40))
     np.testing.assert_array_equal(moved.masses, grid.masses)
     assert tuple(int(part) for part in metadata.version("opencv-python-headless").split(".")[:2]) >= (4, 14)
 
 
-def test_d29_the_same_scans_give_the_same_bytes(tmp_path):
+def test_the_same_scans_give_the_same_bytes(tmp_path):
     for name in ("a", "b"):
         save_map(tmp_path / name, slam_of(drive_of_room()))
     assert (tmp_path / "a" / "map.npz").read_bytes() == (tmp_path / "b" / "map.npz").read_bytes()
 
 
-def test_d30_no_pickle_is_opened(tmp_path):
+def test_no_pickle_is_opened(tmp_path):
     save_map(tmp_path, slam_of(drive_of_room()))
     with np.load(tmp_path / "map.npz") as arrays:
         values = dict(arrays)
@@ -329,7 +329,7 @@ def test_d30_no_pickle_is_opened(tmp_path):
 
 
 @pytest.mark.parametrize("shift", [40, 90])
-def test_d32_a_corridor_that_looks_the_same_everywhere_is_refused(shift):
+def test_a_corridor_that_looks_the_same_everywhere_is_refused(shift):
     corridor = np.zeros((44, 400, 4), dtype=np.float32)
     corridor[..., FREE] = 1.0
     corridor[:2] = corridor[-2:] = np.eye(4, dtype=np.float32)[OCCUPIED]
