@@ -42,8 +42,6 @@ EXAMPLES = """examples:
       each recording cut into robots, mapped, merged, and compared with the whole recording
   python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
       a recording with other angles, odometry, scans and mounts of the laser, and with another parameter
-
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 

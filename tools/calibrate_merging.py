@@ -30,8 +30,6 @@ EXAMPLES = """examples:
       fit on folders of pairs, as tools/make_map_pairs.py writes them, and on no other
   python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
       what the model is worth on pairs that had no part in it; nothing is written but the picture
-
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 WHOLE = 3.0
 """Weight of a pair of whole buildings; a part has 1, since its border is no border of a building."""

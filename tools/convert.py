@@ -39,8 +39,6 @@ formats:
   .tbm_map    dump of the original programs
   .g2o        pose graph, only out
   .dat .pgm   Beesoft map, picture (with --resolution), only in
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 _PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg")
 

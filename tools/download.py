@@ -27,8 +27,6 @@ EXAMPLES = """examples:
       recordings/ccny/demo.bag, 1 MB: small enough to try everything on
   python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
       recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 

@@ -31,8 +31,6 @@ EXAMPLES = """examples:
 
 Edits are applied in the order of the command line, those of --edits first. Coordinates are metres in the frame that the
 map has by then. The result keeps trajectories but no scans: a merge would draw the map from them again.
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 EDITS, KEEPOUT, _ALIGN = "edits.toml", "keepout", "align-axes"
 _CORNERS = ("X0", "Y0", "X1", "Y1")

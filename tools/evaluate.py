@@ -31,8 +31,6 @@ of a map: known_both, known_map, known_truth count cells; agree is the share of 
 the same, agree_nearby the same where a neighbouring cell counts too; agree_occupied, agree_free: of the map's occupied
 (free) cells; found_occupied, found_free: of the true ones; wall_distance_m: mean distance from the map's walls to the
 nearest true one
-
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 

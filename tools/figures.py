@@ -36,8 +36,6 @@ EXAMPLES = """examples:
       measure two of them anew, then fill the pages
   python tools/%(prog)s.py list
       names, commands and commits of all figures
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 _TABLE = re.compile(r"(<!-- table: ([^>]+?) -->\n)(.*?)(<!-- /table -->)", re.DOTALL)

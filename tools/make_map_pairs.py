@@ -25,8 +25,6 @@ EXAMPLES = """examples:
       cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
   python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
       maps as of two years: each is distorted by 0.3 m, and all movable objects stand elsewhere
-
-exit codes: 0 done, 1 a file cannot be read or written (one line says why), 2 wrong usage, 130 interrupted
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)

@@ -32,8 +32,6 @@ EXAMPLES = """examples:
       three robots in an office; together they see all of it, neighbours share 30 percent of their ways
   python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")

@@ -17,8 +17,6 @@ EXAMPLES = """examples:
       the defaults, to be edited and given to build_maps or merge with --config mine.toml
   python tools/%(prog)s.py --config out/robot_0
       the parameters of an earlier result
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 

@@ -32,8 +32,6 @@ EXAMPLES = """examples:
       one's own recording, cut into five robots; the truth is the default SLAM's map of the whole
   python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
       maps made before (a folder that build_maps wrote, with its truth.json)
-
-exit codes: 0 done, 1 something is wrong with the input (one line says what), 2 wrong usage, 130 interrupted
 """
 
 _MOST, _FAR = 1000, 1e6

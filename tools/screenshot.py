@@ -24,8 +24,6 @@ EXAMPLES = """examples:
       one part of the page, with further layers switched on
 
 needs playwright (pip install 'tbmslam[dev]') and an installed Chromium or Chrome
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 
 

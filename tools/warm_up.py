@@ -21,8 +21,6 @@ EXAMPLES = """examples:
       a minute or two on a new machine, seconds where all is compiled
   python tools/%(prog)s.py --debug
       with a traceback, should something fail
-
-exit codes: 0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted
 """
 _DRIVE_M = "30"
 

@@ -194,16 +194,21 @@ def examples(text: str, program: str) -> str:
     return text.replace("%(prog)s", program)
 
 
-class ProgramParser(argparse.ArgumentParser):
-    """Parser of a program's command line, with the texts of description and examples as they are.
+_EXIT_CODES = "exit codes: "
+_USUAL_CODES = f"\n{_EXIT_CODES}0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted\n"
 
-    Other than Python's parser it reports wrong usage in one line, reads -1e-5 as a number, and fails if the help cannot
-    be printed.
+
+class ProgramParser(argparse.ArgumentParser):
+    """Parser of a program's command line that keeps the line breaks of the description and the examples.
+
+    In contrast to Python's parser it reports wrong usage in one line, reads -1e-5 as a number, and fails if the help
+    cannot be printed. It adds the usual exit codes to an epilog without any.
     """
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
-        self.epilog = examples(self.epilog, self.prog) if self.epilog else None
+        if self.epilog:
+            self.epilog = examples(self.epilog if _EXIT_CODES in self.epilog else self.epilog + _USUAL_CODES, self.prog)
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
 
     def error(self, message: str) -> NoReturn:
