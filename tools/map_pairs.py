@@ -1,9 +1,10 @@
-"""Files of map pairs whose relative poses are known, and the floors that the pairs are cut from."""
+"""Map pairs and sets with known poses: their files, their floors, and the comparison of a merge with the truth."""
 
+import itertools
 import math
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,12 +17,15 @@ from datasets.synthetic.map_pairs.pairs import (
     OVERLAPS,
     Building,
     MapPair,
+    PlacedMap,
     cut_pairs,
     disjoint_pair,
     foreign_pair,
     mirrored,
     room_of,
 )
+from merging.alignment import Pair
+from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.errors import TbmSlamError
@@ -217,3 +221,34 @@ def _same_place(first: str, second: str) -> bool:
     """Return whether two variants, by their names, show the same building and neither it in a mirror."""
     same = re.sub(_VARIANT + "$", "", first) == re.sub(_VARIANT + "$", "", second)
     return same and first.count("mir") % 2 == second.count("mir") % 2
+
+
+def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
+    """Return maps in random order, by names that do not tell their places."""
+    return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(len(placed)).tolist())}
+
+
+def maps_by_name(placed: Mapping[str, PlacedMap]) -> dict[str, TbmMap]:
+    """Return the maps by name."""
+    return {name: TbmMap(grid_of(placed_map.occupancy, placed_map.resolution)) for name, placed_map in placed.items()}
+
+
+def known_pair(pair: Pair, placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> KnownPair:
+    """Return a pair of maps with its true pose."""
+    target, source = (placed[name] for name in pair)
+    motion = target.T_map_building @ source.T_map_building.inverse() if target.place == source.place else None
+    return KnownPair("-".join(pair), maps[pair[0]], maps[pair[1]], motion, 0.0)
+
+
+def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
+    """Return the relative pose of every two maps of a group."""
+    return {
+        (a, b): group.poses[a].inverse() @ group.poses[b]
+        for group in groups
+        for a, b in itertools.combinations(sorted(group.poses), 2)
+    }
+
+
+def is_right(known: KnownPair, where: SE2 | None) -> bool:
+    """Return whether a pair shows one place and T_target_source is its true pose."""
+    return known.T_target_source is not None and where is not None and known.is_near(where)

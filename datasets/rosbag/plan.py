@@ -17,8 +17,8 @@ from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import STATA_SENSOR_POSE, ChosenTopics, choose_topics, is_static, with_profile
-from datasets.scans.beam_angles import angle_warning
 from datasets.scans.clocks import LATENCY_LIMIT_S, ClockFinding, compare_clocks, lags_of_unset
+from datasets.scans.intake import angle_warning
 from tbmslam.geometry.se2 import SE2
 
 logger = logging.getLogger(__name__)

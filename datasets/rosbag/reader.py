@@ -15,9 +15,8 @@ from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.plan import Plan, plan_reading
 from datasets.salvage.salvaged_bag import UNKNOWN_LOSS
-from datasets.scans.beam_angles import angle_warning
 from datasets.scans.clocks import ClockSteps
-from datasets.scans.intake import CleanScan, ScanIntake
+from datasets.scans.intake import CleanScan, ScanIntake, angle_warning
 from tbmslam.sensing.laser_scan import Reading
 
 logger = logging.getLogger(__name__)

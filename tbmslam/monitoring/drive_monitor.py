@@ -7,8 +7,13 @@ from collections.abc import Iterable, Sequence
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig, LaserView
 from tbmslam.monitoring.incidents import SOON_S, EndWarning, Incidents
-from tbmslam.monitoring.odometry_check import OdometryCheck, OdometryCheckConfig
-from tbmslam.monitoring.scan_consistency import DISAGREE, Contradictions, agreeing_share
+from tbmslam.monitoring.odometry_check import (
+    DISAGREE,
+    Contradictions,
+    OdometryCheck,
+    OdometryCheckConfig,
+    agreeing_share,
+)
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from datasets.buffering import cached
-from datasets.recording import Recording
+from datasets.recording import Recording, cached
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 

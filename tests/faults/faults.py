@@ -13,10 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.faults import bags, hostile_maps, sensors, writing
 from tests.faults.fault_case import FaultCase, Outcome
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, ended
-from tools.command_line.text_table import describe_machine, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, text_table, write_tables
 
 EXAMPLES = """examples:
   python tests/faults/%(prog)s.py

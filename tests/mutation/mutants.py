@@ -26,8 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from tests.mutation.mutations import Mutation, mutated, mutations  # noqa: E402
-from tools.benchmarks.result_table import ResultTable, write_tables  # noqa: E402
-from tools.command_line.text_table import describe_machine, text_table  # noqa: E402
+from tools.command_line.text_table import ResultTable, describe_machine, text_table, write_tables  # noqa: E402
 
 HERE = ROOT / "tests" / "mutation"
 SEED = 20261124

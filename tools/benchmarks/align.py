@@ -19,9 +19,8 @@ from merging.baselines.howard import Encounter, measured
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.calibration import BINS, calibration_table
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.map_pairs import KnownPair
 
 if TYPE_CHECKING:

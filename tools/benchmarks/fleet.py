@@ -26,10 +26,9 @@ from tbmslam.io.atomic_file import write_bytes, write_text
 from tbmslam.io.pictures import Picture, encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
-from tools.benchmarks.placed_maps import is_right, joined_pairs, known_pair, maps_by_name, shuffled
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.map_pairs import is_right, joined_pairs, known_pair, maps_by_name, shuffled
 
 HEAD = (
     *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),

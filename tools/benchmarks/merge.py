@@ -24,8 +24,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import write_text
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.map_pairs import KnownPair, grid_of
 
 HEAD = (

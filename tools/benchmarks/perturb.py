@@ -27,9 +27,8 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tools.benchmarks.drive_errors import DriveErrors, drive_errors, truth_beside
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.simulated_recording import RecordingSpec
-from tools.command_line.text_table import describe_machine, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, number, text_table, write_tables
 
 Change: TypeAlias = Callable[[Iterable[Reading]], Iterator[Reading]]
 

@@ -16,9 +16,8 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.slam import CpuClock, warm_up
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 
 HEAD = (
     *(

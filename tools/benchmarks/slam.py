@@ -31,9 +31,8 @@ from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.simulated_recording import RecordingSpec, beside
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 
 WARM_UP_SCANS = 20
 """Scans of a recording that are mapped before the measurement."""

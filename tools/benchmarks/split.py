@@ -29,10 +29,9 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.simulated_recording import as_words
 from tools.command_line.paths import map_folders
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.evaluation import NAME as TRUTH_FILE
 from tools.evaluation import read_truth_file
 

@@ -18,10 +18,9 @@ from merging import MergeConfig, merge
 from merging.alignment import Pair
 from merging.map_graph.grouping import groups_of
 from tbmslam.parallel.worker_pool import worker_pool
-from tools.benchmarks.placed_maps import is_right, joined_pairs, known_pair, maps_by_name, shuffled
-from tools.benchmarks.result_table import ResultTable, write_tables
 from tools.benchmarks.strangers import building_of, some_part
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.map_pairs import is_right, joined_pairs, known_pair, maps_by_name, shuffled
 
 MAPS = 6
 """Number of maps of a set."""

@@ -30,8 +30,7 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.worker_pool import worker_pool
 from tbmslam.special_file import why_unreadable
-from tools.benchmarks.result_table import ResultTable, write_tables
-from tools.command_line.text_table import describe_machine, machine_line, number, text_table
+from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.map_pairs import KnownPair
 
 KINDS = {

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
-from datasets.buffering import cached, read_ahead
 from datasets.counts import Span
-from datasets.recording import recording_warnings
+from datasets.recording import cached, read_ahead, recording_warnings
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import write_text

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.world.rooms import CorridorSide, add_rooms, furnish
+from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish
 
 PITCH = 4.0
 """Distance from one door to the next [m]."""

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.world.rooms import CorridorSide, add_rooms, furnish, stand_box
+from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish, stand_box
 
 
 def draw_open_plan(rng: np.random.Generator) -> FloorPlan:

@@ -4,8 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle
-from datasets.synthetic.world.rooms import furnish, stand_box
+from datasets.synthetic.world.floor_plan import FloorPlan, Rectangle, furnish, stand_box
 
 
 def cut(area: Rectangle, largest: float, wall: float, rng: np.random.Generator) -> list[Rectangle]:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import WORLDS, make_world
-from datasets.synthetic.world.clearance import ClearanceMap
+from datasets.synthetic.robot.drives import ClearanceMap
 from tbmslam.belief.masses import FREE
 
 
