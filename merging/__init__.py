@@ -1,4 +1,4 @@
-"""Many maps whose relative poses nobody knows become one.
+"""Merges maps with unknown relative poses into one map.
 
 The names below are what a notebook needs; each is loaded when it is first used.
 """
@@ -18,7 +18,7 @@ _HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", 
 
 
 def __getattr__(name: str) -> object:
-    """Load a name when it is used: who maps robots has parameters of merging, and does not wait for its methods."""
+    """Load a name at its first use: a program that needs only the parameters does not load the methods."""
     if name in _HOMES:
         return getattr(importlib.import_module(f"merging.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

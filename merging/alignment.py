@@ -66,12 +66,12 @@ class Alignment:
     accepted
         Whether the transform may be used.
     reason
-        Why it was accepted or refused, in one sentence with the numbers.
+        Reason of the decision, one sentence with the numbers.
     T_target_source
         Pose of the source's frame in the target's frame.
     matches, inliers
-        Of `features`, matched keypoints, and how many of them the transform brings together; of `correlation`, cells of
-        wall in the overlap, and how many of them agree.
+        For `features`, number of matched keypoints and of inliers; for `correlation`, number of cells of
+        wall in the overlap, and of those that agree.
     rmse_m
         Root mean square distance of the inliers [m].
     scale
@@ -81,19 +81,19 @@ class Alignment:
     agreement, conflict
         Shares of the walls in the overlap that agree, and that lie in the other map's free space.
     agreed_wall_m, weakest_wall_m
-        Length of the agreeing walls, and how much of it resists the easiest slide [m].
+        Length of the agreeing walls, and the part of it that resists a slide in the weakest direction [m].
     confidence
         Probability that the transform is right: of ten alignments with 0.9, nine are right.
     covariance
         Covariance of the transform if it is right; see `merging.verification.covariance`. None if the method does not
         estimate it.
     bent_m
-        How far one of the maps was deformed, root mean square [m]; 0 for a rigid alignment.
+        RMS deformation of one of the maps [m]; 0 for a rigid alignment.
     lead
-        Of `correlation`, the score of the best pose divided by that of the next one, on coarse cells; 0 if there is
+        For `correlation`, the score of the best pose divided by that of the next pose, on coarse cells; 0 if there is
         none.
     T_more_less
-        Of `correlation`, that best pose: of the map with less wall in the frame of the other.
+        For `correlation`, that best pose: of the map with less wall in the frame of the other map.
     ambiguous
         Whether it was refused because the maps fit well at several poses.
     alternatives

@@ -1,4 +1,4 @@
-"""The state of a merge: maps, alignments and groups, as one stage after another leaves them."""
+"""The state of a merge between its stages: maps, alignments and groups."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ class MergeState:
     grouping
         The function that groups maps by alignments.
     maps
-        The maps by name, deformed ones as they are now.
+        The maps by name, including the deformed maps.
     alignments
         The latest alignment of every pair.
     groups

@@ -1,7 +1,7 @@
 """Maps with known poses: placed there, and refined by their walls.
 
 A rough pose of a robot's start needs no search. It may also be better than any alignment: in a corridor without
-features, or on a plan that differs from what a laser sees. The evidence of the maps is reported all the same.
+features, or on a plan that differs from what a laser sees. The evidence of the maps is reported too.
 """
 
 import itertools

@@ -26,7 +26,7 @@ BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = 
 def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame by the configured method of the related work.
 
-    Accepted alignments have confidence 0 all the same: these methods give no probability.
+    Accepted alignments have confidence 0, since these methods give no probability.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Birk and Carpin: a random walk that adapts its steps finds where two maps look most alike.
+"""Birk and Carpin: a random walk with adaptive steps finds the pose at which two maps are most similar.
 
 A. Birk, S. Carpin, "Merging occupancy grid maps from multiple robots", Proceedings of the IEEE, 2006; the walk is that
 of S. Carpin, G. Pillonetto, "Motion planning using adaptive random walks", 2005. Cells are free, wall or unknown. Two
@@ -40,7 +40,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
 @dataclass(frozen=True)
 class _Side:
-    """One state's cells of one map: some of them, and every cell's Manhattan distance to the nearest [cells]."""
+    """Sampled cells of one state, and the Manhattan distance of every cell to the nearest such cell [cells]."""
 
     points: Points
     distances: CellField

@@ -19,7 +19,7 @@ IS_UNKNOWN, IS_FREE, IS_WALL = 0, 1, 2
 
 @dataclass(frozen=True)
 class CellStates:
-    """What is known of a map if one must decide.
+    """The most likely state of each cell of a map.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Howard: robots that meet measure where the other is, and that measurement joins their maps.
+"""Howard: robots that meet measure each other's pose, and this measurement joins their maps.
 
 A. Howard, "Multi-robot simultaneous localization and mapping using particle filters", IJRR 2006. An encounter gives the
 relative pose of two robots, and each robot's readings enter the common map from there, forward and backward in
@@ -29,11 +29,11 @@ class Encounter(NamedTuple):
     Parameters
     ----------
     T_target_robot
-        Where the target's robot stands in its own map.
+        Pose of the target's robot in its map.
     T_robot_other
         Where it sees the source's robot: the measurement.
     T_source_other
-        Where that robot stands in its own map.
+        Pose of the source's robot in its map.
     """
 
     T_target_robot: SE2

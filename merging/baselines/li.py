@@ -72,7 +72,7 @@ def _population(how: LiConfig, reach: float) -> FloatArray:
 
 
 def _lean(grid: TbmGrid, blur_m: float) -> Field:
-    """Return how far every cell's blurred probability leans to being occupied: 1 surely, -1 surely free, 0 unknown.
+    """Return the blurred evidence of each cell: 1 is occupied, -1 is free, 0 is unknown.
 
     A wall a little beside where it should be is still likely: near walls the blurred wall counts, not the free space.
     """

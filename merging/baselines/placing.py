@@ -1,4 +1,4 @@
-"""Poses of a source map: a shift between centroids and a rotation, and how far the cells of two maps agree there."""
+"""Poses of a source map as a shift between centroids and a rotation, and the agreement of two maps there."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -25,7 +25,7 @@ def hough_spectrum(points: Points, weights: FloatArray, cell_m: float) -> FloatA
     Parameters
     ----------
     points, weights
-        What lies on the lines (N,), and how much each counts.
+        The points (N, 2) on the lines, and their weights.
     cell_m
         Distance of neighbouring lines [m].
     """

@@ -59,7 +59,7 @@ class VoronoiDiagram:
         on_line = np.zeros(wall.shape, dtype=np.bool_)
         for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
             apart = np.abs(nearest[here] - nearest[there])
-            # A bend in one wall has its ends no farther apart than they are away.
+            # The nearest walls of a bend in one wall are not farther apart than their distance.
             on_line[here] |= apart > np.maximum(min_apart_m / resolution, 1.2 * distances[here])
         cells = np.flatnonzero(on_line & (states.states == IS_FREE))
         free = 1.0 - pignistic(grid.masses).ravel()[cells]

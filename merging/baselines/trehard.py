@@ -37,7 +37,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     placing = Placing.of(*maps)
 
     def sums(places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the disjunction's mass on occupied, and what it could be at the most (K,)."""
+        """Return the disjunction's mass on occupied, and its largest possible value (K,)."""
         forth, back = placing.into_target(sides[1].walls, places), placing.into_source(sides[0].walls, places)
         met = [sides[0].meet(forth, sides[1].masses), sides[1].meet(back, sides[0].masses)]
         return met[0][0] + met[1][0], met[0][1] + met[1][1]
@@ -71,7 +71,7 @@ class _Side:
         return cls(states.centres(cells), masses / max(float(masses.sum()), 1e-9), *fields)
 
     def meet(self, points: Points, masses: Field) -> tuple[FloatArray, FloatArray]:
-        """Hold the other map's walls (K, N) against this one: mass on occupied in both, and where this one knows."""
+        """Compare the other map's walls (K, N) with this map: mass on occupied in both, and known cells of this map."""
         agreed, possible = (field.at(points) @ masses for field in (self.occupied, self.committed))
         return np.asarray(agreed, dtype=np.float64), np.asarray(possible, dtype=np.float64)
 

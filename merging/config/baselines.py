@@ -26,7 +26,7 @@ class BirkCarpinConfig(FrozenConfig):
     sample
         Cells of each map and state that are compared in a step.
     lock
-        What disagreeing cells cost beside the similarity, and agreeing ones save, if they are all cells [cells].
+        Cost of disagreeing cells, and gain of agreeing cells, beside the similarity, if they are all cells [cells].
     max_index
         Largest acceptance index, 1 - agr / (agr + dis), of an alignment that is accepted.
     seed
@@ -51,7 +51,7 @@ class CarpinConfig(FrozenConfig):
     turns, peaks
         Rotations that the spectra offer, and peaks along x and along y that each rotation offers.
     penalty
-        What a disagreeing cell costs, in agreeing ones, when offers are chosen.
+        Cost of a disagreeing cell, in agreeing cells, in the choice of a pose.
     max_index
         As of Birk and Carpin.
     """
@@ -70,7 +70,7 @@ class LiConfig(FrozenConfig):
     population, generations
         Size of the population and number of generations.
     sample
-        Walls, and free cells, of the source that are laid onto the target.
+        Walls and free cells of the source that are compared with the target.
     blur_m
         Standard deviation of the target's blurred likelihood [m].
     min_likelihood
@@ -140,7 +140,7 @@ class BaselinesConfig(FrozenConfig):
     Parameters
     ----------
     min_overlap_share
-        Least share of the smaller map's known cells that the other map knows too, for any alignment to be accepted.
+        Least overlap of an accepted alignment, as a share of the smaller map's known cells.
     """
 
     min_overlap_share: Share = 0.1

@@ -24,7 +24,7 @@ class Described:
 
 @dataclass(frozen=True)
 class DescriptorMatches:
-    """The nearest descriptor of every one, and how clear it is.
+    """The nearest descriptor of each descriptor, and the ratio of the distances.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def match_all(target: Described, source: Described, norm: int = cv2.NORM_HAMMING
 
 
 RANSAC_PIXELS = 3.0
-"""How far apart the paper's program lets an inlier be [px]; OpenCV's default."""
+"""Largest distance of an inlier in the paper's program [px]; OpenCV's default."""
 
 
 class _Detector(Protocol):
@@ -134,7 +134,7 @@ DETECTORS: Mapping[str, Detector] = {
 
 @dataclass(frozen=True)
 class DetectorResult:
-    """How one detector did on one pair.
+    """The result of one detector on one pair.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class DetectorResult:
 
 
 def compare_detectors(pair: MapPair, keypoints: int, ratio: float, tolerance_m: float) -> dict[str, DetectorResult]:
-    """Match a pair by each detector, with about so many keypoints in each map."""
+    """Match a pair by each detector, with about the given number of keypoints in each map."""
     results = {}
     for name, detector in DETECTORS.items():
         target, source = (_described(grid, detector, keypoints) for grid in (pair.target, pair.source))

@@ -44,13 +44,13 @@ class MapPair:
         return np.asarray(np.hypot(*apart.T) <= tolerance_m)
 
     def displacement_m(self, matrix: FloatArray) -> float:
-        """Return how far a transform (2, 3) puts the source's known cells from their true places, on average [m]."""
+        """Return the mean error of the source's known cells under a transform (2, 3) [m]."""
         cells = self.source.geometry.centres_of(*np.nonzero(self.source.is_known()))
         found = cells @ matrix[:, :2].T + matrix[:, 2]
         return float(np.hypot(*(found - self.T_target_source.apply(cells)).T).mean())
 
     def overlap(self) -> float:
-        """Return the share of the smaller map's known cells that truly lie on known cells of the other."""
+        """Return the true overlap, as a share of the smaller map's known cells."""
         placed = warp(self.source, self.T_target_source, self.target.geometry)
         step = self.target.geometry.resolution
         row = round((placed.geometry.origin_y - self.target.geometry.origin_y) / step)
@@ -68,16 +68,16 @@ SHARE = 0.51
 
 @dataclass(frozen=True)
 class Halves:
-    """A map, its halves, and what became of them; all of one size.
+    """A map, its halves, and their fusions, all of one size.
 
     Parameters
     ----------
     original, left, right
         The map, and its parts.
     conjunctive
-        Both by the conjunctive rule, what one alone saw kept.
+        Fusion by the conjunctive rule, with the cells that only one half knows.
     disjunctive
-        Both by the disjunctive rule as the paper has it: a cell that one does not know becomes unknown.
+        Fusion by the paper's disjunctive rule: a cell that one half does not know is unknown.
     union
         Both by the disjunctive rule as used here by default: a map that does not know a cell is ignored there.
     """
@@ -90,7 +90,7 @@ class Halves:
     union: TbmGrid
 
     def known_share(self, fused: TbmGrid) -> float:
-        """Return how much of what the original knows a fused map knows."""
+        """Return the share of the original's known cells that a fused map knows."""
         return float(fused.is_known().sum() / max(self.original.is_known().sum(), 1))
 
     def unknown_in_overlap(self, grid: TbmGrid) -> float:
@@ -100,7 +100,7 @@ class Halves:
 
 
 def fuse_halves(original: TbmGrid, share: float = SHARE) -> Halves:
-    """Keep so much of the left and of the right of a map, the rest unknown, and fuse the two.
+    """Fuse the left and the right part of a map, each of the given share.
 
     Raises
     ------

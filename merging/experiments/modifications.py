@@ -62,7 +62,7 @@ class Study:
     matches
         For every setting the number of matches in each pair (P,).
     found
-        Keypoints found in each map (2 P,), by how many were asked for.
+        Numbers of keypoints found in each map (2 P,), by the requested number.
     """
 
     shares: dict[Setting, FloatArray] = field(default_factory=dict)
@@ -86,7 +86,7 @@ def compare_modifications(
     Parameters
     ----------
     tolerance_m
-        How far from its true place a right match may be [m].
+        Largest distance of a right match from its true position [m].
     say
         Receives the progress.
     """

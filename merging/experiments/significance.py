@@ -16,7 +16,7 @@ _MOST_PAIRS = 16
 
 
 def paired_p_value(first: FloatArray, second: FloatArray) -> float:
-    """Return the probability that methods of equal worth differ by so much on the same pairs (P,), or more.
+    """Return the probability that equally good methods differ at least as much on the same pairs (P,).
 
     Pairs where either has no value are left out; without any difference it is 1.
 
@@ -65,7 +65,7 @@ def half_interval(values: FloatArray, level: float = LEVEL) -> float:
 
 
 def half_width(deviation: float, count: int, level: float = LEVEL) -> float:
-    """Return half the width of the confidence interval of the mean of so many values with this deviation."""
+    """Return half the width of the confidence interval of the mean of `count` values with a standard deviation."""
     return float(stats.t.ppf(0.5 + level / 2.0, count - 1)) * deviation / float(np.sqrt(count))
 
 

@@ -1,4 +1,4 @@
-"""Table III: what the paper says of its transform's accuracy, beside what it could not know."""
+"""Table III: the paper's measures of its transform's accuracy, and the true errors."""
 
 import time
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from tbmslam.map.tbm_map import TbmMap
 
 @dataclass(frozen=True)
 class TransformResult:
-    """What was found for one pair.
+    """The transform of one pair.
 
     Parameters
     ----------
     matches, right
-        Matches that passed Lowe's test, and how many of them are right.
+        Number of matches that passed Lowe's test, and of right ones.
     least_m, most_m, geometric_mean_m
         Distances of all matches after the affine transform, which the paper reports [m]; None if none was found.
     affine_error_m
-        How far that transform truly puts the source's cells from their places, on average [m].
+        Mean true error of the source's cells under the transform [m].
     rigid_error_m
         The same of the rigid motion that most matches agree on.
     default_error_m

@@ -1,4 +1,4 @@
-"""How mapping spoils a map: bent, ragged, incomplete, cluttered."""
+"""Distortions of a map by its making: deformation, ragged walls, missing parts, clutter."""
 
 import math
 from collections.abc import Callable
@@ -62,7 +62,7 @@ class Spoilt:
 
 @dataclass(frozen=True)
 class Distortion:
-    """How much of everything.
+    """The strengths of all distortions.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ class Distortion:
     bend_m
         Root mean square of a smooth displacement [m].
     bend_wave_m
-        Over how many metres the displacement changes [m].
+        Distance over which the displacement changes [m].
     raggedness
-        How often a wall is a cell thicker or thinner, 0 to 1.
+        Share of wall cells with a change of the thickness, 0 to 1.
     missing
         Share of the walls that are unknown.
     moved
-        Share of the small things that stand elsewhere by now.
+        Share of the small objects that were moved.
     clutter, blobs
         New things, and unknown areas, for 100 m2.
     speckle
@@ -138,7 +138,7 @@ class Distortion:
         return Spoilt(occupancy, T_map_building, displacements)
 
     def _refurnished(self, marks: Marks, resolution: float, rng: np.random.Generator) -> Marks:
-        """Take small things away and stand others elsewhere."""
+        """Remove small objects and add others."""
         marks = marks.copy()
         labels, _ = ndimage.label(marks == _WALL, np.ones((3, 3)))
         for index, window in enumerate(ndimage.find_objects(labels), start=1):

@@ -25,7 +25,7 @@ OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 _STRAIGHT_M = 0.1
 """Of maps that bend more it matters where a rigid motion is to fit: where both saw the building [m]."""
 _COARSE = 4
-"""Ways through a building are measured in blocks of so many cells."""
+"""Side of the blocks in which distances through a building are measured [cells]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Building:
 
 @dataclass(frozen=True)
 class MapPair:
-    """Two maps, and how one lies in the other's frame.
+    """Two maps with their relative pose.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def mirrored(building: Building) -> Building:
 def cut_pairs(
     building: Building, seed: int, overlaps: Sequence[float] = OVERLAPS, draw: Draw = Distortion.draw
 ) -> Iterator[MapPair]:
-    """Cut pairs of maps of one building: two robots exploring it from far ends until they share so much."""
+    """Cut pairs of maps of one building: two robots explore it from far ends until they reach an overlap."""
     for overlap in overlaps:
         rng = np.random.default_rng([seed, round(1000 * overlap)])
         part_a, part_b = explored_parts(building, overlap, rng)
@@ -318,14 +318,14 @@ def maps_of(building: Building, count: int, rng: np.random.Generator) -> Iterato
 
 
 def maps_of_far_ends(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
-    """Yield so many maps of each of two ends of a building that share nothing: alike in style, and two places."""
+    """Yield `count` maps of each of two disjoint ends of a building: two places of one style."""
     for number, part in enumerate(explored_parts(building, 0.0, rng)):
         for _ in range(count):
             yield _spoilt(f"{building.name} end {number}", building, part, rng)
 
 
 def maps_of_mirrored(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
-    """Yield so many maps of a building and as many of its mirror image, which is another."""
+    """Yield `count` maps of a building and of its mirror image, which is another place."""
     yield from maps_of(building, count, rng)
     yield from maps_of(mirrored(building), count, rng)
 

@@ -62,7 +62,7 @@ class RoadMap:
     smallest
         Clearance below which no way leads [m].
     rng
-        Draws a robot's whims, which make some lines look longer to it than others; None for none.
+        Random generator of a robot's preferences for some edges; None for none.
     """
 
     def __init__(self, clearance_map: ClearanceMap, smallest: float, rng: np.random.Generator | None = None) -> None:
@@ -159,7 +159,7 @@ def drive_along(
     start_stamp
         Time of the first pose [s].
     length, duration
-        The drive ends after so many metres or seconds, or at the end of the path.
+        The drive ends after this length [m] or duration [s], or at the end of the path.
 
     Returns
     -------
@@ -191,17 +191,17 @@ def drive_along(
 
 
 def _pursued(path: FloatArray, index: int, x: float, y: float) -> int:
-    """Return the first point from `index` on that lies further away than the robot looks ahead."""
+    """Return the first point from `index` on that is farther away than the look-ahead distance."""
     while index < len(path) - 1 and math.hypot(path[index, 0] - x, path[index, 1] - y) < LOOK_AHEAD:
         index += 1
     return index
 
 
 START_STAMP = 1_300_000_000.0
-"""When every simulated recording begins [s], in March 2011."""
+"""Begin of every simulated recording [s], in March 2011."""
 
 PLANNED_CLEARANCE = 0.42
-"""Planned ways keep so far off walls [m]; driving cuts a corner here and there."""
+"""Least distance of planned paths from walls [m]; the robot may cut corners."""
 
 AVERAGE_SPEED = 0.67
 """Mean speed over a drive, of the largest: turns and doors cost time."""
@@ -232,7 +232,7 @@ def plan_drives(
     Parameters
     ----------
     robots
-        How many.
+        The number of robots.
     length, duration
         Where a drive ends, after so many metres or seconds, whichever comes first. With neither the stretches
         together cover the tour: a single robot comes back to where it began.
@@ -241,7 +241,7 @@ def plan_drives(
     speed
         Largest speed [m/s].
     seed
-        Draws where the tour begins and all whims.
+        Seed of the begin of the tour and of all random choices.
 
     Returns
     -------
@@ -320,7 +320,7 @@ def _stops(roads: RoadMap, places: FloatArray) -> npt.NDArray[np.int64]:
 def _stretch(
     tour: float, robots: int, length: float | None, duration: float | None, overlap: float, speed: float
 ) -> float:
-    """Return how much of the tour one robot drives, as cost."""
+    """Return the part of the tour that one robot drives, as cost."""
     lengths = [] if length is None else [length * COST_PER_METRE]
     if duration is not None:
         lengths.append(duration * speed * AVERAGE_SPEED * COST_PER_METRE)
@@ -342,7 +342,7 @@ def _stops_between(tour: npt.NDArray[np.int64], around: FloatArray, begin: float
 
 
 def _path(roads: RoadMap, stops: npt.NDArray[np.int64], rng: np.random.Generator) -> FloatArray:
-    """Return the points (P, 2) of one robot's way from near one stop to near the next."""
+    """Return the points (P, 2) of one robot's path along its stops."""
     nodes = roads.nearest(roads.points[stops] + rng.uniform(-0.6, 0.6, (len(stops), 2)))
     legs = [roads.path(int(start), int(end)) for start, end in pairwise(nodes)]
     return np.vstack([legs[0][:1], *(leg[1:] for leg in legs)])

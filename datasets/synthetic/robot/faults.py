@@ -1,4 +1,4 @@
-"""What goes wrong on real robots, done to a simulated one at a time of choice."""
+"""Faults of real robots, injected into a simulated robot at a chosen time."""
 
 import math
 import re
@@ -35,14 +35,14 @@ _COVER = 0.25  # where blocked beams end [m]
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that goes wrong.
+    """A fault.
 
     Parameters
     ----------
     name
-        Which, one of `FAULTS`.
+        One of `FAULTS`.
     at
-        When it begins, since the start of the drive [s].
+        Begin, since the start of the drive [s].
     seconds
         How long it lasts, where it ends at all [s].
     scale
@@ -78,7 +78,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A robot, and the stamps [s] between which something goes wrong."""
+    """A robot, and the stamps [s] between which the fault is active."""
 
     robot: SimulatedRobot
     begin: float
@@ -97,7 +97,7 @@ class _Scene:
 
 
 def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> SimulatedRobot:
-    """Return the robot's recording as it is with a fault; its truth stays true, under the stamps of the scans.
+    """Return the robot's recording with a fault; the truth stays correct, with the stamps of the scans.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ class SimulatedLaser:
 
     @staticmethod
     def field_of(beams: int) -> tuple[float, float]:
-        """Return angle_min and angle_increment [rad] that a laser with so many beams usually has.
+        """Return the usual angle_min and angle_increment [rad] of a laser with a number of beams.
 
         180, 181 and 361 beams are a SICK's half turn to the right of straight left, others spread over the default's
         260 degrees.
@@ -111,7 +111,7 @@ class SimulatedLaser:
         return np.asarray(stamps[:, None] + (first + (beams - 1) / 2.0) * self.time_increment())
 
     def _beams_of_a_moment(self) -> int:
-        """Return how many neighbouring beams share a pose: those within half a millisecond."""
+        """Return the number of neighbouring beams within half a millisecond, which share a pose."""
         if self.sweep == 0.0:
             return self.beams
         return max(int(_MOMENT / self.time_increment()), 1)
@@ -168,7 +168,7 @@ class LidarPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class RingLidar:
-    """Beams one above the other that turn together; the default is like a Velodyne VLP-16.
+    """A rotating lidar of several rings; the default is similar to a Velodyne VLP-16.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class RingLidar:
         return LidarPoints(points.astype(np.float32), times.astype(np.float32))
 
     def _reach(self, elevations: FloatArray) -> FloatArray:
-        """Return how far each ring (R,) goes until it meets the floor or the ceiling [m]."""
+        """Return the distance at which each ring (R,) meets the floor or the ceiling [m]."""
         slopes = np.tan(elevations)
         room = np.where(slopes < 0.0, -self.height, self.ceiling - self.height)
         return np.asarray(np.divide(room, slopes, out=np.full(len(slopes), np.inf), where=slopes != 0.0))
