@@ -234,7 +234,7 @@ def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
         chosen([room_cloud()._replace(points=np.zeros((0, 3)))])
 
 
-def test_what_is_stated_replaces_what_tf_says_in_the_plane():
+def test_a_stated_mount_replaces_that_of_tf_in_the_plane():
     tilted = LEVEL._replace(qy=math.sin(0.2), qw=math.cos(0.2))
     stated = SE2(1.0, 2.0, 0.7)
     assert mounting(tilted, None, None) == tilted

@@ -94,7 +94,7 @@ def test_a_broken_connection_is_taken_up_again(server, tmp_path):
     assert [asked.get("Range") for asked in server.asked] == [None, f"bytes={5 << 16}-", f"bytes={8 << 16}-"]
 
 
-def test_a_later_run_goes_on(server, tmp_path):
+def test_a_later_run_continues(server, tmp_path):
     server.cuts = [1 << 16] * 3
     with pytest.raises(DownloadError, match=r"the connection failed after 196608 bytes .*: check the network and run"):
         download(server.address, tmp_path / "a.bag", SHA256)
@@ -105,7 +105,7 @@ def test_a_later_run_goes_on(server, tmp_path):
 
 
 @pytest.mark.parametrize("change", [{"ranges": False}, {"tag": '"two"'}])
-def test_a_server_that_cannot_go_on_or_has_another_file_begins_anew(server, tmp_path, change):
+def test_the_download_restarts_if_the_server_cannot_resume(server, tmp_path, change):
     server.cuts = [1 << 16] * 3
     with pytest.raises(DownloadError):
         download(server.address, tmp_path / "a.bag")
@@ -126,7 +126,7 @@ def test_more_than_everything_is_thrown_away(server, tmp_path):
 
 
 @pytest.mark.parametrize("lengths", [["abc"], ["-5"], ["12", "13"], ["\u0663"]])
-def test_a_length_that_cannot_be_read_is_told(server, tmp_path, lengths):
+def test_an_invalid_length_is_reported(server, tmp_path, lengths):
     server.lengths = [length.encode().decode("latin-1") for length in lengths]
     with pytest.raises(DownloadError, match=r"states an unreadable length|cannot be requested"):
         download(server.address, tmp_path / "a.bag")
@@ -204,13 +204,13 @@ def test_no_server_and_no_address(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
-def test_a_full_disk_is_told_with_the_file(server, tmp_path):
+def test_a_full_disk_is_reported_with_the_file(server, tmp_path):
     (tmp_path / "a.bag.part").symlink_to("/dev/full")
     with pytest.raises(DownloadError, match=r"a\.bag\.part: cannot be written \(No space left on device\): make room"):
         download(server.address, tmp_path / "a.bag")
 
 
-def test_each_says_where_it_is_and_what_it_may_be_used_for():
+def test_each_recording_has_an_address_and_a_licence():
     known = known_recordings()
     assert {"stata/2011-01-24-06-18-27", "freiburg/intel"} <= known.keys()
     addresses = [address for recording in known.values() for address in recording.addresses]
@@ -220,7 +220,7 @@ def test_each_says_where_it_is_and_what_it_may_be_used_for():
         assert all((recording.license, recording.citation, recording.page, recording.about))
 
 
-def test_the_profile_goes_with_it():
+def test_the_profile_of_a_recording_is_given():
     assert known_recording("stata/2011-01-24-06-18-27").options == "--profile stata"
 
 

@@ -52,7 +52,7 @@ def test_bags_and_logs_do_not_mix(script, tmp_path):
         open_recording([bag, log])
 
 
-def test_a_directory_stands_for_the_recordings_in_it(tmp_path):
+def test_a_directory_is_replaced_by_its_recordings(tmp_path):
     for name in ("b.bag", "a.log.gz", "c.CLF", "notes.txt", "world.npz", "b.truth.tum", ".hidden.bag"):
         (tmp_path / name).touch()
     (tmp_path / "ros2").mkdir()
@@ -83,7 +83,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         list_recordings([tmp_path])
 
 
-def test_files_are_told_by_their_content(tmp_path):
+def test_files_are_identified_by_their_content(tmp_path):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "b.db3").write_bytes(b"data")
     (tmp_path / "bag" / "a.yaml").write_bytes(b"")

@@ -17,7 +17,7 @@ def test_blocks_hold_all_items_in_their_order(number):
     assert [item for block in in_blocks(range(number)) for item in block] == list(range(number))
 
 
-def test_what_comes_before_an_error_is_not_lost():
+def test_items_before_an_error_are_kept():
     def items():
         yield from range(300)
         raise DatasetError("damaged")
@@ -112,7 +112,7 @@ def recording(description=None, **counts):
     return made
 
 
-def test_a_recording_without_fault_has_nothing_to_be_said():
+def test_a_good_recording_has_no_warning():
     assert recording_warnings(recording(beams={"hit": 1000, "nan": 1}, description={"clock_warning": None})) == []
 
 
@@ -162,11 +162,11 @@ def test_a_gap_is_one():
     assert said == ["1 gap of 3.0 s without a scan: motion during a gap is unknown"]
 
 
-def test_nobody_who_told_the_angles_is_asked_for_them():
+def test_stated_angles_cause_no_warning():
     assert recording_warnings(recording({"first_scan": {"angle_warning": "do not fit"}, "angle_step_deg": 1.0})) == []
 
 
-def test_a_part_is_told_of_its_own_gaps_and_of_the_counts_of_all():
+def test_a_part_has_its_own_gaps_and_the_counts_of_the_whole():
     made = recording(dropped={"empty": 8}, beams={"hit": 80, "nan": 20})
     made.counts.add_gap(10.0, 3.0)
     made.counts.add_gap(50.0, 4.0)
@@ -190,7 +190,7 @@ def test_a_part_that_a_gap_ends_or_begins_has_not_seen_it():
     assert len(made.counts.incidents_in(Span(0.0, 13.0))) == 1
 
 
-def test_a_moment_is_of_the_part_whose_end_it_is():
+def test_the_end_of_a_part_belongs_to_it():
     made = recording()
     made.counts.incidents.add(10.0, "the stamps of the scans step back")
     assert [len(made.counts.incidents_in(span)) for span in (Span(0.0, 10.0), Span(10.0, 20.0), Span(11.0, 20.0))] == [
@@ -200,7 +200,7 @@ def test_a_moment_is_of_the_part_whose_end_it_is():
     ]
 
 
-def test_a_code_that_was_taken_for_a_wall_is_told_with_the_option():
+def test_a_code_read_as_a_wall_is_reported_with_the_option():
     made = recording(beams={"hit": 1000}, farthest_m=8.0, farthest_beams=40, farthest_scans=10)
     said = (
         "40 beams end at exactly 8 m, the longest range of all, which may be a code for no return: try "
@@ -263,7 +263,7 @@ def test_what_waits_is_bounded():
     assert nobody_reads()
 
 
-def test_what_goes_wrong_is_raised_after_what_was_read_before():
+def test_an_error_is_raised_after_the_earlier_readings():
     for error in (DatasetError("run.bag: the disk is gone"), MemoryError("no more")):
         seen = []
         with pytest.raises(type(error), match=str(error)):
@@ -272,7 +272,7 @@ def test_what_goes_wrong_is_raised_after_what_was_read_before():
         assert nobody_reads()
 
 
-def test_who_breaks_off_waits_for_nobody():
+def test_a_reader_that_stops_early_does_not_wait():
     def interrupt(readings):
         for one in readings:
             if one.scan.stamp == 40.0:

@@ -68,7 +68,7 @@ def test_a_killed_worker_changes_nothing(local, tmp_path):
     assert results(tmp_path / "merged") == results(local / "merged")
 
 
-def test_a_fleet_is_merged_alike(tmp_path):
+def test_a_cluster_merges_a_fleet_equally(tmp_path):
     """In rounds: retrieval, pairs, and pairs of which one map is bent."""
     maps = maps_by_name(make_fleet(3, 3, seed=3))
     config = MergeConfig.model_validate({"retrieval": {"few": 2}})
@@ -82,7 +82,7 @@ def test_a_fleet_is_merged_alike(tmp_path):
     assert any(found.accepted for found in here.alignments.values())
 
 
-def test_bent_maps_are_joined_alike(tmp_path):
+def test_a_cluster_deforms_maps_equally(tmp_path):
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
     groups = [Group({name: SE2.identity()}) for name in maps]

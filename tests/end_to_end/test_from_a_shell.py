@@ -105,7 +105,7 @@ def test_a_bag_of_another_format_is_one_line_and_exit_1(shared_data, tmp_path):
         ("wrong-index-length.bag", "the index of the bag contradicts itself"),
     ],
 )
-def test_a_damaged_bag_gives_what_is_left_of_it_and_says_so(shared_data, tmp_path, name, fact):
+def test_a_damaged_bag_gives_its_readable_part_with_a_warning(shared_data, tmp_path, name, fact):
     bag = shared_data / "broken" / name
     done = shell("build_maps", bag, "-o", tmp_path / "maps")
     assert done.returncode == 0

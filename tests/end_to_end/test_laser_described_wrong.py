@@ -49,7 +49,7 @@ def test_the_option_that_a_warning_names_mends_it(tmp_path, fault, remedy):
         ((), ("--angle-step-deg", 0.515), "--angle-step-deg 0.5"),
     ],
 )
-def test_what_was_told_wrong_is_told_right(tmp_path, faults, wrong, remedy):
+def test_wrong_laser_numbers_are_corrected_by_the_warning(tmp_path, faults, wrong, remedy):
     """What a warning names is to be passed instead, not on top, and it calls nothing stated that somebody passed."""
     drive = simulate(tmp_path / "drive", *SMALL, *faults)
     maps = build(tmp_path / "wrong", drive / "robot_0.bag", *wrong)

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.xdist_group("office")
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_each_robot_knows_where_it_drove(office, robot):
+def test_the_trajectory_of_each_robot_is_accurate(office, robot):
     laid = placed(office / "bags", office / "maps", robot)
     assert laid.ate_m <= 0.05
     assert laid.errors_m.max() <= 0.25
@@ -51,7 +51,7 @@ def test_cells_are_as_in_the_building(office, robot):
     assert exact.agree >= 0.97
 
 
-def test_the_merged_map_knows_what_any_robot_knew(office):
+def test_the_merged_map_contains_the_known_cells_of_all_robots(office):
     merged = load_map(office / "merged")
     areas = [load_map(office / "maps" / robot).grid.is_known().sum() for robot in ROBOTS]
     assert merged.grid.is_known().sum() > 1.2 * max(areas)

@@ -102,7 +102,7 @@ def test_rasterio_finds_the_walls_where_the_map_has_them(merged):
         assert max(values[0] for values in picture.sample(places)) < 128
 
 
-def test_files_of_an_earlier_run_are_written_anew(merged, flat_maps, tmp_path):
+def test_files_of_an_earlier_run_are_written_again(merged, flat_maps, tmp_path):
     shutil.copytree(merged, tmp_path / "again")
     assert {"map.tif", "map.bag"} <= {path.name for path in (tmp_path / "again").iterdir()}
     merge_maps(tmp_path / "again", flat_maps / "robot_0", flat_maps / "robot_1", "--occupancy-bag", "mcap")

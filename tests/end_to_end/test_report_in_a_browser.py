@@ -193,7 +193,7 @@ def test_pages_are_of_a_reasonable_size(merged, flat_maps):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_on_a_phone_nothing_is_cut_off_and_the_map_comes_first(merged, window, scheme):
+def test_on_a_phone_nothing_is_cut_off_and_the_map_is_first(merged, window, scheme):
     window.set_viewport_size({"width": 390, "height": 844})
     window.emulate_media(color_scheme=scheme)
     opened = OpenPage(window, merged / "report.html")

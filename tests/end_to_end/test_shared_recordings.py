@@ -74,7 +74,7 @@ def test_drives_agree_with_the_true_relations(shared_data, mapped, name, reached
     assert errors.rotations_deg.mean() < 1.3 * reached_deg
 
 
-def test_no_part_of_a_drive_follows_odometry_that_stands_still(shared_data, tmp_path):
+def test_no_part_of_a_drive_follows_frozen_odometry(shared_data, tmp_path):
     """CSAIL's does for a second of a turn by 85 degrees, and each part meets it with other keyframes behind it."""
     maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 3, "--overlap", 0.3)
     robots = json.loads((maps / "truth.json").read_text())["robots"]
@@ -88,7 +88,7 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_is_told(shared_data, tmp_path):
+def test_two_real_drives_merge_and_merge_with_a_known_map(shared_data, tmp_path):
     logs = [shared_data / "cmu-wean" / f"robotdata{number}.log" for number in (1, 2)]
     maps = build(tmp_path / "maps", *logs, "--separate", "--no-truth")
     drives = [str(folder) for folder in map_folders(maps)]
@@ -103,13 +103,13 @@ def test_two_real_drives_through_one_building_merge_and_onto_its_map_where_one_i
 
 
 @pytest.mark.parametrize("name", FOLDERS)
-def test_no_laser_is_said_to_be_described_wrong(shared_data, mapped, name):
+def test_no_correctly_described_laser_causes_a_warning(shared_data, mapped, name):
     warnings = json.loads((mapped(shared_data, name) / "run.json").read_text())["warnings"]
     assert not [one for one in warnings if " fit best where " in one]
 
 
 @pytest.mark.parametrize("name", ["aces", "intel"])
-def test_angles_that_the_converter_stretched_are_told(shared_data, tmp_path, name):
+def test_angles_that_the_converter_stretched_cause_a_warning(shared_data, tmp_path, name):
     (folder,) = map_folders(build(tmp_path, shared_data / FOLDERS[name][0]))
     (told,) = [one for one in json.loads((folder / "run.json").read_text())["warnings"] if " fit best where " in one]
     assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")

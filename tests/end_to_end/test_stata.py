@@ -129,7 +129,7 @@ def test_a_pr2_s_bag_is_mapped_by_its_base_laser(maps, recording, tmp_path):
         assert (again / "run" / name).read_bytes() == (maps / "run" / name).read_bytes()
 
 
-def test_every_program_scores_the_laser_s_truth_alike(maps, recording, tmp_path, capsys):
+def test_every_program_scores_the_laser_s_truth_equally(maps, recording, tmp_path, capsys):
     told = json.loads((maps / "truth.json").read_text())["robots"]["run"]["ate_m"]
     assert told < 0.005
     truth = recording / "run.gt.laser.poses"

@@ -56,7 +56,7 @@ def test_one_bag_split_for_two_robots(tmp_path):
     assert segments[0]["start"] < segments[1]["start"] < segments[0]["stop"] < segments[1]["stop"]
 
 
-def test_what_a_robot_writes_knows_nothing_of_the_truth(flat, tmp_path):
+def test_the_files_of_a_robot_do_not_contain_the_truth(flat, tmp_path):
     """The maps of two runs differ in nothing whether or not a truth was given."""
     bag, reference = flat / "robot_0.bag", flat / "robot_0.truth.tum"
     told = build(tmp_path / "told", bag, "--robots", 2, "--reference", reference)

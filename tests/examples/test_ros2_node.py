@@ -64,7 +64,7 @@ def test_a_drive_becomes_poses_maps_and_a_folder(live_map, robot, tmp_path):
     assert saved.to_occupancy().ravel().tolist() == whole.data
 
 
-def test_what_a_scan_says_out_of_its_limits(live_map):
+def test_ranges_outside_the_limits_of_a_scan(live_map):
     message = Message(
         header=Message(stamp=Message(sec=7, nanosec=500_000_000), frame_id="laser"), angle_min=-1.0,
         angle_increment=0.5, range_min=0.1, range_max=30.0, ranges=[0.0, 2.0, 30.0, math.inf, math.nan],

@@ -59,7 +59,7 @@ def test_what_leaks_from_a_program_is_seen():
     assert not done.is_one_line()
 
 
-def test_a_child_that_is_not_seen_writing_is_told(tmp_path):
+def test_a_child_that_is_not_seen_writing_is_reported(tmp_path):
     moment = Moment(str(tmp_path / "map.npz"), "half", str(tmp_path))
     with pytest.raises(child_run.ChildRunError, match=r"not seen writing .*map.npz"):
         child_run.run_child(merge, "--print-config", at=moment, do=lambda _: None)

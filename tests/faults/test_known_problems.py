@@ -287,7 +287,7 @@ def test_kernels_are_exact_and_know_nan():
 
 
 @pytest.mark.parametrize("place", ["/dev/null/cache", "~nobody-of-this-name/cache"])
-def test_without_a_place_for_a_cache_kernels_work_all_the_same(place):
+def test_kernels_work_without_a_cache_folder(place):
     code = (
         "from tbmslam.kernels import kernel; from tbmslam.kernels.cache_folders import cache_root; "
         "print(cache_root(), kernel(lambda x: x + 1)(1))"
@@ -329,7 +329,7 @@ def test_no_pickle_is_opened(tmp_path):
 
 
 @pytest.mark.parametrize("shift", [40, 90])
-def test_a_corridor_that_looks_the_same_everywhere_is_refused(shift):
+def test_a_self_similar_corridor_is_refused(shift):
     corridor = np.zeros((44, 400, 4), dtype=np.float32)
     corridor[..., FREE] = 1.0
     corridor[:2] = corridor[-2:] = np.eye(4, dtype=np.float32)[OCCUPIED]

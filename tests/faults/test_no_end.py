@@ -129,7 +129,7 @@ def test_what_has_no_end_or_no_beginning_is_one_line(tmp_path, what, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_recording_s_files_are_told_apart_without_waiting(tmp_path, kind):
+def test_files_of_a_recording_are_distinguished_without_waiting(tmp_path, kind):
     said = put(kind, tmp_path / "run.bag")
     if said == NO_FILE:
         for look in (file_digests, list_recordings):

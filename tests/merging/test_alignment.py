@@ -19,7 +19,7 @@ FOUND = Alignment(
 )
 
 
-def test_a_reversed_alignment_says_the_same_of_the_other_map():
+def test_a_reversed_alignment_has_the_inverse_pose():
     back = FOUND.reversed()
     assert back.T_target_source == PLACE.inverse()
     assert back.alternatives[0].T_target_source == ELSEWHERE.inverse()
@@ -30,12 +30,12 @@ def test_a_reversed_alignment_says_the_same_of_the_other_map():
     np.testing.assert_allclose(again.covariance, COVARIANCE, atol=1e-9)
 
 
-def test_what_nobody_knows_is_not_known_in_reverse():
+def test_unknown_poses_and_covariances_stay_unknown_in_reverse():
     assert Alignment("correlation", False, "").reversed() == Alignment("correlation", False, "")
     assert Alignment("hough", True, "", SE2(1.0, 0.0, math.pi / 2.0)).reversed().covariance is None
 
 
-def test_it_is_written_with_lists_of_numbers():
+def test_an_alignment_is_written_with_lists_of_numbers():
     written = FOUND.as_json()
     assert written["T_target_source"] == list(PLACE)
     assert written["covariance"] == COVARIANCE

@@ -87,7 +87,7 @@ def test_two_buildings_that_share_a_room_are_one_only_without_the_check(stranger
     assert parted.left_out.keys() == {"c", "d"}
 
 
-def test_a_refuted_bridge_keeps_its_pose_and_says_why_it_is_refused(strangers):
+def test_a_refuted_bridge_keeps_its_pose_and_has_a_reason(strangers):
     aligned = align_all(strangers, CONFIG)
     before = aligned["b", "c"]
     assert 0.9 < before.confidence < CONFIG.graph.sure_alone
@@ -100,7 +100,7 @@ def test_a_refuted_bridge_keeps_its_pose_and_says_why_it_is_refused(strangers):
     assert fitting == set()
 
 
-def test_a_true_bridge_stands_and_its_groups_are_not_aligned_again(neighbours):
+def test_a_true_bridge_is_kept_and_its_groups_are_not_aligned_again(neighbours):
     alignments = SURE | stated("bc", 0.95)
     nothing, fitting = refuted(neighbours, alignments)
     assert nothing == {}
@@ -121,7 +121,7 @@ def test_groups_without_a_wall_in_common_do_not_bear_a_bridge_out(neighbours):
 
 
 @pytest.mark.parametrize("tile", [0, 1])
-def test_of_two_poses_that_fit_alike_either_bears_a_bridge_out(tile):
+def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
     """A corridor of two equal halves: a map of one half fits both."""
     half = draw_rooms(3, 160, 160)
     both = np.hstack((half, half))

@@ -82,14 +82,14 @@ def test_windows_off_the_lattice_are_refused():
         canvas_over([])
 
 
-def test_cells_nobody_saw_stay_unknown():
+def test_unseen_cells_stay_unknown():
     warped = warp(block(10, 10), SE2(0.0, 0.0, 0.5), LATTICE)
     assert np.all(warped.masses[0, 0] == (0.0, 0.0, 0.0, 1.0))
     assert np.all(warped.masses[..., UNKNOWN][~warped.is_known()] == 1.0)
 
 
 @pytest.mark.parametrize("stretch", [0.0, 5e-7, 1.5e-6, 5e-6, 1e-4])
-def test_a_grid_brought_to_a_cell_size_can_be_laid_on_a_lattice_of_it(stretch):
+def test_a_resampled_grid_can_be_placed_on_a_lattice_of_its_resolution(stretch):
     grid = block(20, 30, 0.05, origin=(1.0, -2.0), margin=2)
     lattice = grid.cropped_to_known().geometry._replace(resolution=0.05 * (1.0 + stretch))
     assert offset_in(lattice, at_resolution(grid, lattice.resolution).geometry) == (0, 0)
@@ -258,7 +258,7 @@ def fusion(conflict):
     return Fusion(TbmGrid.unknown(geometry), conflict.astype(np.float32), np.full(conflict.shape, 2, dtype=np.uint16))
 
 
-def test_the_worst_place_comes_first_with_its_middle_and_area():
+def test_conflict_places_are_sorted_and_have_a_middle_and_an_area():
     conflict = np.zeros((30, 40))
     conflict[3, 4] = 0.9
     conflict[10:14, 20:22] = 0.5

@@ -11,7 +11,7 @@ def test_every_name_is_there_when_it_is_used():
     assert set(merging.__all__) <= set(dir(merging))
 
 
-def test_a_wrong_name_is_told():
+def test_a_wrong_name_is_an_error():
     with pytest.raises(AttributeError, match="'merging' has no attribute 'mereg'"):
         _ = merging.mereg
 

@@ -48,7 +48,7 @@ def test_a_building_that_is_its_own_mirror_image_is_not_placed_by_half(wings):
     assert not found.accepted or pair.is_right(found.T_target_source), found.reason
 
 
-def test_a_corridor_that_looks_the_same_everywhere_is_ambiguous():
+def test_a_self_similar_corridor_is_ambiguous():
     pair = KnownPair.of(next(iter(cut_pairs(building_of_world("corridor", 41), 1, [0.5]))))
     found = align(pair.target, pair.source)
     assert not found.accepted, found.reason

@@ -64,7 +64,7 @@ def fused(one, maps, *how):
     return fuse(layers, *how)
 
 
-def test_drives_straightened_together_are_drawn_into_one_grid_from_all_scans(maps):
+def test_jointly_optimised_drives_are_rendered_into_one_grid(maps):
     one = merged(maps)
     assert one.joint is not None
     keyframes = [drive.keyframes for joined in one.joint.maps.values() for drive in joined.drives]
@@ -141,7 +141,7 @@ def test_one_map_stays_as_it_is():
     assert whole.poses == {"c": SE2.identity()}
 
 
-def test_its_frame_is_that_of_the_map_that_knows_most_whichever_is_named_first():
+def test_a_group_map_has_the_frame_of_its_largest_map_in_any_order():
     bare = room(9)
     bare.grid.masses[5:8] = (0.0, 0.0, 0.0, 1.0)
     maps, poses = {"bare": bare, "a": MAPS["a"]}, {"bare": SE2(7.0, 1.0, 0.0), "a": SE2(7.0, 0.0, 0.0)}
@@ -178,7 +178,7 @@ def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
     assert caplog.messages[-1] == "a, b are not compared as one map: memory has run out"
 
 
-def test_who_knows_most_is_told_by_area_and_not_by_cells():
+def test_the_largest_map_is_chosen_by_area_and_not_by_cells():
     """150 cells of 5 cm are less than 100 of 10 cm, and 600 are more."""
 
     def knowing(resolution, cells):

@@ -73,7 +73,7 @@ def test_maps_of_other_cell_sizes_are_found(rooms):
     assert_near(alignment.T_target_source, TURNS["b"].inverse(), metres=0.1, degrees=0.6)
 
 
-def test_a_map_whose_resolution_is_wrong_is_refused_for_its_scale(rooms):
+def test_a_map_of_a_wrong_resolution_is_refused_for_its_scale(rooms):
     grid = rooms(1)
     stretched = TbmGrid(grid.geometry._replace(resolution=0.06), grid.masses)
     alignment = align(TbmMap(grid), TbmMap(stretched), CONFIG.model_copy(update={"resolution": 0.05}))
@@ -174,7 +174,7 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert result._repr_png_() is None
 
 
-def test_where_accepted_alignments_outweigh_each_other_that_is_said(rooms, monkeypatch):
+def test_contradicting_accepted_alignments_are_the_reason(rooms, monkeypatch):
     found = {
         ("a", "b"): accepted_at(0.0, 0.99),
         ("a", "c"): accepted_at(0.0, 0.98),
@@ -213,7 +213,7 @@ def test_one_map_is_too_few(rooms):
         merge({"only": TbmMap(rooms(1))}, CONFIG)
 
 
-def test_why_a_map_was_left_out_is_told_of_the_merged_ones():
+def test_the_reason_of_a_left_out_map_is_its_best_alignment_with_a_merged_map():
     """Its surest alignment is with a map that was left out, too: that says nothing."""
     refused = {"a": (3.0, "little agrees"), "b": (5.0, "more agrees"), "d": (50.0, "much agrees")}
     alignments = {

@@ -31,7 +31,7 @@ def test_a_map_is_looked_at_once_for_each_cell_size(rooms):
     assert views.of_pair(("a", "b"))[0] is views.of_pair(("c", "a"))[1]
 
 
-def test_of_an_empty_map_there_is_nothing_to_look_at(rooms):
+def test_an_empty_map_is_prepared_to_none(rooms):
     empty = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
     target, source = PreparedMaps({"a": rooms(1), "empty": empty}, MergeConfig()).of_pair(("a", "empty"))
     assert target is not None

@@ -53,7 +53,7 @@ def assert_near(found, true, metres=0.05, degrees=0.3):
     assert abs(math.degrees(omega)) < degrees
 
 
-def test_a_rough_pose_is_made_exact_and_says_so(maps):
+def test_a_rough_pose_is_refined_and_the_reason_states_it(maps):
     config = known(half=about(TRUTH))
     found = place_by_priors(maps, config)
     assert list(found.poses) == ["floor", "half"]
@@ -66,7 +66,7 @@ def test_a_rough_pose_is_made_exact_and_says_so(maps):
     assert "of wall agree (" in one.reason
 
 
-def test_a_pose_that_is_exact_is_said_to_be_borne_out(maps):
+def test_the_confirmation_of_an_exact_pose_is_stated(maps):
     exact = place_by_priors(maps, known(half=TRUTH)).alignments["floor", "half"].T_target_source
     reason = place_by_priors(maps, known(half=exact)).alignments["floor", "half"].reason
     assert reason.startswith("placed at the given pose, refined by 0.00 m and 0.0 degrees; ")
@@ -81,7 +81,7 @@ def test_what_is_known_is_not_searched_and_the_rest_is(maps):
     assert list(done.left_out) == ["foreign"]
 
 
-def test_a_corridor_alike_everywhere_is_laid_where_its_pose_says():
+def test_a_self_similar_corridor_is_placed_at_its_known_pose():
     maps = {"long": corridor(600), "short": corridor(200)}
     assert merge(maps).merged is None
     done = merge(maps, known(short=(12.0, 0.3, 0.02)))
@@ -97,7 +97,7 @@ def test_where_maps_share_nothing_the_pose_stays_as_given(maps):
     assert "placed exactly at the given pose" in done.alignments["floor", "half"].reason
 
 
-def test_a_map_is_laid_onto_the_one_it_shares_most_with(maps):
+def test_a_map_is_placed_on_the_map_with_the_largest_overlap(maps):
     apart = SE2(200.0, 0.0, 1.0)
     shifted = TbmMap(maps["floor"].grid)
     three = {"half": maps["half"], "away": shifted, "near": maps["half"]}

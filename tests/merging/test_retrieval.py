@@ -40,7 +40,7 @@ def rank_of_sibling(name, alike):
     return sum(value > sibling for value in others.values())
 
 
-def test_maps_of_one_floor_look_most_alike(maps, alike):
+def test_maps_of_one_floor_are_most_similar(maps, alike):
     assert list(alike) == list(itertools.combinations(maps, 2))
     ranks = np.array([rank_of_sibling(name, alike) for name in maps])
     assert (ranks < 3).all()
@@ -86,7 +86,7 @@ def test_chance_is_what_distant_places_of_the_map_have_in_common(maps):
         assert places.chance[number] == pytest.approx((mean, math.sqrt(squares / len(similar))), rel=1e-6)
 
 
-def test_what_looks_alike_everywhere_beats_chance_less(maps):
+def test_matches_of_self_similar_places_count_less(maps):
     places = places_of(maps["2 right"])
     often, seldom = (
         MapPlaces(places.points, places.signatures, np.full((len(places), 2), (mean, 0.05))) for mean in (0.99, 0.9)

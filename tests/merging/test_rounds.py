@@ -65,7 +65,7 @@ def test_each_of_many_maps_is_aligned_with_the_map_most_like_it(maps, first):
     assert first.alignments.keys() >= {("1 left", "1 right"), ("2 left", "2 right")}
 
 
-def test_the_three_maps_most_alike_are_enough_for_every_floor(maps):
+def test_the_three_most_similar_maps_suffice_for_every_floor(maps):
     assert {pair for pair, found in aligned(maps, in_rounds(3)).alignments.items() if found.accepted} == EVERY_FLOOR
 
 
@@ -87,7 +87,7 @@ def test_maps_of_known_poses_are_not_aligned_with_each_other(maps, first):
     assert set(found) == set(itertools.combinations(some, 2)) - {("1 left", "1 right")}
 
 
-def test_merging_many_maps_says_which_maps_look_like_no_merged_one(maps):
+def test_a_map_that_is_similar_to_no_merged_map_is_reported(maps):
     found = merge(maps, in_rounds(1))
     assert set(found.poses) == {"1 left", "1 right"}
     assert "no merged map is similar to it" in found.left_out["2 left"]

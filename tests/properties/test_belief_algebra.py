@@ -105,7 +105,7 @@ def test_discounting_twice_is_discounting_by_the_product(belief, first, second):
 
 
 @given(beliefs())
-def test_a_reliable_source_stays_and_an_unreliable_one_says_nothing(belief):
+def test_discounting_keeps_a_reliable_source_and_makes_an_unreliable_source_vacuous(belief):
     assert_same(discount(belief, 1.0), belief)
     assert_same(discount(belief, 0.0), VACUOUS)
 

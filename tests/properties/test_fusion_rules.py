@@ -66,7 +66,7 @@ def test_one_order_gives_the_same_bytes(rule, maps):
 @pytest.mark.parametrize("rule", RULES)
 @settings(max_examples=15, deadline=None)
 @given(maps=layers(most=3), place=st.integers(0, 3))
-def test_a_source_that_says_nothing_changes_nothing(rule, maps, place):
+def test_a_vacuous_source_changes_nothing(rule, maps, place):
     expected = fuse(maps, rule)
     vacuous = TbmGrid.unknown(expected.grid.geometry)
     fusion = fuse([*maps[:place], vacuous, *maps[place:]], rule)
@@ -112,7 +112,7 @@ def test_a_source_that_is_not_believed_changes_nothing(rule, maps, place):
 
 @settings(max_examples=30, deadline=None)
 @given(maps=layers(most=3), place=st.integers(0, 3))
-def test_under_dubois_and_prade_who_is_not_believed_makes_ignorance_of_conflict_and_nothing_else(maps, place):
+def test_under_dubois_and_prade_a_source_of_reliability_zero_only_turns_conflict_into_ignorance(maps, place):
     """A set that is empty in common goes to the union, and the union with what says nothing is ignorance."""
     expected, fusion = with_a_liar(maps, "dubois-prade", place)
     before, after = expected.grid.masses, fusion.grid.masses
@@ -155,6 +155,6 @@ def test_dempster_s_rule_is_associative_and_normalising_may_wait(first, second, 
 
 
 @given(beliefs)
-def test_what_knows_nothing_is_neutral_to_dempster_s_rule(belief):
+def test_a_vacuous_source_is_neutral_under_dempster_s_rule(belief):
     np.testing.assert_allclose(dempster(belief, VACUOUS), normalise(belief), atol=1e-12)
     assert dempster(VACUOUS, VACUOUS)[UNKNOWN] == 1.0

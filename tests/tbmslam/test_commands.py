@@ -33,7 +33,7 @@ def test_help_names_every_command_and_is_quick():
     assert seconds < 0.2
 
 
-def test_a_wrong_path_is_told_before_anything_is_loaded():
+def test_a_wrong_path_is_reported_before_heavy_imports():
     for words, line in (
         (("map", "none.bag"), "tbmslam map: none.bag: no such file or directory\n"),
         (

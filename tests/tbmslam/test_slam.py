@@ -41,7 +41,7 @@ def test_the_default_preset_follows_poor_odometry(drive_in):
     assert tbm_map.grid.masses[..., 0].max() > 0.0
 
 
-def test_the_map_tells_where_loops_were_closed_and_how_far_that_moved_the_drive(drive_in):
+def test_the_map_holds_the_closures_and_the_distance_that_they_moved_the_drive(drive_in):
     slam = Slam()
     for reading in drive_in("apartment", 90.0).readings:
         slam.process(reading)
@@ -182,7 +182,7 @@ def test_a_turn_between_two_slow_scans_is_that_of_the_odometry():
     assert errors.max() < 0.1
 
 
-def test_a_laser_described_wrong_is_told(drive_in):
+def test_a_wrong_angle_step_causes_a_warning(drive_in):
     robot = drive_in("office", 60.0, "good", seed=2)
 
     def told(wrong, config=None):
@@ -205,7 +205,7 @@ def test_a_laser_described_wrong_is_told(drive_in):
     assert told(wide, config_from_dict({"laser_fit": {"enabled": False}})) == []
 
 
-def test_a_laser_stated_elsewhere_is_told(drive_in):
+def test_a_wrong_mount_causes_a_warning(drive_in):
     robot = drive_in("office", 60.0, "good", seed=2)
 
     def told(config=None, **wrong):
@@ -227,7 +227,7 @@ def test_a_laser_stated_elsewhere_is_told(drive_in):
     assert told(T_robot_sensor=elsewhere) == []
 
 
-def test_a_laser_that_hangs_upside_down_unsaid_is_told(drive_in):
+def test_an_upside_down_laser_causes_a_warning(drive_in):
     robot = drive_in("office", 40.0, "good", seed=2)
     slam = Slam()
     for reading in robot.readings:
@@ -256,7 +256,7 @@ def test_a_scan_that_is_no_keyframe_costs_what_docs_scaling_says(drive_in):
     assert grown < 1.2 * 32 * 4000
 
 
-def test_walls_straighten_a_drive_that_closes_little(drive_in):
+def test_walls_correct_a_drive_with_few_closures(drive_in):
     robot = drive_in("open_plan", 90.0, seed=1, beams=361)
     readings = [replace(r, T_odom_robot=None) for r in robot.readings]
     before = ate(robot, mapped(readings, config_from_dict({"adjustment": {"enabled": False}})))
@@ -288,7 +288,7 @@ def _with_reversed_odometry(alone, world):
     return robot, [replace(r, T_odom_robot=SE2(*p)) for r, p in zip(robot.readings, odometry, strict=True)]
 
 
-def test_odometry_that_tells_the_opposite_for_six_seconds_is_overruled(drive_in):
+def test_odometry_that_is_reversed_for_six_seconds_is_overruled(drive_in):
     alone = drive_in("office", 40.0, odometry="good", seed=2)
     robot, readings = _with_reversed_odometry(alone, make_world("office", 2))
     told, right = (np.array([r.T_odom_robot for r in each]) for each in (readings, alone.readings))
@@ -318,7 +318,7 @@ def _ate_with_reversed_odometry(drive_in, seed: int) -> float:
     return ate(robot, mapped(readings))
 
 
-def test_odometry_that_tells_the_opposite_along_a_corridor_is_overruled(drive_in):
+def test_odometry_that_is_reversed_along_a_corridor_is_overruled(drive_in):
     assert _ate_with_reversed_odometry(drive_in, 1) < 0.01
 
 

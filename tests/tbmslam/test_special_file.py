@@ -3,7 +3,7 @@ import os
 from tbmslam.special_file import is_device_or_pipe, why_unreadable
 
 
-def test_only_devices_and_pipes_are_told_and_so_are_links_to_them(tmp_path):
+def test_devices_pipes_and_links_to_them_are_detected(tmp_path):
     file, pipe, link, broken = (tmp_path / name for name in ("file", "pipe", "link", "broken"))
     file.write_text("x")
     os.mkfifo(pipe)
@@ -13,7 +13,7 @@ def test_only_devices_and_pipes_are_told_and_so_are_links_to_them(tmp_path):
     assert not any(is_device_or_pipe(path) for path in (file, tmp_path, broken, tmp_path / "nothing"))
 
 
-def test_what_cannot_be_read_is_told(tmp_path):
+def test_the_reason_of_an_unreadable_file_is_given(tmp_path):
     file, pipe, empty, link = (tmp_path / name for name in ("file", "pipe", "empty", "link"))
     file.write_text("x")
     empty.touch()

@@ -30,7 +30,7 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert "80 of 80 scans used" in out
 
 
-def test_times_are_told_as_interval_counts_them(tmp_path, caplog):
+def test_times_count_as_those_of_interval(tmp_path, caplog):
     """Of a part of a recording, too: what is told of it must name it."""
     small = ["--beams", "181", "--rate", "5", "--duration", "16"]
     world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
@@ -104,7 +104,7 @@ def test_a_map_holds_what_only_the_end_of_its_drive_tells(bag, tmp_path, monkeyp
     assert {name: value for name, value in record.items() if name not in ("result", "fingerprint")} == provenance
 
 
-def test_the_run_record_says_what_was_done(bag, tmp_path):
+def test_the_run_record_is_complete(bag, tmp_path):
     assert run(bag, "-o", tmp_path, "--set", "map.resolution=0.1", "--seed", 4) == 0
     record = run_record(tmp_path / "robot_0")
     assert record["program"] == "build_maps"
@@ -146,7 +146,7 @@ def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
     assert "--viewer: must end with .rrd, or be the last word" in capsys.readouterr().err
 
 
-def test_the_seed_of_a_configuration_counts_unless_the_option_says_another(bag, tmp_path):
+def test_an_option_overrides_the_seed_of_a_configuration(bag, tmp_path):
     (tmp_path / "seed.toml").write_text("seed = 7\n")
     chosen = ("--config", tmp_path / "seed.toml")
     for name, more in (("file", ()), ("both", ("--seed", 8))):

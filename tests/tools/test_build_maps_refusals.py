@@ -132,7 +132,7 @@ def test_a_name_too_long_is_one_line(bag, tmp_path, capsys, arguments, end):
     assert said.count("\n") == 1
 
 
-def test_a_file_where_a_robot_goes_is_kept(bag, tmp_path, capsys):
+def test_a_file_in_the_place_of_a_robot_is_kept(bag, tmp_path, capsys):
     (tmp_path / "robot_0").write_text("precious")
     assert run(bag, "-o", tmp_path) == 1
     assert re.fullmatch(r"build_maps: \S+robot_0\S*: .*Not a directory.*\n", capsys.readouterr().err)

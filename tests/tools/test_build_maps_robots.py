@@ -12,7 +12,7 @@ from tests.tools.built_maps import QUICK, run, run_record
 from tools import make_world
 
 
-def test_only_the_robot_that_a_gap_befell_is_told_of_it(tmp_path):
+def test_only_the_robot_with_a_gap_has_its_warning(tmp_path):
     log = tmp_path / "log.clf"
     ranges = " ".join(["2.0"] * 180)
     stamps = [*range(10), *range(20, 30)]
@@ -63,7 +63,7 @@ def test_each_robot_has_a_frame_of_its_own_from_the_seed(bags, tmp_path):
         assert starts["odometry", robot] == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
 
 
-def test_what_is_told_of_the_reference_says_whose_it_is(tmp_path, caplog):
+def test_warnings_of_the_reference_have_its_name(tmp_path, caplog):
     small = ["--beams", "181", "--rate", "5", "--duration", "16"]
     world = ["--world", "apartment", "--robots", "1", *small, "--fault", "odometry_jump@10"]
     assert make_world.main([*world, "-o", str(tmp_path / "bags")]) == 0
@@ -88,7 +88,7 @@ def test_separate_recordings_without_references_have_no_common_truth(bags, tmp_p
     assert not (tmp_path / "truth.json").exists()
 
 
-def test_the_truth_says_where_the_maps_lie(bags, bag, tmp_path, capsys):
+def test_the_truth_holds_the_poses_of_the_maps(bags, bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path, "--robots", 2, "--reference", bags / "robot_0.truth.tum") == 0
     said = json.loads((tmp_path / "truth.json").read_text())
     assert (said["source"], said["warnings"]) == ("trajectories given as true", [])

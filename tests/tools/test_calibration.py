@@ -47,7 +47,7 @@ def trials(count=60):
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_pair_of_bent_maps_is_judged_once_one_is_bent(swapped):
+def test_the_evidence_of_distorted_maps_is_collected_after_deformation(swapped):
     target, source, true = bent_maps("store")
     pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
     if swapped:
@@ -60,14 +60,14 @@ def test_a_pair_of_bent_maps_is_judged_once_one_is_bent(swapped):
     assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
 
 
-def test_maps_of_which_hardly_any_fits_are_not_judged_bent():
+def test_maps_that_do_not_fit_are_not_deformed():
     target, _, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 30, 30)))
     for other in (empty, bent_maps("office")[0]):
         assert Trial.of_deformed(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None
 
 
-def test_the_fit_tells_true_places_from_false_ones():
+def test_the_fitted_model_separates_true_from_false_poses():
     judged = left_out(trials())
     crops = [one for one in judged if one.name.startswith("crop")]
     assert sum(one.right for one in crops) > 0.95 * len(crops)

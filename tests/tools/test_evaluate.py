@@ -122,7 +122,7 @@ def draw_plan(folder, world):
     return folder / "plan.yaml"
 
 
-def test_a_map_is_laid_onto_a_floor_plan_whose_frame_is_hardly_known(files, tmp_path, capsys):
+def test_a_map_is_aligned_with_a_floor_plan_of_unknown_frame(files, tmp_path, capsys):
     plan = draw_plan(tmp_path, make_world("apartment", 3))
     x, y, theta = T_WORLD_MAP
     near = ("--transform", x + 3.0, y - 2.0, np.degrees(theta) + 10.0)

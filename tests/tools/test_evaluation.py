@@ -20,7 +20,7 @@ def read(folder, **other):
     return read_truth_file(folder / "truth.json")
 
 
-def test_it_says_where_maps_lie_and_why_that_may_be_wrong(tmp_path):
+def test_it_holds_the_poses_and_the_reasons_to_doubt_them(tmp_path):
     found = read(tmp_path)
     assert found.poses == {"robot_0": SE2(1.0, 2.0, 0.5)}
     assert found.doubt() == (
@@ -35,7 +35,7 @@ def test_without_warnings_there_is_no_doubt(tmp_path):
     assert read(tmp_path, source=GIVEN, warnings=[]).doubt() is None
 
 
-def test_a_file_from_before_it_said_what_it_is_is_read(tmp_path):
+def test_a_file_without_a_source_is_read(tmp_path):
     (tmp_path / "truth.json").write_text(json.dumps({"robots": SAID["robots"]}))
     older = read_truth_file(tmp_path / "truth.json")
     assert (older.source, older.doubt(), list(older.poses)) == ("", None, ["robot_0"])
@@ -50,7 +50,7 @@ def test_the_truth_of_a_simulated_world_is_another_file(tmp_path):
     "text",
     ["", "[]", "{}", '{"robots": []}', '{"robots": {"a": {"T_reference_map": 3}}}', '{"robots": {}, "warnings": 3}'],
 )
-def test_what_says_nothing_is_one_line(tmp_path, text):
+def test_an_invalid_truth_file_is_reported_in_one_line(tmp_path, text):
     (tmp_path / "truth.json").write_text(text)
     with pytest.raises(TruthFileError, match=r"truth.json .*: make (it|them) with build_maps") as caught:
         read_truth_file(tmp_path / "truth.json")

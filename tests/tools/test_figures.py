@@ -23,7 +23,7 @@ def test_every_page_has_the_figures_of_its_files(page):
     assert fill(text, RECORDS, page.name) == text, "run: python tools/figures.py fill"
 
 
-def test_every_file_of_figures_is_shown_and_says_where_it_comes_from():
+def test_every_file_of_figures_is_shown_with_its_origin():
     text = "\n".join(page.read_text("utf-8") for page in pages(ROOT))
     shown = set(re.findall(r"<!-- (?:table|figure): ([\w-]+)/", text))
     assert shown == set(RECORDS)
@@ -118,7 +118,7 @@ def test_a_figure_is_measured_and_the_page_filled(root, capsys):
     assert capsys.readouterr().out == "slam (new, today)\n    python program.py aces $DATA/aces.bag\n"
 
 
-def test_a_figure_whose_recording_is_absent_is_skipped(root, capsys):
+def test_a_figure_without_its_recording_is_skipped(root, capsys):
     before = (root / "docs/figures/slam.json").read_bytes()
     assert main(["measure", "--data", str(root / "nowhere")]) == 0
     assert f"figures: slam skipped: {root / 'nowhere' / 'aces.bag'} is absent" in capsys.readouterr().err

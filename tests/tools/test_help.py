@@ -36,7 +36,7 @@ def test_each_help_has_two_examples_and_the_exit_codes(program):
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_examples_read_alike_where_the_program_is_installed(program):
+def test_examples_hold_no_percent_sign(program):
     # argparse turns two percent signs into one only where a text names %(prog)s, which the wheel replaces.
     for grammar in parsers(program):
         assert "%" not in (grammar.epilog or "").replace("%(prog)s", "")
@@ -49,7 +49,7 @@ def test_every_option_is_explained(program):
             assert action.help or isinstance(action, argparse._SubParsersAction), action
 
 
-def test_an_interrupted_run_says_how_to_go_on(monkeypatch, capsys, tmp_path):
+def test_an_interrupted_run_states_how_to_continue(monkeypatch, capsys, tmp_path):
     def stop(*_):
         raise KeyboardInterrupt
 

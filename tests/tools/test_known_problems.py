@@ -29,7 +29,7 @@ def mapped_by_the_program(tmp_path, script):
     return json.loads((tmp_path / "maps" / "run" / "run.json").read_text())
 
 
-def test_scans_before_the_first_transform_are_told_by_the_program(tmp_path, capsys):
+def test_scans_before_the_first_transform_are_reported(tmp_path, capsys):
     script = BagScript().tf(98.0, "base_link", "laser", topic="/tf_static").drive(100.0, 103.0)
     run = mapped_by_the_program(tmp_path, script)
     assert run["counts"]["dropped"] == {"before_odometry": 10}
@@ -37,7 +37,7 @@ def test_scans_before_the_first_transform_are_told_by_the_program(tmp_path, caps
     assert "20 of 30 scans used, dropped: 10 before_odometry" in capsys.readouterr().out
 
 
-def test_scans_after_the_last_transform_are_mapped_and_told_with_the_time(tmp_path, capsys):
+def test_scans_after_the_last_transform_are_mapped_and_reported_with_the_time(tmp_path, capsys):
     run = mapped_by_the_program(
         tmp_path, BagScript().tf(98.0, "base_link", "laser", topic="/tf_static").drive(98.0, 101.0)
     )
@@ -51,14 +51,14 @@ def test_scans_after_the_last_transform_are_mapped_and_told_with_the_time(tmp_pa
     assert "odd: 2 scans after the last odometry, 8 scans without odometry" in capsys.readouterr().out
 
 
-def test_without_any_transform_the_program_says_what_is_missing(tmp_path, caplog):
+def test_without_any_transform_the_error_names_what_is_missing(tmp_path, caplog):
     run = mapped_by_the_program(tmp_path, BagScript())
     assert run["counts"]["scans_used"] == 30
     assert "run.bag: neither tf nor a topic holds odometry; continuing without it" in caplog.text
     assert "tf does not hold the mount of the laser (frame 'laser')" in caplog.text
 
 
-def test_large_maps_whose_frames_lie_kilometres_apart_merge_to_where_they_should(tmp_path):
+def test_large_maps_with_distant_frames_merge_correctly(tmp_path):
     pair = next(iter(pairs_of([building_of_world("apartment", 3)], 1, [0.75])))
     side, corners, origins = 2000, ((1400, 20), (30, 1400)), ((4000.0, -7000.0), (-900.0, 100.0))
     places = []

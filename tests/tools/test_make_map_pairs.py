@@ -43,7 +43,7 @@ def test_a_floor_that_is_not_there_is_one_line_and_exit_1(tmp_path, capsys):
     assert said.count("\n") == 1
 
 
-def test_pairs_of_another_year_are_the_same_places_bent_more(tmp_path):
+def test_pairs_with_a_larger_distortion_show_the_same_places(tmp_path):
     for name, more in (("usual", []), ("bent", ["--bend", "0.4"])):
         out = ["-o", str(tmp_path / name), "--world", "apartment", "--seeds", "3", "--area", "60", "--overlap", "100"]
         assert main([*out, *more]) == 0

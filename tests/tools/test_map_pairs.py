@@ -26,7 +26,7 @@ def test_a_part_and_a_mirror_image_are_no_other_building():
     assert shown["crop_ex3part2mir_5_015"] == shown["negd_ex3part1_ex3part1mir_4"] == shown["negs_02_ex3"] == {"ex3"}
 
 
-def test_parts_are_told_from_whole_buildings():
+def test_parts_are_distinguished_from_whole_buildings():
     assert [name for name in NAMES if shows_part(name)] == ["crop_ex3part2mir_5_015", "negd_ex3part1_ex3part1mir_4"]
 
 

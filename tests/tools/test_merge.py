@@ -104,7 +104,7 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
 
 
 @pytest.mark.parametrize(("options", "begin"), [([], "%(message)s"), (["-v"], "%(name)s: %(message)s")])
-def test_warnings_name_modules_only_for_those_who_want_to_know(monkeypatch, capsys, options, begin):
+def test_warnings_name_modules_only_with_verbose(monkeypatch, capsys, options, begin):
     formats = []
     monkeypatch.setattr(merge.logging, "basicConfig", lambda **given: formats.append(given["format"]))
     assert merge.main(["--print-config", *options]) == 0
@@ -112,12 +112,12 @@ def test_warnings_name_modules_only_for_those_who_want_to_know(monkeypatch, caps
     assert "[merging" in capsys.readouterr().out
 
 
-def test_a_map_that_is_given_twice_is_told(folders, tmp_path, caplog):
+def test_a_map_given_twice_causes_a_warning(folders, tmp_path, caplog):
     merge.main([str(folders / "empty"), str(folders / "empty" / "map.npz"), "-o", str(tmp_path / "merged")])
     assert "map.npz: is given twice and counts as two robots" in caplog.text
 
 
-def test_a_drive_that_is_given_under_two_paths_is_told(tmp_path, caplog):
+def test_a_drive_given_under_two_paths_causes_a_warning(tmp_path, caplog):
     scans = [LaserScan(0.1 * k, -1.0, 0.5, 0.1, 30.0, np.full(5, 1.0 + k)) for k in range(6)]
     keyframes = Keyframes.from_scans(scans, *[[SE2.identity()] * 6] * 2)
     drive = Drive("robot", Trajectory(keyframes.stamps, keyframes.poses), keyframes)
@@ -150,7 +150,7 @@ def test_the_options_reach_the_merge(folders, tmp_path):
     assert config["consensus"]["min_inliers"] == 6
 
 
-def test_maps_laid_rigidly_are_not_bent_either(folders, tmp_path):
+def test_maps_merged_rigidly_are_not_deformed(folders, tmp_path):
     merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), "--rigid"])
     config = json.loads((tmp_path / "report.json").read_text())["config"]
     assert not config["nonrigid"]["enabled"]

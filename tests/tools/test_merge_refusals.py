@@ -41,7 +41,7 @@ def test_wrong_usage_is_status_2(capsys, tmp_path, monkeypatch, arguments, messa
     assert message in capsys.readouterr().err
 
 
-def test_a_folder_with_one_map_or_none_is_told_apart(tmp_path, capsys):
+def test_a_folder_with_one_map_or_none_is_refused(tmp_path, capsys):
     for folder in ("empty", "single/robot_0"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "single" / "robot_0" / "map.npz").touch()

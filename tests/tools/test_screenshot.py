@@ -37,7 +37,7 @@ def test_a_page_that_is_not_there_is_one_line(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err == f"screenshot: {tmp_path / 'no.html'}: does not exist: give a report.html\n"
 
 
-def test_without_a_browser_it_says_what_to_install(report, tmp_path, capsys, monkeypatch):
+def test_the_error_without_a_browser_names_the_package(report, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("shutil.which", lambda _: None)
     assert screenshot.main([str(report), "-o", str(tmp_path / "a.png")]) == 1
     assert capsys.readouterr().err == "screenshot: no browser is installed: install chromium\n"

@@ -63,7 +63,7 @@ def test_without_motion_there_is_no_odometry(edges):
     assert choose_frames(graph_of(*edges), "laser", AUTO) is None
 
 
-def test_a_robot_whose_laser_is_not_in_tf():
+def test_a_laser_that_is_missing_in_tf():
     frames = choose_frames(graph_of(("odom", "base_link"), ("camera", "tag")), "laser", AUTO)
     assert frames is not None
     assert (frames.odom, frames.robot, frames.to_sensor) == ("odom", "base_link", None)
@@ -77,7 +77,7 @@ def test_frames_that_are_asked_for():
     assert choose_frames(graph, "laser", RecordingOptions(odom_frame="nowhere")) is None
 
 
-def test_a_path_goes_up_and_down():
+def test_a_path_may_go_up_and_down_the_tree():
     graph = graph_of(("base", "a", FIXED), ("base", "b", FIXED), ("b", "c", FIXED))
     path = graph.path("a", "c")
     assert path is not None
@@ -103,7 +103,7 @@ def test_localised_frames():
     assert not is_localised("odom")
 
 
-def test_what_tf_says_twice_is_said():
+def test_a_duplicate_transform_causes_a_warning():
     moving = graph_of(("odom_combined", "base"), ("odom", "base"), ("map", "base"), ("base", "laser", FIXED))
     frames = choose_frames(moving, "laser", AUTO)
     (doubt,) = moving.doubts([*frames.to_robot, *frames.to_sensor])
@@ -132,7 +132,7 @@ def test_what_tf_says_twice_is_said():
         ),
     ],
 )
-def test_two_parents_of_one_frame_are_said(edges, said):
+def test_two_parents_of_one_frame_cause_a_warning(edges, said):
     graph = graph_of(*edges)
     frames = choose_frames(graph, "laser", AUTO)
     assert graph.doubts([*frames.to_robot, *frames.to_sensor]) == [said]

@@ -47,7 +47,7 @@ def test_planar_motions_survive(x, y, theta):
     assert SE3.from_planar(SE2(x, y, theta)).planar() == pytest.approx(SE2(x, y, theta), abs=1e-9)
 
 
-def test_up_tells_upright_from_upside_down():
+def test_up_distinguishes_upright_from_upside_down():
     assert SE3.identity().up() == 1.0
     assert SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0).up() == -1.0
 

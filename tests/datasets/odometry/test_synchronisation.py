@@ -172,7 +172,7 @@ def test_what_waits_at_the_end():
     assert (bench.counts.extrapolated, bench.counts.without_odometry) == (1, 1)
 
 
-def test_missing_odometry_is_told_with_its_time():
+def test_missing_odometry_is_reported_with_its_time():
     bench = Bench(patience=1.0)
     bench.pose(1.0, 0.0)
     for k in range(40):

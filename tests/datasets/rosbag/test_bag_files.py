@@ -12,7 +12,7 @@ from datasets import open_recording
 from datasets.rosbag.bag_files import is_ros1, storage_files, unpacked
 
 
-def test_files_are_told_apart_and_put_in_their_order(tmp_path):
+def test_files_are_distinguished_and_sorted(tmp_path):
     for name in ("run_10.db3", "run_9.db3", "run.db3", "metadata.yaml", "run_1.db3.zstd"):
         (tmp_path / name).touch()
     assert [path.name for path in storage_files(tmp_path)] == ["run.db3", "run_9.db3", "run_10.db3"]
@@ -68,7 +68,7 @@ def test_of_a_cut_file_what_is_there_is_used(bag, ending, caplog):
     assert f"cut.bag{ending}: the packed file is cut off" in caplog.text
 
 
-def test_a_changed_byte_is_told(bag, caplog):
+def test_a_changed_byte_is_reported(bag, caplog):
     """The checksum at the end alone may notice it."""
     plain = bag()
     content = bytearray(gzip.compress(plain.read_bytes(), 0))
@@ -105,7 +105,7 @@ def test_no_room_is_one_line_and_nothing_is_left(bag, tmp_path):
     assert list((tmp_path / "scratch").iterdir()) == []
 
 
-def test_what_was_unpacked_goes_with_the_program(bag, tmp_path):
+def test_temporary_files_are_removed_with_the_program(bag, tmp_path):
     plain = bag()
     packed = plain.with_name("run.bag.gz")
     packed.write_bytes(gzip.compress(plain.read_bytes()))

@@ -36,7 +36,7 @@ def test_two_robots_on_one_topic_are_refused_in_one_line(script, tmp_path):
 @pytest.mark.parametrize(
     ("others_lag", "offset"), [(None, 60.04), (0.04, 60.0), (60.04, 60.04)], ids=["alone", "right", "as wrong"]
 )
-def test_how_long_scans_take_to_arrive_is_told_by_a_laser_whose_clock_is_right(script, tmp_path, others_lag, offset):
+def test_the_delay_of_scans_is_measured_by_a_laser_with_a_correct_clock(script, tmp_path, others_lag, offset):
     script.drive(100.0, 108.0)
     for k in range(60):
         now = 100.5 + 0.1 * k

@@ -138,14 +138,14 @@ def test_odometry_from_a_topic(script, expected_pose, tmp_path):
     assert read(bag, odometry="none")[0][0].T_odom_robot is None
 
 
-def test_an_unknown_place_of_the_laser_is_said(script, tmp_path, caplog):
+def test_an_unknown_mount_causes_a_warning(script, tmp_path, caplog):
     bag = script.drive(100.0, 103.0).scan(101.0).in_time_order().write(tmp_path / "run.bag")
     readings, _ = read(bag)
     assert readings[0].T_robot_sensor == SE2.identity()
     assert "the default is the robot's centre: pass --sensor-pose" in caplog.text
 
 
-def test_no_odometry_is_said_or_refused(script, tmp_path, caplog):
+def test_missing_odometry_is_reported_or_refused(script, tmp_path, caplog):
     for k in range(5):
         script.scan(100.0 + 0.1 * k, [1.0 + k, 2.0])
     bag = script.write(tmp_path / "run.bag")
@@ -212,7 +212,7 @@ def test_a_given_clock_offset_is_obeyed(script, expected_pose, tmp_path):
     assert readings[3].scan.stamp == pytest.approx(STAMPS[3])
 
 
-def test_a_wrong_clock_that_nobody_corrects_is_an_error(script, tmp_path):
+def test_an_uncorrected_wrong_clock_is_an_error(script, tmp_path):
     with pytest.raises(DatasetError, match=r"none of 60 scans can be used \(60 before_odometry\).*--clock-offset"):
         read(ordinary(script).write(tmp_path / "run.bag"), clock_offset=-82.2)
 

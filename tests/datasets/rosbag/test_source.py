@@ -58,7 +58,7 @@ def test_the_bag_of_2010_gives_all_its_scans(shared_data, caplog):
     assert "the index of the bag contradicts itself; 360 scans were read, no scan seems to be lost" in (caplog.text)
 
 
-def test_a_truncated_recording_says_what_it_lost(shared_data, caplog):
+def test_the_loss_of_a_truncated_recording_is_stated(shared_data, caplog):
     number, counts = used(shared_data / "broken" / "truncated-intel.bag")
     assert number == 2436
     assert number + counts.lost_scans == pytest.approx(13631, rel=0.06)  # what the whole bag holds
@@ -130,7 +130,7 @@ def test_an_mcap_with_a_hole(bag):
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
-def test_a_directory_whose_metadata_is_missing_or_spoilt(bag, kind, caplog):
+def test_a_directory_with_missing_or_damaged_metadata(bag, kind, caplog):
     folder = bag(kind).parent
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
     assert used(folder)[0] == SCANS
@@ -290,7 +290,7 @@ def test_a_description_that_makes_no_sense_announces_nothing(tmp_path):
         assert announced_by(tmp_path) == BagAnnouncement()
 
 
-def test_a_bag_whose_only_compressed_chunk_is_cut(script, tmp_path, caplog):
+def test_a_bag_with_one_truncated_compressed_chunk(script, tmp_path, caplog):
     script.tf(100.0, "base_link", "laser", topic="/tf_static").drive(100.0, 112.0)
     for k in range(100):
         script.scan(100.5 + 0.1 * k, NOISE[k, :180], step=0.01)

@@ -30,7 +30,7 @@ def test_a_scan_takes_no_longer_than_the_next_is_away():
     assert at([1.0]).laser.longest_sweep() == math.inf
 
 
-def test_an_unset_stamp_tells_no_lag():
+def test_an_unset_stamp_gives_no_lag():
     survey = at([math.nan, 1.0])
     survey.add_pose("/odom", "odom", "base_link", math.nan)
     survey.add_pose("/odom", "odom", "base_link", 0.5)

@@ -192,7 +192,7 @@ def test_clouds_are_taken_where_there_are_no_scans(script, tmp_path):
         choose(bag)
 
 
-def test_odometry_that_states_no_motion_is_told_and_not_waited_for(script, tmp_path, caplog):
+def test_odometry_without_motion_is_reported_and_not_awaited(script, tmp_path, caplog):
     def nowhere(build):
         def built(types):
             message = build(types)

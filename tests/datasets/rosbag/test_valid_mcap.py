@@ -120,7 +120,7 @@ def test_a_folder_is_read_through_where_one_file_needs_it(written, script, tmp_p
     assert len(list(open_recording([tmp_path / "both"]))) == SCANS + 2
 
 
-def test_a_file_that_is_cut_off_is_told_apart(written, caplog):
+def test_a_truncated_file_is_detected(written, caplog):
     path = written(**LEFT_OUT["summary"])
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])

@@ -37,7 +37,7 @@ def test_a_hole_at_an_end_is_as_long_as_its_bytes():
     assert bag_of(times, (Hole(100, 500),)).losses("/empty") == []
 
 
-def test_a_single_message_tells_nothing_about_what_is_lost():
+def test_a_single_message_gives_no_estimate_of_the_loss():
     (loss,) = bag_of([3.0], (Hole(1, 500),)).losses("/scan")
     assert (loss.since, loss.seconds, loss.messages) == (3.0, 0.0, 0)
     assert bag_of([3.0]).losses("/scan") == []

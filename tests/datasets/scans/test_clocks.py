@@ -42,7 +42,7 @@ def test_seconds_may_be_latency():
 
 
 @pytest.mark.parametrize("lags", [(jitter(80.0, 5.0), jitter(0.0)), (jitter(80.0), jitter(0.0, 5.0))])
-def test_what_varies_is_said_and_not_corrected(lags):
+def test_a_varying_offset_is_reported_and_not_corrected(lags):
     found = compare_clocks(*lags)
     assert found.offset == 0.0
     assert found.warning is not None
@@ -62,7 +62,7 @@ def test_unset_stamps_count_as_the_others_lag():
 
 
 @pytest.mark.parametrize(("fault", "words"), [(2.5, "lag 2.5"), (-2.5, "are 2.5")])
-def test_a_clock_that_is_ahead_is_not_said_to_lag(fault, words):
+def test_a_clock_that_is_ahead_is_reported_as_ahead(fault, words):
     warning = compare_clocks([fault] * 20, [0.0] * 20).warning
     assert warning is not None
     assert warning.startswith(f"stamps of the scans {words}0 s {'behind' if fault > 0 else 'ahead of'} those of the ")

@@ -47,7 +47,7 @@ def test_a_clock_that_is_set_right_again_makes_no_gap():
     assert counts.pauses == [(70.0, 20.0), (100.0, 10.0)]
 
 
-def test_a_scan_that_looks_the_same_later_is_no_duplicate():
+def test_an_equal_later_scan_is_no_duplicate():
     scans, counts = take(raw(1.0), raw(2.0))
     assert None not in scans
     assert counts.dropped == {}
@@ -108,7 +108,7 @@ def surroundings(number, code, seed=0):
     return [raw(0.1 * k, ranges=scan) for k, scan in enumerate(scans)]
 
 
-def test_a_code_that_comes_late_is_noticed():
+def test_a_late_code_is_detected():
     _, counts = take(*surroundings(40, 8.0))
     assert counts.likely_code() == 8.0
     assert (counts.farthest_beams, counts.farthest_scans) == (80, 20)
@@ -153,7 +153,7 @@ def test_scans_that_were_cleaned_together_are_taken_as_each_alone():
 
 
 @pytest.mark.parametrize(("beams", "fan_deg", "step"), [(180, 180.0, "1"), (360, 180.0, "0.5"), (360, 360.0, "1")])
-def test_a_stretched_fan_is_said(beams, fan_deg, step):
+def test_a_stretched_fan_causes_a_warning(beams, fan_deg, step):
     warning = angle_warning(beams, math.radians(fan_deg / (beams - 1)))
     assert warning is not None
     assert f"pass --angle-step-deg {step}" in warning
@@ -169,16 +169,16 @@ def test_true_fans_are_not(beams, step_deg):
 
 
 @pytest.mark.parametrize(("beams", "step"), [(181, 1.0), (361, -0.5), (720, 0.5), (1081, 0.25), (121, 0.25)])
-def test_degrees_are_told_from_radians(beams, step):
+def test_degrees_are_distinguished_from_radians(beams, step):
     assert are_degrees(beams, step)
     assert not are_degrees(beams, math.radians(step))
 
 
-def test_degrees_are_said():
+def test_degrees_cause_a_warning():
     assert angle_warning(361, 0.5) == "361 beams 0.5 rad apart are stated, 29 turns: they are read as degrees"
 
 
-def test_more_than_a_turn_is_said():
+def test_more_than_a_full_turn_causes_a_warning():
     warning = angle_warning(360, math.radians(1.03))
     assert warning is not None
     assert warning.endswith("more than a turn: if they span one turn, pass --angle-step-deg 1")

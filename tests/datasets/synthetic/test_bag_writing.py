@@ -73,7 +73,7 @@ def check_transforms(found, ros1):
     assert abs(speeds.mean() * 4.0 - ROBOT.odometry.length()) < 0.1
 
 
-def test_a_hanging_laser_is_told_by_tf_and_not_by_the_scan(tmp_path):
+def test_an_upside_down_laser_is_stated_by_tf_only(tmp_path):
     (robot,) = simulate(WORLD, DRIVES, SimulatedLaser(upside_down=True), OdometryNoise.preset("none"))
     write_ros1_bag(robot, tmp_path / "down.bag")
     _, found = messages(tmp_path / "down.bag", ros1=True)

@@ -9,7 +9,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 
 
-def test_a_knocked_laser_looks_ten_degrees_to_the_left():
+def test_a_knocked_laser_is_rotated_by_ten_degrees():
     world = make_world("apartment", 4)
     angle_min, step = SimulatedLaser.field_of(181)
     laser = SimulatedLaser(beams=181, angle_min=angle_min, angle_increment=step, rate=5.0)

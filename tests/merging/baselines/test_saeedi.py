@@ -6,7 +6,7 @@ from merging.baselines.saeedi import VoronoiDiagram
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 
-def test_the_diagram_of_a_corridor_runs_in_its_middle_and_says_how_wide_and_how_sure():
+def test_the_diagram_of_a_corridor_is_its_middle_line_with_width_and_certainty():
     masses = np.tile(np.array([0.0, 0.6, 0.0, 0.4], dtype=np.float32), (25, 100, 1))
     masses[[0, -1]] = (0.0, 0.0, 1.0, 0.0)
     grid = TbmGrid(GridGeometry(0.1, -5.0, 2.0, 25, 100), masses)

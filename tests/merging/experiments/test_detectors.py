@@ -16,7 +16,7 @@ from merging.experiments.detectors import (
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
-def test_the_nearest_is_matched_and_its_ratio_told():
+def test_the_nearest_descriptor_is_matched_with_its_ratio():
     target = Described(POINTS, np.array([[0b0], [0b1111], [0b11111111]], dtype=np.uint8))
     source = Described(POINTS[:1], np.array([[0b1]], dtype=np.uint8))
     matches = match_all(target, source)

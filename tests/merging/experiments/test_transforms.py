@@ -16,7 +16,7 @@ def test_a_merge_is_timed_so_many_times(pair):
     assert result.area_m2 >= 150 * 190 * 0.01
 
 
-def test_the_true_error_stands_beside_the_distances(pair):
+def test_the_true_error_is_given_with_the_distances(pair):
     result = measure_transforms(pair, MergeConfig(features=FeatureConfig(keypoints=300)), 0.5)
     assert 0.8 * result.matches < result.right <= result.matches
     assert result.least_m <= result.geometric_mean_m <= result.most_m

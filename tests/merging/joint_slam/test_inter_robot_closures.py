@@ -66,7 +66,7 @@ def test_stops_are_a_step_apart(told, step):
     assert step - 0.5 <= apart.min() <= apart.max() <= step + 0.5
 
 
-def test_a_direction_that_a_fit_leaves_open_says_nothing():
+def test_an_undetermined_direction_has_no_information():
     turn = SE2(0.0, 0.0, 0.4).matrix()
     open_along, shut = (turn @ np.diag([along, 1e6, 1e5]) @ turn.T for along in (10.0, 5e5))
     np.testing.assert_array_equal(_determined(shut, CONFIG), shut)
@@ -74,7 +74,7 @@ def test_a_direction_that_a_fit_leaves_open_says_nothing():
     np.testing.assert_allclose(turn.T @ kept @ turn, np.diag([0.0, 1e6, 1e5]), atol=1e-6)
 
 
-def test_a_bundle_is_laid_onto_its_own_drive_where_that_came_back(told, untold):
+def test_a_bundle_is_registered_to_earlier_visits_of_its_own_drive(told, untold):
     back = len(told.sensors) - 1
     own = told.others(back, told, CONFIG)
     travelled = told.hits.travelled

@@ -72,7 +72,7 @@ def test_the_merged_frame_may_lie_far_away(bent_pair):
         np.testing.assert_allclose(other[1:3] - one[1:3], shift[:2], atol=0.06)
 
 
-def test_a_bent_drive_is_straightened_along_the_other(bent_pair):
+def test_a_distorted_drive_is_corrected_by_the_other_drive(bent_pair):
     maps, poses, truth = bent_pair
     before = poses["b"].apply(maps["b"].drives[0].keyframes.poses[:, :2])
     result = refine_jointly(maps, poses, JointConfig())
@@ -123,7 +123,7 @@ def test_what_a_robot_measured_outweighs_what_closing_loops_made_of_it(bent_pair
     assert off < 0.1 < off_untold
 
 
-def test_adjusting_drives_to_walls_straightens_what_closures_between_them_leave_bent(bent_pair):
+def test_the_adjustment_to_walls_corrects_distortions_that_closures_leave(bent_pair):
     maps, poses, truth = bent_pair
     off = []
     for enabled in (False, True):

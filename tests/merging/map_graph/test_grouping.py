@@ -58,7 +58,7 @@ def test_of_forty_maps_the_one_false_alignment_is_outvoted_at_once():
     assert len(kept) == len(edges) - 1
 
 
-def test_a_known_group_comes_first_and_stands_whatever_speaks_against_it():
+def test_a_group_of_known_poses_is_first_and_is_kept_against_evidence():
     against = found("b", "c") | found("c", "d") | found("a", "b", T=SE2(20.0, 0.0, 0.0))
     places = {name: POSES["b"].inverse() @ POSES[name] for name in ("b", "d")}
     elsewhere = {"a": SE2.identity(), "c": SE2(50.0, 0.0, 1.0)}
@@ -70,14 +70,14 @@ def test_a_known_group_comes_first_and_stands_whatever_speaks_against_it():
     assert groups[0].outvoted == (("a", "b"),)
 
 
-def test_the_largest_group_comes_first_in_its_own_frame():
+def test_the_largest_group_is_first_and_has_its_own_frame():
     groups = groups_of(list("abcd"), found("b", "c") | found("c", "d"))
     assert groups[0].first == "b"
     assert_poses(groups[0], {name: POSES["b"].inverse() @ POSES[name] for name in "bcd"})
     assert list(groups[1].poses) == ["a"]
 
 
-def test_the_group_named_first_comes_first_among_equals():
+def test_groups_of_one_size_keep_the_order_of_their_maps():
     groups = groups_of(list("abcd"), found("c", "d") | found("a", "b"))
     assert [list(group.poses) for group in groups] == [["a", "b"], ["c", "d"]]
 
@@ -115,7 +115,7 @@ def test_many_maps_of_one_place_are_no_more_sure_of_a_stranger_than_one():
     assert [len(group) for group in groups_of([*here, "z"], alignments)] == [9, 1]
 
 
-def test_an_accepted_alignment_stands_against_several_refused_ones_that_agree():
+def test_an_accepted_alignment_outweighs_several_consistent_refused_alignments():
     """A building turned by half a circle nearly is the same: all maps of it take a bent one so, the one like it not."""
     turned = SE2(2.0, 2.0, math.pi)
     alignments = found("a", "b", 0.99) | found("a", "c", 0.99) | found("b", "c", 0.99) | found("c", "d", 0.96)

@@ -52,13 +52,13 @@ def test_several_alignments_make_one_centroid():
     assert centroids.of("b") == pytest.approx(SE2(150.0, -20.0, 0.0))
 
 
-def test_a_map_of_which_nobody_tells_keeps_its_frame():
+def test_a_map_without_alignments_keeps_its_frame():
     one = edge(None)
     assert CentroidFrames([one]).of("a") == SE2.identity()
     assert CentroidFrames([one]).between(one) == one
 
 
-def test_groups_go_there_and_back():
+def test_centred_groups_are_restored():
     centroids = CentroidFrames([edge(seen_from(SPREAD, ABOUT))])
     poses = {"a": SE2(1.0, 2.0, 0.5), "b": SE2(-4.0, 0.0, 2.0), "d": SE2(7.0, 7.0, 0.0)}
     inside = centroids.group(poses)

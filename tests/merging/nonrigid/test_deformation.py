@@ -102,7 +102,7 @@ def test_resampling_in_bands_gives_the_same_masses(rooms, monkeypatch):
     np.testing.assert_array_equal(bent().deformed(floor, MOTION).masses, whole.masses)
 
 
-def test_a_scale_is_told_from_other_deformations():
+def test_a_scale_is_distinguished_from_other_deformations():
     for scale in (0.95, 1.0, 1.05):
         deformation = bent(turn=0.0)
         middle = MIDDLES.mean(axis=0)

@@ -50,7 +50,7 @@ def test_the_report_has_every_pair_and_every_map(maps, tmp_path):
         assert cv2.imread(str(tmp_path / "deep" / "merged" / picture)) is not None
 
 
-def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tmp_path):
+def test_a_deformed_map_is_drawn_deformed(maps, tmp_path):
     result = merge(maps, CONFIG)
     write_report(tmp_path / "as-merged", result, maps, CONFIG)
     bent = {**maps, "there": TbmMap(warp(maps["there"].grid, SE2(40.0, 0.0, 1.0), maps["there"].grid.geometry))}
@@ -68,7 +68,7 @@ def test_a_map_that_was_straightened_is_drawn_as_it_went_into_the_merge(maps, tm
     assert "there was deformed to fit" not in (tmp_path / "as-merged" / "report.html").read_text()
 
 
-def test_a_map_that_nobody_believes_contradicts_nobody(maps, tmp_path):
+def test_a_map_of_reliability_zero_causes_no_conflict(maps, tmp_path):
     """Laid on another floor's map, it would deny the walls that fall into the next cells of each other."""
     told = {"known_poses": {"foreign": (0.0, 0.0, 0.0)}, "reliability": {"foreign": 0.0}}
     alone = {name: maps[name] for name in ("here", "there")}
@@ -130,7 +130,7 @@ def test_conflict_is_red(rooms):
     assert result.fusion.conflict.sum() == pytest.approx(100.0)
 
 
-def test_the_page_tells_how_it_was_made(maps, tmp_path):
+def test_the_page_shows_the_run(maps, tmp_path):
     write_report(tmp_path, merge(maps, CONFIG), maps, CONFIG, Making("merge here there", {"aligning": 12.345}))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "merge here there" in page

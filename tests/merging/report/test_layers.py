@@ -56,7 +56,7 @@ def test_one_map_that_denies_a_wall_is_enough():
 
 
 @pytest.mark.parametrize("trust", [0.0, 0.01, 1.0])
-def test_a_map_that_nobody_believes_denies_no_wall(trust):
+def test_a_map_of_reliability_zero_denies_no_wall(trust):
     maps = {"a": walled(8), "b": walled(9), "c": walled()}
     before, after = merged({"c": trust}, **maps)
     assert before.conflict[5, 8] > 0.5
@@ -64,7 +64,7 @@ def test_a_map_that_nobody_believes_denies_no_wall(trust):
 
 
 @pytest.mark.parametrize("trust", [0.0, 0.01])
-def test_a_map_that_nobody_believes_has_no_wall_to_be_denied(trust):
+def test_walls_of_a_map_of_reliability_zero_cause_no_conflict(trust):
     """What is as free as occupied is no wall, though what is free contradicts it."""
     torn = walled()
     torn.grid.masses[:, 8] = (0.0, 0.4, 0.4, 0.2)
@@ -73,7 +73,7 @@ def test_a_map_that_nobody_believes_has_no_wall_to_be_denied(trust):
     assert after.conflict[5, 8] == (before.conflict[5, 8] if trust > 0.0 else 0.0)
 
 
-def test_what_is_outside_a_map_is_denied_by_nobody():
+def test_cells_outside_a_map_are_not_denied():
     _, after = merged(a=walled(2, 8), b=walled(1, shift=10))  # whose wall is at column 11
     assert after.conflict[:, :10].max() == 0.0
     assert after.conflict[2:-2, 11].min() > 0.5

@@ -37,7 +37,7 @@ def maps(rooms):
     }
 
 
-def test_a_merge_is_told_with_every_layer_pose_and_warning(maps):
+def test_the_page_of_a_merge_has_all_layers_poses_and_warnings(maps):
     result = merge(maps, CONFIG)
     page = merge_page(result, maps, CONFIG, {"known": 12.3}, Making("merge a b", {"aligning": 2.0}))
     assert page.verdict == "2 of 3 maps were merged."
@@ -119,7 +119,7 @@ def test_a_map_left_out_shows_where_it_had_trouble(maps):
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
 
 
-def test_what_was_odd_about_several_robots_is_told_once(maps):
+def test_equal_warnings_of_several_robots_are_joined(maps):
     maps["there"] = replace(maps["there"], provenance={"warnings": [*PROVENANCE["warnings"], "at 3.0 s: lost"]})
     maps["foreign"] = replace(maps["foreign"], provenance={"warnings": ["at 4.0 s: lost"]})
     said = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making()).warnings
@@ -130,7 +130,7 @@ def test_what_was_odd_about_several_robots_is_told_once(maps):
     ]
 
 
-def test_what_was_odd_is_told_of_a_merged_map_too(maps):
+def test_warnings_of_the_parts_of_a_merged_map_are_shown(maps):
     first = merge({name: maps[name] for name in ("here", "there")}, CONFIG).merged
     assert first is not None
     again = {"both": first, "foreign": maps["foreign"]}

@@ -28,7 +28,7 @@ def maps(rooms):
     return {"here": TbmMap(rooms(1)), "there": TbmMap(moved), "foreign": TbmMap(rooms(2))}
 
 
-def test_accepted_and_refused_pairs_are_told_and_pictured_alike(maps):
+def test_accepted_and_refused_pairs_have_cards_with_pictures(maps):
     result = merge(maps, CONFIG)
     cards, tables = pair_cards.pair_cards(result, maps, CONFIG)
     assert [card.title for card in cards] == ["there in here", "foreign in here", "foreign in there"]

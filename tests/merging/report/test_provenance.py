@@ -36,7 +36,7 @@ def test_each_drive_of_a_merge_keeps_its_trouble():
     assert warnings_of(again) == ["ab: a: a gap"]
 
 
-def test_what_befell_several_of_a_merge_is_told_once():
+def test_warnings_of_several_merged_maps_are_joined():
     merged = {"merged_from": {"a": part(1, ONE), "b": part(1, OTHER), "c": part(1, ONE)}}
     assert warnings_of(merged) == ["a, c: a gap"]
     assert warnings_of({"merged_from": {"x": part(3, merged), "y": part(3, merged)}}) == ["x, y: a, c: a gap"]
@@ -48,7 +48,7 @@ def test_a_single_drive_has_its_own():
     assert warnings_of(ONE) == ["a gap"]
 
 
-def test_where_nobody_wrote_whose_it_was_nothing_is_told():
+def test_incidents_without_an_owner_are_ignored():
     before = {name: {"pose": [0.0, 0.0, 0.0], "provenance": ONE} for name in "ab"}
     assert incidents_of(map_of(2, {"merged_from": before})) == [None, None]
     assert incidents_of(map_of(2, {"merged_from": {"a": 3, "b": {"provenance": []}}})) == [None, None]

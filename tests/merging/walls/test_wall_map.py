@@ -61,7 +61,7 @@ def test_small_things_count_little():
     np.testing.assert_array_equal(found.walls.weights, found.weights)
 
 
-def test_every_cell_knows_its_nearest_wall():
+def test_the_nearest_wall_of_every_cell_is_found():
     structure = WallMap.from_grid(room(), StructureConfig())
     for row, col in ((25, 30), (12, 11), (0, 0), (38, 45)):
         apart = np.linalg.norm(structure.points - structure.geometry.centre_of(row, col), axis=1)
@@ -75,7 +75,7 @@ def test_a_map_without_walls_is_far_from_any():
     assert np.all(np.isinf(structure.distances_m))
 
 
-def test_points_outside_are_told_apart():
+def test_points_outside_the_map_are_marked():
     structure = WallMap.from_grid(room(), StructureConfig())
     rows, cols, inside = structure.geometry.cells_at(
         np.array([(-0.95, 2.05), (-1.05, 2.05), (4.95, 6.95), (4.95, 7.05)])

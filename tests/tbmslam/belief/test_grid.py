@@ -40,7 +40,7 @@ def test_cells_and_places_of_many():
     assert inside.tolist() == [True, True, True, False]
 
 
-def test_a_fresh_grid_knows_nothing_and_can_be_written():
+def test_a_new_grid_is_unknown_and_writable():
     grid = TbmGrid.unknown(GEOMETRY)
     np.testing.assert_array_equal(grid.masses, np.broadcast_to(VACUOUS, (3, 4, 4)))
     assert grid.masses.dtype == np.float32

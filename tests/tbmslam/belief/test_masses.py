@@ -64,7 +64,7 @@ def test_float32_masses_are_computed_in_double():
     assert conjunctive(np.float32(VACUOUS), np.float32(VACUOUS)).dtype == np.float64
 
 
-def test_nobody_changes_the_vacuous_belief():
+def test_the_vacuous_belief_is_constant():
     with pytest.raises(ValueError, match="read-only"):
         VACUOUS[CONFLICT] = 1.0
 

@@ -27,7 +27,7 @@ def test_parts_that_differ_more_than_they_say_are_not(generator, claimed):
     np.testing.assert_allclose(deviations_of_parts(values, informations, mean), expected)
 
 
-def test_a_part_that_knows_nothing_may_say_anything(generator):
+def test_a_part_without_information_has_no_influence(generator):
     values, informations, mean = told(generator, 10.0)
     before = deviations_of_parts(values, informations, mean)
     values, informations = np.vstack((values, [[1e6] * 3])), np.concatenate((informations, 1e-12 * np.eye(3)[None]))
@@ -35,7 +35,7 @@ def test_a_part_that_knows_nothing_may_say_anything(generator):
     np.testing.assert_allclose(after, before * np.sqrt(7 / 6 * 5 / 6), rtol=1e-3)
 
 
-def test_it_is_as_far_off_as_it_says_on_average(generator):
+def test_the_stated_deviation_equals_the_mean_error(generator):
     """Of numbers that each part knows along other directions, as walls tell poses."""
     off = []
     for _ in range(400):

@@ -62,13 +62,13 @@ def test_one_that_turns_while_it_scans_is_no_wrong_laser(drive_in):
     assert abs(fitted(replace(robot, readings=tuple(readings))).scale) < 3.0 * deviation
 
 
-def test_a_short_drive_tells_nothing(drive_in):
+def test_a_short_drive_gives_no_estimate(drive_in):
     assert fitted(drive_in("office", 15.0, "good", seed=2), 0.03) is None
     robot = drive_in("office", 60.0, "good", seed=2)
     assert fitted(robot, config=CONFIG.model_copy(update={"least_parts": 20, "most_parts": 20})) is None
 
 
-def test_a_narrow_view_tells_nothing(drive_in):
+def test_a_narrow_field_of_view_gives_no_estimate(drive_in):
     robot = drive_in("office", 60.0, "good", seed=2)
     readings = [
         replace(r, scan=replace(r.scan, angle_min=r.scan.angle_min + 1.0, ranges=r.scan.ranges[57:-57]))
@@ -77,13 +77,13 @@ def test_a_narrow_view_tells_nothing(drive_in):
     assert fitted(replace(robot, readings=tuple(readings)), 0.03) is None
 
 
-def test_what_goes_astray_tells_nothing(drive_in):
+def test_a_diverging_fit_gives_no_estimate(drive_in):
     robot = drive_in("office", 60.0, "good", seed=2)
     assert fitted(robot, 0.2) is None
     assert fitted(robot, 0.03, config=CONFIG.model_copy(update={"rounds": 1})) is None
 
 
-def test_a_robot_that_stands_tells_nothing(drive_in):
+def test_a_robot_at_rest_gives_no_estimate(drive_in):
     robot = drive_in("office", 15.0, "good", seed=2)
     scans = [robot.readings[0].scan] * 5
     keyframes = Keyframes.from_scans(scans, [SE2.identity()] * 5, [SE2.identity()] * 5)

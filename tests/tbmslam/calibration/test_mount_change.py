@@ -46,14 +46,14 @@ def test_two_knocks_are_found_in_order(drive, generator):
     assert [change.keyframe for change in found] == pytest.approx([130, 290], abs=1)
 
 
-def test_a_laser_that_stays_is_left_alone_however_it_sits(drive, generator):
+def test_a_fixed_laser_has_no_change_at_any_mount(drive, generator):
     stamps, true, wheels = drive
     assert mount_changes(stamps, wheels, seen(true, generator), LEAST) == []
     assert mount_changes(stamps, wheels, seen(true, generator, [(0, 0.5)]), LEAST) == []
     assert mount_changes(stamps, wheels, seen(true, generator, [(200, 0.03)]), LEAST) == []
 
 
-def test_odometry_that_goes_wrong_is_no_knock(drive, generator):
+def test_faulty_odometry_is_no_knock(drive, generator):
     stamps, true, wheels = drive
     sensors = seen(true, generator)
     reversed_since = wheels.copy()
@@ -67,7 +67,7 @@ def test_odometry_that_goes_wrong_is_no_knock(drive, generator):
         assert mount_changes(stamps, odometry, sensors, LEAST) == []
 
 
-def test_a_short_drive_tells_nothing(drive, generator):
+def test_a_short_drive_gives_no_estimate(drive, generator):
     stamps, true, wheels = drive
     sensors = seen(true, generator, [(20, 0.5)])
     assert mount_changes(stamps[:40], wheels[:40], sensors[:40], LEAST) == []

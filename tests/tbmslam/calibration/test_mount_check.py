@@ -56,14 +56,14 @@ def test_one_that_sits_where_it_should_or_nearly(generator, stated):
     assert doubt(stated, generator) is None
 
 
-def test_a_robot_that_never_turns_tells_the_turn_alone(generator):
+def test_a_robot_without_rotation_determines_only_the_angle(generator):
     assert doubt(SE2(0.25, 5.0, 0.0), generator, turning=0.0) is None
     said = doubt(SE2(0.1, 0.2, math.radians(20.0)), generator, turning=0.0)
     assert said is not None
     assert said.endswith("try --sensor-pose 0.10 0.20 0")
 
 
-def test_nothing_is_said_without_odometry_or_with_that_of_another_robot(generator):
+def test_there_is_no_warning_without_odometry_or_with_other_odometry(generator):
     wrong = SE2(0.25, 0.3, 0.0)
     assert doubt(wrong, generator, np.full((STEPS, 3), math.nan)) is None
     assert doubt(wrong, generator, np.zeros((STEPS, 3))) is None
@@ -71,7 +71,7 @@ def test_nothing_is_said_without_odometry_or_with_that_of_another_robot(generato
     assert doubt(wrong, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0)) is None
 
 
-def test_nothing_is_said_of_a_laser_that_moves_on_its_robot_or_when_switched_off(generator):
+def test_there_is_no_warning_for_a_moving_laser_or_if_disabled(generator):
     wrong = SE2(0.25, 0.3, 0.0)
     assert doubt(wrong, generator, config=CONFIG.model_copy(update={"enabled": False})) is None
     scan = LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))

@@ -73,7 +73,7 @@ def test_shapes_must_agree():
 
 
 @pytest.mark.parametrize("guess_error", [SE2(0.0, 0.0, 0.0), SE2(0.5, -0.4, 0.03), SE2(-0.3, 0.6, -0.05)])
-def test_a_part_of_a_world_is_laid_on_the_whole(guess_error):
+def test_a_part_of_a_world_is_placed_on_the_whole(guess_error):
     world = make_world("apartment", 3)
     geometry = world.grid(0.05)
     T_world_map = SE2(4.0, 7.0, 0.7)

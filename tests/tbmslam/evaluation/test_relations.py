@@ -53,7 +53,7 @@ def test_where_stamps_rise_the_nearest_ones_match():
     assert [len(part) for part in matching_poses(np.array([2.0, 1.0]), np.ones(1) * 9, 1.0)] == [0, 0]
 
 
-def test_a_clock_that_stands_still_takes_no_memory_without_end():
+def test_a_clock_at_rest_takes_bounded_memory():
     found, matched = matching_poses(np.zeros(2000), np.zeros(300), 0.01)
     assert len(found) == len(matched) == 300
 

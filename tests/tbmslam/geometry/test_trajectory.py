@@ -88,13 +88,13 @@ def test_speed_and_turn_rate_of_a_steady_arc(speed, rate):
     np.testing.assert_allclose(drive_speeds(STAMPS, poses)[1:-1], speed, rtol=0.01)
 
 
-def test_a_heading_that_goes_over_half_a_turn_is_no_spin():
+def test_a_heading_that_crosses_pi_is_no_spin():
     headings = np.remainder(np.linspace(3.0, 3.5, 11) + np.pi, 2.0 * np.pi) - np.pi
     np.testing.assert_allclose(turn_rates(STAMPS, headings), 0.25)
 
 
 @pytest.mark.parametrize("jump", [0.0, -30.0, -1e6])
-def test_where_the_clock_stands_or_steps_back_nothing_is_known(jump):
+def test_speeds_are_unknown_if_the_clock_rests_or_steps_back(jump):
     """At both sides of a step back, and all along where stamps are the same."""
     poses, stamps = arc(0.5, 0.3), STAMPS.copy()
     if jump:

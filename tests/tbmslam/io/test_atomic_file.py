@@ -57,7 +57,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         write_bytes(tmp_path / "folder", b"")
 
 
-def test_what_a_killed_writer_left_goes_with_the_next_file(tmp_path):
+def test_the_remains_of_a_killed_writer_are_removed_by_the_next_file(tmp_path):
     target, others = tmp_path / "map[1].npz", [tmp_path / ".0123abcd.map.npz", tmp_path / ".notes.map[1].npz"]
     left = tmp_path / ".0123abcd.map[1].npz"
     for path in (left, *others):

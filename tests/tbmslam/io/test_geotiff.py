@@ -39,7 +39,7 @@ def test_the_same_grid_gives_the_same_bytes(grid, tmp_path):
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
 
 
-def test_without_rasterio_it_says_what_to_install(grid, tmp_path, monkeypatch):
+def test_the_error_without_rasterio_names_the_package(grid, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(GeoTiffError, match=r"needs rasterio, which is not installed: pip install 'tbmslam\[geotiff\]'"):
         write_geotiff(tmp_path / "map.tif", grid)

@@ -71,7 +71,7 @@ def test_a_folder_holds_every_format_and_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("drives", [(), (some_drive(),), (some_drive("a"), some_drive("b", 5))])
 @pytest.mark.parametrize("file", ["", "map.npz"])
-def test_a_map_comes_back_whole(tmp_path, drives, file):
+def test_a_saved_map_is_loaded_unchanged(tmp_path, drives, file):
     tbm_map = some_map(*drives)
     save_map(tmp_path, tbm_map)
     assert_same_map(load_map(tmp_path / file), tbm_map)
@@ -103,7 +103,7 @@ def test_trajectories_of_an_older_map_do_not_stay(tmp_path):
     assert {path.name for path in tmp_path.glob("*.tum")} == {"trajectory.tum", "truth.tum"}
 
 
-def test_the_ros_map_says_what_the_masses_say(tmp_path):
+def test_the_ros_map_has_the_occupancy_of_the_masses(tmp_path):
     save_map(tmp_path, some_map())
     picture_only = tmp_path / "elsewhere"
     picture_only.mkdir()

@@ -73,7 +73,7 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
     np.testing.assert_array_equal(measured.informations, tbm_map.drives[0].motions.informations)
 
 
-def test_a_file_without_closures_is_read_all_the_same(tbm_map, tmp_path):
+def test_a_file_without_closures_is_read(tbm_map, tmp_path):
     arrays = arrays_of(tbm_map, tmp_path / "map.npz")
     np.savez(tmp_path / "older.npz", **{name: values for name, values in arrays.items() if "closures" not in name})
     assert [one.closures.shape for one in read_map_file(tmp_path / "older.npz").drives] == [(0, 2), (0, 2)]
@@ -199,7 +199,7 @@ def moved(name, column, value):
         (set_value("masses", np.zeros((0, 9, 4), np.float32)), "0 x 9 cells is empty"),
     ],
 )
-def test_what_cannot_be_a_map_is_told_in_one_line(tbm_map, tmp_path, damage, message):
+def test_an_invalid_map_is_reported_in_one_line(tbm_map, tmp_path, damage, message):
     path = tmp_path / "map.npz"
     arrays = arrays_of(tbm_map, path)
     damage(arrays)

@@ -278,7 +278,7 @@ def test_a_coloured_picture_of_a_map_saver_keeps_its_unknown(tmp_path):
     ("pixels", "mode", "warned"),
     [([254, 205, 0], "trinary", False), ([254, 254, 0], "trinary", True), ([254, 205, 0], "scale", True)],
 )
-def test_a_map_that_leaves_nothing_unknown_is_told(tmp_path, caplog, pixels, mode, warned):
+def test_a_map_without_unknown_cells_causes_a_warning(tmp_path, caplog, pixels, mode, warned):
     cv2.imwrite(str(tmp_path / "map.pgm"), np.array([pixels], dtype=np.uint8))
     rules = f"negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\nmode: {mode}\n"
     (tmp_path / "map.yaml").write_text(f"image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n{rules}")

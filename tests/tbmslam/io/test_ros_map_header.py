@@ -91,7 +91,7 @@ def test_a_relative_path_to_the_yaml_is_kept(tmp_path, monkeypatch):
         ({"more": "x" * 70_000}, "is no yaml file of a ROS map"),
     ],
 )
-def test_what_makes_no_map_is_told_in_one_line(tmp_path, changes, message):
+def test_an_invalid_header_is_reported_in_one_line(tmp_path, changes, message):
     with pytest.raises(MapFileError, match=message) as caught:
         header_of(tmp_path, **changes)
     assert str(caught.value).startswith(f"{tmp_path / 'map.yaml'}: ")

@@ -97,7 +97,7 @@ def test_the_frame_is_made_like_the_original_s(dump):
     assert not info["block_linked"]
 
 
-def test_an_origin_between_cells_goes_to_the_nearer_one(dump):
+def test_an_origin_between_cells_is_rounded_to_the_nearest_cell(dump):
     write_tbm_dump(dump, some_grid(geometry=(0.25, -1.1, 0.6)))
     geometry = read_tbm_dump(dump).geometry
     assert (geometry.origin_x, geometry.origin_y) == (-1.0, 0.5)

@@ -66,7 +66,7 @@ def test_a_tilted_pose_keeps_its_heading(tmp_path):
         ("\xff\xfe", "is not text"),
     ],
 )
-def test_what_is_no_trajectory_is_told_in_one_line(tmp_path, text, message):
+def test_an_invalid_trajectory_is_reported_in_one_line(tmp_path, text, message):
     (tmp_path / "t.tum").write_bytes(text.encode("latin-1"))
     with pytest.raises(TumError, match=message) as caught:
         read_tum(tmp_path / "t.tum")
@@ -148,7 +148,7 @@ def test_a_tum_file_is_of_the_robot(tmp_path):
         ("1295936788250000,1.0,2.0,inf", r"poses:2: is not finite, or more than"),
     ],
 )
-def test_what_is_no_pose_is_told_with_its_line(tmp_path, line, message):
+def test_an_invalid_pose_is_reported_with_its_line(tmp_path, line, message):
     path = tmp_path / "a.gt.laser.poses"
     path.write_text(f"1295936788200000,1.0,2.0,0.1\n{line}\n")
     with pytest.raises(TumError, match=message):

@@ -77,7 +77,7 @@ def test_the_turn_to_the_axes_undoes_another(degrees):
     assert angle_to_axes(FREE_MAP.grid) == 0.0
 
 
-def test_a_mask_forbids_nothing_until_it_is_told():
+def test_a_new_mask_is_empty():
     mask = keepout_mask(GridGeometry(0.1, 0.0, 0.0, 4, 5))
     assert (mask.to_occupancy() == 0).all()
 

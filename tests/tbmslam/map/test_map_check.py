@@ -20,7 +20,7 @@ def test_a_container_may_have_less(tmp_path, monkeypatch):
     assert map_check.machine_memory.__wrapped__() == 12345678
 
 
-def test_what_nobody_knows_is_no_limit(monkeypatch):
+def test_an_unknown_limit_is_no_limit(monkeypatch):
     monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", ("/none",) * 2)
     monkeypatch.delattr(os, "sysconf")
     assert map_check.machine_memory.__wrapped__() == sys.maxsize

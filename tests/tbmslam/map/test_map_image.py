@@ -36,7 +36,7 @@ def test_every_kind_of_pgm(tmp_path, content, maximum):
     np.testing.assert_array_equal(image.pixels[..., 0], PIXELS)
 
 
-def test_a_pixel_that_looks_like_a_space_or_comment_belongs_to_the_picture(tmp_path):
+def test_pixels_with_the_codes_of_spaces_or_comments_are_pixels(tmp_path):
     pixels = np.array([[ord("\n"), ord("#")], [ord(" "), ord("1")]], dtype=np.uint8)
     np.testing.assert_array_equal(image_of(tmp_path, encode_pgm(pixels)).pixels[..., 0], pixels)
 
@@ -92,7 +92,7 @@ PNG = cv2.imencode(".png", PIXELS)[1].tobytes()
         ),
     ],
 )
-def test_what_is_no_picture_is_told_in_one_line(tmp_path, content, message, capfd):
+def test_an_invalid_picture_is_reported_in_one_line(tmp_path, content, message, capfd):
     with pytest.raises(MapFileError, match=message) as caught:
         image_of(tmp_path, content)
     assert str(caught.value).startswith(f"{tmp_path / 'map.pgm'}: ")

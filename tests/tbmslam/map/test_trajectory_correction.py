@@ -26,7 +26,7 @@ def test_anchors_go_where_they_are_put_and_the_rest_follows(poses):
     np.testing.assert_allclose(moved[6:, 1], 3.0)
 
 
-def test_a_rigid_correction_moves_all_alike(poses):
+def test_a_rigid_correction_moves_all_poses_equally(poses):
     T_new_old = SE2(1.0, -2.0, 0.7)
     anchors = np.array([0, 5, 10])
     targets = np.array([T_new_old @ SE2.from_array(pose) for pose in poses[anchors]])
@@ -52,7 +52,7 @@ def test_a_trajectory_follows_its_keyframes(poses):
     np.testing.assert_array_equal(moved.trajectory.stamps, drive.trajectory.stamps)
 
 
-def test_a_drive_without_a_trajectory_has_keyframes_all_the_same(poses):
+def test_keyframes_of_a_drive_without_a_trajectory_are_corrected(poses):
     keyframes = Keyframes.from_scans(
         [LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(2))], [SE2.identity()], [SE2.identity()]
     )
@@ -65,7 +65,7 @@ def test_a_drive_without_a_trajectory_has_keyframes_all_the_same(poses):
     st.data(),
     st.integers(0, 99),
 )
-def test_the_trajectory_goes_through_its_keyframes_whatever_the_stamps(steps, data, seed):
+def test_the_trajectory_passes_its_keyframes_for_any_stamps(steps, data, seed):
     generator, stamps = np.random.default_rng(seed), np.cumsum(steps)
     poses, targets = (generator.uniform(-3.0, 3.0, (len(steps), 3)) for _ in range(2))
     chosen = sorted(data.draw(st.sets(st.integers(0, len(steps) - 1), min_size=1)))

@@ -135,7 +135,7 @@ def test_earlier_scans_are_cleared_afterwards_but_not_those_before_the_cover():
         assert np.isnan(beams.cleared(blocked_beams_scan(k, open_space(k))).ranges).sum() == hidden
 
 
-def test_a_beam_that_sees_far_again_says_so_at_once():
+def test_a_beam_that_sees_far_again_is_unblocked_at_once():
     beams, _ = drive(covered)
     assert np.isfinite(beams.without(blocked_beams_scan(50, open_space(50))).ranges).all()
 
@@ -185,12 +185,12 @@ def test_a_cover_that_seldom_returns_takes_longer_to_be_found(lost):
     assert 6 <= found[0] <= 8.0 / (1.0 - lost) + 5.0
 
 
-def test_a_standing_robot_tells_nothing():
+def test_a_robot_at_rest_reports_no_blocked_beams():
     beams = BlockedBeams(BlockedBeamsConfig())
     assert not any(beams.learn(blocked_beams_scan(k, covered(9)), SE2.identity()) for k in range(50))
 
 
-def test_another_number_of_beams_begins_anew():
+def test_another_number_of_beams_restarts_the_check():
     beams, _ = drive(covered)
     other = blocked_beams_scan(50, np.full(60, 0.25))
     assert not beams.learn(other, SE2(99.0, 0.0, 0.0))
@@ -218,7 +218,7 @@ def laser_view_drive(turning, until=40, config=None):
     return view, [incident.text(0.0) for incident in incidents], cleaned
 
 
-def test_it_is_told_once_with_the_time():
+def test_blocked_beams_are_reported_once_with_the_time():
     view, told, cleaned = laser_view_drive(1.0)
     assert told == [
         "at 0.0 s: a part of the robot, or something that moves with it, blocks 20% of the beams, -57 to -36°"
@@ -272,19 +272,19 @@ def message_of(blocked_at, stamps):
     return [incident.text(0.0) for incident in incidents]
 
 
-def test_a_post_that_shakes_now_and_then_is_told_once():
+def test_a_shaking_post_is_reported_once():
     shaking = message_of(lambda k: [(COVERED, 0.7 if k % 100 == 99 else 0.6)], range(2000))
     assert shaking == [
         "at 0.0 s: a part of the robot, or something that moves with it, blocks 20% of the beams, -57 to -36°"
     ]
 
 
-def test_what_comes_back_after_a_while_is_told_again():
+def test_beams_that_are_blocked_again_later_are_reported_again():
     told = message_of(lambda k: [] if 100 <= k < 300 else [(COVERED, 0.6)], range(400))
     assert [text.split(":")[0] for text in told] == ["at 0.0 s", "at 300.0 s"]
 
 
-def test_what_stays_is_not_told_again_after_a_gap_in_the_recording():
+def test_blocked_beams_are_not_reported_again_after_a_gap():
     other = slice(60, 80)
     stamps = [k if k < 100 else k + 500 for k in range(200)]
     told = message_of(lambda k: [(COVERED, 0.6)] + ([(other, 0.5)] if k >= 100 else []), stamps)

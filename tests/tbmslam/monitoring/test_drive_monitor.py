@@ -20,7 +20,7 @@ def test_an_ordinary_drive_has_no_incident(robot):
     assert said(slam) == []
 
 
-def test_a_robot_that_was_carried_elsewhere_is_told_and_nothing_is_thrown_away(robot, caplog):
+def test_a_carried_robot_is_reported_and_no_scan_is_discarded(robot, caplog):
     readings = carried(robot, 60, 120)
     slam, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
@@ -33,7 +33,7 @@ def test_a_robot_that_was_carried_elsewhere_is_told_and_nothing_is_thrown_away(r
     assert before.max() < 0.1
 
 
-def test_a_robot_that_was_carried_without_odometry_is_not_said_to_go_on_by_odometry(robot):
+def test_the_warning_of_a_robot_carried_without_odometry_does_not_mention_odometry(robot):
     readings = [replace(each, T_odom_robot=None, T_odom_swept=None) for each in carried(robot, 60, 120)]
     slam, _ = mapped(readings)
     assert any(LOST_WITHOUT_ODOMETRY in text for text in said(slam))
@@ -55,7 +55,7 @@ def test_a_drive_may_be_finished_again_and_go_on(robot):
     assert said(slam) == said(mapped(readings)[0])
 
 
-def test_times_are_told_from_where_the_recording_began(robot):
+def test_times_count_from_the_begin_of_the_recording(robot):
     readings = carried(robot, 60, 120)
     slam = Slam(start_stamp=readings[0].scan.stamp - 100.0)
     for reading in readings:
@@ -71,7 +71,7 @@ def test_the_laser_unplugged_for_a_while_costs_only_that_while(robot):
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.3
 
 
-def test_odometry_that_jumps_is_told_and_does_no_harm(robot):
+def test_odometry_that_jumps_is_reported_and_does_no_harm(robot):
     far = SE2(1e7, 0.0, 0.0)
     readings = [
         r if k < 60 else replace(r, T_odom_robot=(far if k == 60 else SE2(1.0, 2.0, 1.0)) @ r.T_odom_robot)
@@ -99,7 +99,7 @@ def test_covered_beams_do_not_end_up_in_the_map(robot):
     assert not (np.abs(kept - 0.3) < 1e-6).any()
 
 
-def test_many_incidents_are_not_all_said(robot, caplog):
+def test_many_incidents_are_not_all_listed(robot, caplog):
     slam = Slam(name="robot_7")
     for number in range(30):
         slam.incidents.add(100.0 * number, f"incident {number}")
@@ -122,7 +122,7 @@ def test_odometry_in_a_bag_that_stops_for_a_while(robot):
     assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
 
 
-def test_odometry_that_freezes_is_told_and_overruled(robot):
+def test_frozen_odometry_is_reported_and_overruled(robot):
     stopped = robot.readings[60].T_odom_robot
     last = robot.readings[120].T_odom_robot
     readings = [
@@ -134,7 +134,7 @@ def test_odometry_that_freezes_is_told_and_overruled(robot):
     assert any("odometry and scans disagree" in incident.what for incident in slam.incidents)
 
 
-def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
+def test_scaled_ranges_are_detected_by_the_odometry(robot):
     readings = [replace(r, scan=r.scan.with_ranges(1.1 * r.scan.ranges)) for r in robot.readings]
     slam, _ = mapped(readings)
     slam.finish()
@@ -144,7 +144,7 @@ def test_ranges_that_are_scaled_are_told_by_the_odometry(robot):
 
 
 @pytest.mark.parametrize("unit", [100.0, 1000.0])
-def test_odometry_in_another_unit_spoils_nothing_and_is_told_once(robot, unit):
+def test_odometry_in_another_unit_does_no_harm_and_is_reported_once(robot, unit):
     def measured(T_odom_robot):
         return SE2(unit * T_odom_robot.x, unit * T_odom_robot.y, T_odom_robot.theta)
 
@@ -168,7 +168,7 @@ def test_a_scale_that_was_given_and_is_wrong_is_not_named_again(robot):
 
 
 @pytest.mark.parametrize("seed", [3, 6])
-def test_another_floor_from_one_scan_to_the_next_is_told(robot, drive_in, seed):
+def test_a_sudden_change_of_the_floor_is_reported(robot, drive_in, seed):
     """As when a lift's door opens: little contradicts, and nothing agrees."""
     other = drive_in("halls", 30.0, odometry="good", seed=seed)
     there, first, last = other.readings, other.readings[0], robot.readings[60]

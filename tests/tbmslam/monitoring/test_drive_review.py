@@ -29,7 +29,7 @@ def test_a_drive_of_a_robot():
     assert impossible_speed(STAMPS, straight(np.full(1000, 1.5)), STAMPS[::10], NONE) is None
 
 
-def test_one_of_no_robot_is_told_with_its_time():
+def test_an_impossible_speed_is_reported_with_its_time():
     speeds = np.where((np.arange(1000) >= 400) & (np.arange(1000) < 600), 7.0, 1.0)
     found = impossible_speed(STAMPS, straight(speeds), STAMPS[::10], NONE)
     assert found is not None
@@ -38,7 +38,7 @@ def test_one_of_no_robot_is_told_with_its_time():
     assert "at 7.0 m/s for 10 s" in found.warning()
 
 
-def test_odometry_that_says_so_too_is_believed():
+def test_a_speed_that_the_odometry_confirms_is_accepted():
     poses = straight(np.full(1000, 6.0))
     assert impossible_speed(STAMPS, poses, STAMPS[::10], poses[::10]) is None
     assert impossible_speed(STAMPS, poses, STAMPS[::10], 0.1 * poses[::10]) is not None
@@ -75,7 +75,7 @@ def said(kinds):
     return [(w.what[:20], w.stamp, w.seconds, w.all_along) for w in undetermined_motion(kinds).warnings()]
 
 
-def test_a_bare_corridor_without_odometry_is_told_as_a_whole():
+def test_a_bare_corridor_without_odometry_causes_one_warning():
     motion = undetermined_motion([keyframe(k, WALL) for k in range(50)])
     assert motion.share == 1.0
     (warning,) = motion.warnings()
@@ -93,7 +93,7 @@ def test_odometry_or_walls_ahead_determine_it():
     assert undetermined_motion([keyframe(k, ROOM) for k in range(50)]).warnings() == []
 
 
-def test_a_part_of_a_drive_is_told_with_its_time():
+def test_a_part_of_a_drive_is_reported_with_its_time():
     drive = [keyframe(k, WALL if 100 <= k < 108 else ROOM) for k in range(400)]
     (warning,) = undetermined_motion(drive).warnings()
     assert not warning.all_along
@@ -139,12 +139,12 @@ def drive_review_said(config=None, **kinds):
     return review.warnings(*drive(**kinds))
 
 
-def test_nothing_is_said_of_a_good_drive():
+def test_a_good_drive_has_no_warning():
     assert drive_review_said() == []
     assert drive_review_said(odometry=False) == []
 
 
-def test_a_knocked_laser_is_told_with_its_time_and_what_mends_it():
+def test_a_knocked_laser_is_reported_with_its_time_and_the_remedy():
     first, second = drive_review_said(knocked=(100, 200))
     assert (first.stamp, second.stamp) == (STARTED + 55.0, STARTED + 105.0)
     assert "turned by 15 degrees to the left" in first.what
@@ -156,7 +156,7 @@ def test_a_knocked_laser_is_told_with_its_time_and_what_mends_it():
     assert drive_review_said(MountCheckConfig(enabled=False), knocked=(100,)) == []
 
 
-def test_a_wrong_scale_is_told_with_what_it_was_multiplied_by():
+def test_a_wrong_scale_is_reported_with_its_factor():
     (warning,) = drive_review_said(scale=2.0)
     assert warning.subject == "scale"
     assert warning.all_along
@@ -164,7 +164,7 @@ def test_a_wrong_scale_is_told_with_what_it_was_multiplied_by():
     assert drive_review_said(scale=2.0, information=np.diag([1.0, 1.0, 1.0])) == []
 
 
-def test_a_guessed_motion_is_told():
+def test_a_guessed_motion_is_reported():
     (warning,) = drive_review_said(odometry=False, information=np.diag([0.0, 4e4, 1e5]))
     assert warning.what.startswith("for 100% of the drive neither")
 

@@ -8,7 +8,7 @@ from tbmslam.monitoring.incidents import Incident, Incidents
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_an_incident_tells_its_time():
+def test_an_incident_has_its_time():
     assert Incident(112.34, "no scans", 5.0).text(100.0) == "at 12.3 s: no scans, for 5.0 s"
     assert Incident(112.34, "the odometry jumps").text(100.0) == "at 12.3 s: the odometry jumps"
     assert json.loads(json.dumps(Incident(112.5, "x").as_dict(100.0))) == {
@@ -50,7 +50,7 @@ def test_memory_is_bounded_and_all_are_counted():
     assert [incident.seconds for incident in incidents][:5] == [0.0, 0.0, 0.0, 2.0, 0.0]
 
 
-def test_what_goes_on_is_one_incident():
+def test_a_continued_incident_is_one_incident():
     incidents = Incidents()
     for stamp in (1.0, 2.0, 5.0, 20.0):
         incidents.add(stamp, "stamps step back")
@@ -83,7 +83,7 @@ def test_everything_that_can_go_wrong_is_explained():
     assert [words for words in (*named, *written) if words not in text] == []
 
 
-def test_an_incident_is_worded_anew_once_more_is_known():
+def test_the_text_of_an_incident_is_updated():
     incidents = Incidents()
     number = incidents.add(3.0, "a part")
     incidents.reword(number, "two parts")
@@ -91,7 +91,7 @@ def test_an_incident_is_worded_anew_once_more_is_known():
     assert [incident.text(1.0) for incident in incidents] == ["at 2.0 s: two parts"]
 
 
-def test_what_holds_for_a_whole_drive_comes_first_however_much_there_is():
+def test_incidents_of_the_whole_drive_are_listed_first():
     incidents = Incidents()
     for k in range(150):
         incidents.add(10.0 * k, "x")
@@ -100,7 +100,7 @@ def test_what_holds_for_a_whole_drive_comes_first_however_much_there_is():
     assert next(iter(incidents)).text(0.0) == "a wrong scale"
 
 
-def test_what_the_end_of_a_drive_told_is_taken_back_where_it_goes_on():
+def test_incidents_of_the_end_are_removed_if_the_drive_continues():
     incidents = Incidents()
     lost = incidents.add(3.0, "lost")
     incidents.conclude(0.0, "a wrong scale", 5.0, all_along=True)

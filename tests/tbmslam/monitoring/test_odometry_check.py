@@ -130,7 +130,7 @@ def test_one_that_was_not(pause, way, trust):
     assert told([(0.0, 0.0, 1.5), (pause, way, trust)]) == ["", ""]
 
 
-def test_scans_that_contradict_for_a_while_are_told_and_single_ones_are_not():
+def test_long_contradictions_of_scans_are_reported_and_single_scans_are_not():
     said = told([(0.125 * k, 0.05 * k, 0.01 if 10 <= k < 40 else 1.5) for k in range(60)])
     assert [k for k, what in enumerate(said) if what == DISAGREE] == list(range(26, 40))
     assert not any(told([(0.1 * k, 0.05 * k, 0.01 if k % 10 else 1.5) for k in range(60)]))

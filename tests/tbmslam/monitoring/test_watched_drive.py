@@ -52,17 +52,17 @@ def winding():
     return poses
 
 
-def test_a_good_drive_is_told_nothing(winding, generator):
+def test_a_good_drive_causes_no_warning(winding, generator):
     assert told(driven(winding, ROOMS, generator, winding)) == []
 
 
-def test_a_knocked_laser_is_told(winding, generator):
+def test_a_knocked_laser_causes_a_warning(winding, generator):
     (warning,) = [what for what in told(driven(winding, ROOMS, generator, winding, 160)) if "turned by" in what]
     assert warning.startswith("at 16.")
     assert "the laser turned by 17 degrees to the left" in warning
 
 
-def test_a_bare_corridor_without_odometry_is_told(generator):
+def test_a_bare_corridor_without_odometry_causes_a_warning(generator):
     poses = [SE2(0.06 * k, 0.0, 0.0) for k in range(200)]
     warnings = told(driven(poses, CORRIDOR, generator))
     assert [what for what in warnings if "neither odometry nor scans determine the motion" in what]

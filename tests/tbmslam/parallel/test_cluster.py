@@ -10,7 +10,7 @@ from tbmslam.parallel import cluster
 from tbmslam.parallel.cluster import Cluster, ClusterError, code_digest
 
 
-def test_nobody_answers():
+def test_an_address_without_an_answer_is_an_error():
     with pytest.raises(
         ClusterError, match=r"tcp://127\.0\.0\.1:1: no Dask scheduler answers \(.*\): start one with `dask "
     ):
@@ -43,7 +43,7 @@ def stranger():
 @pytest.mark.parametrize(
     ("greeting", "fact"), [(b"SSH-2.0-OpenSSH_9.6\r\n", "something else answers"), (b"", "timed out")]
 )
-def test_what_is_no_scheduler_is_told_soon(stranger, monkeypatch, greeting, fact):
+def test_another_server_is_refused_soon(stranger, monkeypatch, greeting, fact):
     monkeypatch.setattr(cluster, "_ANSWER_S", 0.3)
     began = time.monotonic()
     with pytest.raises(ClusterError, match=rf"no Dask scheduler answers \({fact}\): start one"):
@@ -70,7 +70,7 @@ def test_a_worker_with_other_code_is_refused():
 @pytest.mark.parametrize(
     "address", ["", "nonsense", "tcp://host", "tcp://a b:1", "host:8786:x", "http://host:8786", "tcp://host:99999"]
 )
-def test_what_is_no_address_is_told_at_once(address):
+def test_an_invalid_address_is_refused_at_once(address):
     with pytest.raises(ClusterError, match=r"is no address of a Dask scheduler: it must look like tcp://10"):
         Cluster(address)
 

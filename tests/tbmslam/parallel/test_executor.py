@@ -54,7 +54,7 @@ def test_a_worker_that_dies_is_one_clear_error():
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_what_is_held_no_longer_is_made_anew(workers):
+def test_dropped_inputs_are_computed_again(workers):
     """Three inputs in turn, of which two are held: always the third one is asked for."""
     inputs = [Call(name, made, (number,)) for number, name in enumerate(["one", "two", "three"])]
     calls = [Call(f"call {k}", total, (inputs[k % 3], inputs[k % 3], 1)) for k in range(12)]

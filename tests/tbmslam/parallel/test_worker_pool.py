@@ -76,7 +76,7 @@ def test_a_second_ctrl_c_is_raised_there_and_then():
     assert told == ["hurry", "second"]
 
 
-def test_ctrl_c_comes_before_what_failed_because_of_it():
+def test_ctrl_c_takes_precedence_over_errors_that_it_caused():
     def work():
         with DeferredInterrupt(lambda: None):
             signal.raise_signal(signal.SIGINT)
@@ -184,7 +184,7 @@ def test_work_is_done_in_other_processes():
     assert multiprocessing.active_children() == []
 
 
-def test_a_process_that_dies_is_told_in_one_line():
+def test_a_dead_process_is_reported_in_one_line():
     with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer --workers"), worker_pool(1) as pool:
         pool.submit(os._exit, 3).result()
 
@@ -213,7 +213,7 @@ def test_ctrl_c_before_there_is_a_worker_lets_none_begin(worker_pool_on_a_termin
 
 
 @pytest.mark.parametrize("after", [0.0, 0.1, 1.0])
-def test_ctrl_c_ends_all_at_once_and_only_one_speaks(tmp_path, after):
+def test_ctrl_c_ends_all_processes_with_one_message(tmp_path, after):
     """A shell sends it to every process; after no time the workers are still beginning."""
     script = tmp_path / "work.py"
     script.write_text(WORK_FOR_EVER)
@@ -251,7 +251,7 @@ def test_ctrl_c_does_no_harm_where_a_lock_was_just_taken(tmp_path):
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-def test_workers_end_when_who_began_them_is_killed(tmp_path, how):
+def test_workers_end_if_their_parent_is_killed(tmp_path, how):
     """They hold the pipe open that they read from, so they would wait for ever."""
     script = tmp_path / "work.py"
     script.write_text(TELLS_ITS_WORKER)

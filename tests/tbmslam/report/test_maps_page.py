@@ -50,31 +50,31 @@ def test_files_are_offered_of_the_robots_that_are_shown():
     assert '<a href="robot_7/map.yaml" download>map.yaml</a>' in page.to_html()
 
 
-def test_what_many_robots_are_told_alike_is_said_once():
+def test_equal_warnings_of_many_robots_are_joined():
     page = maps_page({f"robot_{k}": robot({"warnings": ["odd", "odd"] if k else ["odd"]}) for k in range(7)}, Making())
     named = "robot_0, robot_1, robot_2, robot_3, robot_4 and 2 more"
     no_loop = "no loop was closed in 5 m, so the drift of the drive is unknown"
     assert page.warnings == [f"{named}: odd", f"{named}: {no_loop}"]
 
 
-def test_cells_coarser_than_wanted_are_told():
+def test_coarser_cells_cause_a_warning():
     (said, _) = robot({"config": {"map": {"resolution": 0.25}}}).warnings()
     assert said == "the map is so large that its cells are 0.5 m and not 0.25 m"
 
 
-def test_of_very_many_maps_the_first_are_shown_and_all_are_told():
+def test_all_maps_are_listed_and_the_first_are_shown():
     page = maps_page({f"robot_{k}": robot() for k in range(40)}, Making())
     assert len(page.sheets) == 30
     assert len(page.tables[0].rows) == 40
     assert "Only the first 30 of 40 maps are shown above." in page.tables[0].note
 
 
-def test_a_run_that_says_something_else_spoils_nothing():
+def test_unexpected_entries_of_a_run_are_ignored():
     odd = robot({"warnings": 3, "counts": "many", "result": None, "versions": [], "config": 1})
     assert "1 map was made" in maps_page({"a": odd}, Making()).to_html()
 
 
-def test_what_several_are_told_alike_is_said_once_with_their_names():
+def test_equal_warnings_are_joined_with_the_names():
     told = {"a": ["at 1.0 s: jumps", "odd"], "b": ["at 2.0 s: jumps"], "c": ["odd", "odd"]}
     assert joined_warnings(told) == ["a: at 1.0 s: jumps", "a, c: odd", "b: at 2.0 s: jumps"]
     assert joined_warnings({"a": []}) == []

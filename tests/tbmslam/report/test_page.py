@@ -58,7 +58,7 @@ def page_of(text):
     )
 
 
-def test_everything_is_told():
+def test_the_page_shows_everything():
     said = " ".join(Reader(page_of("Ünsinn").to_html()).words)
     assert said.count("Ünsinn") >= 25
     assert "Ünsinn.Ünsinn" in said

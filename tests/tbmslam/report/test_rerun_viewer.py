@@ -71,7 +71,7 @@ def test_positions_can_be_read_back(watched):
     np.testing.assert_allclose(np.max(corners, axis=0)[:2], (right, top), atol=1e-5)
 
 
-def test_without_rerun_it_says_what_to_install(tmp_path, monkeypatch):
+def test_the_error_without_rerun_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ViewerError, match=r"needs rerun-sdk, which is not installed: pip install 'tbmslam\[viewer\]'"):
         RerunViewer(tmp_path / "a.rrd")
@@ -84,7 +84,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         RerunViewer(tmp_path / "taken" / "a.rrd")
 
 
-def test_live_it_starts_a_viewer_or_says_why_not(monkeypatch):
+def test_a_live_viewer_is_started_or_an_error_is_raised(monkeypatch):
     needs_rerun()
     import rerun
 

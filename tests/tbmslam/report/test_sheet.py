@@ -29,7 +29,7 @@ def test_values_are_read_back_from_the_picture():
     np.testing.assert_array_equal(seen[..., 3] == 0, np.array(levels) == 0)
 
 
-def test_colours_that_cannot_be_told_apart_are_refused():
+def test_equal_colours_are_refused():
     with pytest.raises(ValueError, match="colours must be at most 256 and differ"):
         Palette(((1, 2, 3), (1, 2, 3)))
 
@@ -100,12 +100,12 @@ def test_a_picture_lies_in_metres_with_y_upwards():
     assert said["colours"] == [[255, 255, 255], [10, 20, 30]]
 
 
-def test_points_are_told_as_y_and_x_to_the_millimetre():
+def test_points_are_y_and_x_in_millimetres():
     said = Marks(Switch("Robots", "a", "drive"), "line", np.array([[1.23456, -2.0]]), (1, 2, 3)).as_json()
     assert said["points"] == [[-2.0, 1.235]]
     assert (said["kind"], said["label"], said["column"], said["colour"]) == ("line", "a", "drive", "rgb(1, 2, 3)")
 
 
-def test_a_sheet_tells_its_layers_in_order():
+def test_a_sheet_lists_its_layers_in_order():
     layers = [Marks(Switch("Robots", name), "dots", np.zeros((0, 2)), (0, 0, 0)) for name in "ab"]
     assert [layer["label"] for layer in Sheet("map", tuple(layers)).as_json()["layers"]] == ["a", "b"]

@@ -34,7 +34,7 @@ def test_a_scan_without_hits_has_no_points():
     assert scan([]).hit_points().shape == (0, 2)
 
 
-def test_a_reading_s_laser_sits_at_the_centre_unless_told():
+def test_the_default_mount_is_the_centre():
     assert Reading(scan([1.0]), None).T_robot_sensor == SE2.identity()
 
 

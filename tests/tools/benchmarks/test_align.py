@@ -48,7 +48,7 @@ def test_the_table_counts_right_wrong_and_negatives():
     assert details(results).count("because") == 3
 
 
-def test_pairs_are_aligned_and_told(folder, tmp_path, capsys):
+def test_pairs_are_aligned_and_listed(folder, tmp_path, capsys):
     figures, plot = tmp_path / "figures.json", tmp_path / "plot.png"
     assert benchmark.main(["align", str(folder), "--json", str(figures), "--plot", str(plot), "--details"]) == 0
     assert "negatives accepted" in capsys.readouterr().out

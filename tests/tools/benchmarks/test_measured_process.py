@@ -47,7 +47,7 @@ def test_a_known_error_keeps_its_line(tmp_path):
         in_fresh_process(read_relations, tmp_path / "none.relations")
 
 
-def test_a_process_that_dies_is_told():
+def test_a_dead_process_is_reported():
     with pytest.raises(MeasurementError, match=r"the process died \(exit code 9\): memory may have run out"):
         in_fresh_process(os._exit, 9)
 
@@ -112,7 +112,7 @@ def is_there(group):
     return True
 
 
-def test_ctrl_c_ends_the_process_too_and_only_one_speaks(tmp_path):
+def test_ctrl_c_ends_the_process_with_one_message(tmp_path):
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
     command = [sys.executable, "-c", WAITING, str(tmp_path / "here")]

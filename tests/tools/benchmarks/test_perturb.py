@@ -137,7 +137,7 @@ def test_true_poses_between_the_scans_do_not_count():
     assert score(UNPERTURBED, relations, relations).unscored == 1
 
 
-def test_the_recording_as_it_is_has_no_verdict_and_a_run_that_failed_says_why():
+def test_the_unperturbed_run_has_no_verdict_and_a_failed_run_has_a_reason():
     base = errors([0.1, NAN])
     assert score(UNPERTURBED, base, base) == Score("as it is", pytest.approx(0.1), pytest.approx(1.0), 1, 0, 1.0, "-")
     failed = score(Perturbation("a little"), MeasurementError("no scan is left"), base)

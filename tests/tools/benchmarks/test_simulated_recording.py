@@ -7,7 +7,7 @@ from tbmslam.geometry.se2 import SE2
 from tools.benchmarks.simulated_recording import SimulatedRecording, SimulationError, beside, parse_recording_spec
 
 
-def test_the_word_comes_back():
+def test_the_argument_is_reproduced():
     text = "office:3:poor,beams=361,range_max=20"
     drive = SimulatedRecording.parse(text)
     assert drive == SimulatedRecording("office", 3, "poor", ("beams=361", "range_max=20"))
@@ -33,7 +33,7 @@ def test_odometry_may_be_ignored(tmp_path, odometry, reads):
     assert all((reading.T_odom_robot is not None) == reads for reading in readings)
 
 
-def test_what_cannot_be_simulated_is_said(tmp_path):
+def test_an_impossible_simulation_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(SimulationError, match="office:1:good,beams=5 could not be simulated: see the message above"):
         SimulatedRecording.parse("office:1:good,beams=5").write(tmp_path / "file")

@@ -34,7 +34,7 @@ def driven(*ways):
     return replace(free_square(2), drives=tuple(drives))
 
 
-def test_robots_are_laid_onto_the_whole_drive_where_stamps_step_back():
+def test_robots_are_matched_with_the_whole_drive_if_stamps_step_back():
     stamps = np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 4.0, 2.0, 3.0, 4.0, 5.0])
     poses = np.column_stack((np.arange(11.0), np.arange(11.0) ** 2, np.zeros(11)))
     whole, parts = Trajectory(stamps, poses), [slice(0, 7), slice(4, 11)]

@@ -22,7 +22,7 @@ def test_the_interval_is_that_of_clopper_and_pearson():
     assert summary([wrong]).rows[3][-1] == "4 of 6"
 
 
-def test_what_was_joined_is_told_with_the_reason(monkeypatch, capsys):
+def test_wrong_joins_are_listed_with_the_reason(monkeypatch, capsys):
     met = {
         0: StrangerSet("six buildings", 0, (), (("map_1", "map_4"),), 0, 0),
         1: StrangerSet("mirrored", 1, (("map_0", "map_2"),), (("map_0", "map_2"), ("map_2", "map_3")), 0, 0),

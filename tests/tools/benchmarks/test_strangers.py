@@ -15,7 +15,7 @@ def test_the_interval_is_that_of_clopper_and_pearson():
     assert _row("unrelated", "", [])[2:] == ["0", "0", "-", "-", "0"]
 
 
-def test_a_run_goes_on_where_another_stopped(tmp_path, capsys, monkeypatch):
+def test_a_run_continues_an_earlier_run(tmp_path, capsys, monkeypatch):
     tried = []
 
     def met(kind, number, seed):
@@ -51,7 +51,7 @@ def test_other_code_is_another_judge(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_strangers_are_told_apart_by_any_number_of_workers(tmp_path, capsys):
+def test_the_result_does_not_depend_on_the_number_of_workers(tmp_path, capsys):
     figures = [tmp_path / f"{workers}.json" for workers in (1, 2)]
     for workers, path in enumerate(figures, start=1):
         assert main(["strangers", "--pairs", "4", "--workers", str(workers), "--json", str(path)]) == 0

@@ -141,7 +141,7 @@ def test_ctrl_c_that_a_library_makes_an_error_of_is_ctrl_c(capsys):
 
 
 @pytest.mark.usefixtures("on_a_terminal")
-def test_ctrl_c_that_compiled_code_drops_comes_once_more(capfd):
+def test_ctrl_c_that_compiled_code_drops_is_raised_again(capfd):
     class Dropping:
         def __del__(self):
             signal.raise_signal(signal.SIGINT)
@@ -158,7 +158,7 @@ def test_ctrl_c_that_compiled_code_drops_comes_once_more(capfd):
     assert sys.unraisablehook is before
 
 
-def test_what_else_is_dropped_is_told_as_ever(monkeypatch):
+def test_other_dropped_errors_are_reported_as_usual(monkeypatch):
     class Failing:
         def __del__(self):
             raise ValueError("dropped")
@@ -184,7 +184,7 @@ def test_who_is_not_to_hear_ctrl_c_does_not():
 
 
 @pytest.mark.usefixtures("on_a_terminal")
-def test_who_hears_already_goes_on_to():
+def test_a_second_call_returns_the_first_handler():
     first = hear_interruption("merge")
     assert isinstance(first, Interruption)
     assert hear_interruption("another") is first is signal.getsignal(signal.SIGINT)

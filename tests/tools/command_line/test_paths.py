@@ -40,14 +40,14 @@ def test_another_kind_of_bag_keeps_the_first(tmp_path):
     assert files(tmp_path, LARGER, "--occupancy-bag", "mcap") == {"map.bag", "map.mcap"}
 
 
-def test_an_earlier_geotiff_that_cannot_be_written_anew_is_removed_with_a_warning(tmp_path, monkeypatch, caplog):
+def test_an_outdated_geotiff_is_removed_with_a_warning(tmp_path, monkeypatch, caplog):
     (tmp_path / "map.tif").write_bytes(b"an older map")
     monkeypatch.setitem(sys.modules, "rasterio", None)
     assert files(tmp_path, MAP) == set()
     assert "map.tif shows an older map and was removed: a GeoTIFF needs rasterio" in caplog.text
 
 
-def test_what_cannot_be_written_is_told_before_the_work(monkeypatch):
+def test_an_unwritable_file_is_reported_before_the_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     check_extra_files(argparse.Namespace(geotiff=False))
     with pytest.raises(GeoTiffError, match="needs rasterio, which is not installed"):
@@ -59,7 +59,7 @@ def test_without_a_map_nothing_stays(tmp_path):
     assert files(tmp_path, None, "--occupancy-bag") == set()
 
 
-def test_a_folder_of_maps_stands_for_them_in_the_order_of_their_numbers(tmp_path):
+def test_a_folder_is_replaced_by_its_maps_in_the_order_of_their_numbers(tmp_path):
     for name in ("robot_10", "robot_9", "robot_0"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "map.npz").touch()

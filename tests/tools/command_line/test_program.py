@@ -165,7 +165,7 @@ ended("merge", lambda: logging.getLogger("x").warning("%s: is odd", "laser\\x1b[
     assert done.stderr == "laser\\x1b[2J\\nmerge: all is well: is odd\n"
 
 
-def test_maps_whose_names_are_no_text_are_merged_and_saved(tmp_path):
+def test_maps_with_names_of_invalid_text_are_merged_and_saved(tmp_path):
     maps = [os.fsdecode(bytes(tmp_path / "r") + b"\xff%d" % number) for number in range(2)]
     for folder in maps:
         save_map(folder, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
@@ -200,12 +200,12 @@ def test_a_name_too_long_is_one_line(tmp_path, capsys):
     assert "File name too long: check the name, or choose another" in said[1]
 
 
-def test_what_was_typed_in_a_shell_is_told_as_it_was(monkeypatch):
+def test_a_shell_command_is_reported_as_typed(monkeypatch):
     monkeypatch.setattr(sys, "orig_argv", ["python", "tools/merge.py", "a map", "-o", "out"])
     assert typed_command("merge", None) == "python tools/merge.py 'a map' -o out"
 
 
-def test_a_call_from_python_is_told_by_the_program_s_name():
+def test_a_call_from_python_is_reported_with_the_program_s_name():
     assert typed_command("merge", ["a", "b"]) == "merge a b"
 
 

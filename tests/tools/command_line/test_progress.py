@@ -32,7 +32,7 @@ def twice_compiled():
         assert numba.njit(lambda x, n=number: x + n)(1) == 1 + number
 
 
-def test_compiling_is_told_once(listener, monkeypatch):
+def test_compilation_is_reported_once(listener, monkeypatch):
     stream = Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
@@ -58,13 +58,13 @@ def test_what_is_compiled_is_counted_on_the_bar_and_its_time_is_no_work(listener
 
 
 @pytest.mark.parametrize("stream", [io.StringIO(), None])
-def test_what_is_no_terminal_is_told_nothing(listener, monkeypatch, stream):
+def test_there_is_no_progress_without_a_terminal(listener, monkeypatch, stream):
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
     assert stream is None or stream.getvalue() == ""
 
 
-def test_what_was_compiled_before_is_not_told(listener, monkeypatch):
+def test_cached_functions_are_not_counted(listener, monkeypatch):
     known = numba.njit(lambda x: x)
     known(1)
     stream = Terminal()
@@ -113,7 +113,7 @@ def test_what_is_no_terminal_stays_quiet(monkeypatch):
     assert used(monkeypatch, io.StringIO()) == ""
 
 
-def test_the_viewer_is_told_of_readings_and_maps():
+def test_the_viewer_receives_readings_and_maps():
     viewer = Viewer()
     bars = ProgressBars(viewer)
     bars.saw("robot_0", "reading", "pose")

@@ -70,7 +70,7 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def test_the_commit_says_whether_code_was_changed(checkout):
+def test_the_commit_is_marked_if_code_was_changed(checkout):
     clean = commit_of_code(checkout)
     assert len(clean) >= 7
     (checkout / "docs" / "slam.json").write_text("{}")

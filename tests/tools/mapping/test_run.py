@@ -106,7 +106,7 @@ def test_what_is_finished_is_kept(bags, tmp_path, names_mapped, capsys):
     assert names_mapped == ["robot_0"] * 6
 
 
-def test_a_run_that_was_stopped_goes_on(bags, mapped, tmp_path, names_mapped, monkeypatch):
+def test_a_stopped_run_continues(bags, mapped, tmp_path, names_mapped, monkeypatch):
     assert run(bags / "robot_0.bag", bags / "robot_1.bag", "--separate", "-o", tmp_path) == 0
     (tmp_path / "robot_1" / "SHA256SUMS").unlink()  # as if stopped while it saved
     assert run(bags, "--separate", "-o", tmp_path) == 0
@@ -114,7 +114,7 @@ def test_a_run_that_was_stopped_goes_on(bags, mapped, tmp_path, names_mapped, mo
     assert results(tmp_path) == results(mapped)
 
 
-def test_a_split_recording_goes_on_too(bags, tmp_path, names_mapped):
+def test_a_stopped_run_of_a_split_recording_continues(bags, tmp_path, names_mapped):
     split = (bags / "robot_0.bag", "--robots", 2, "-o", tmp_path)
     assert run(*split) == 0
     before = results(tmp_path)
@@ -169,7 +169,7 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     assert "1 of 3 robots failed (bad)" in page
 
 
-def test_where_all_recordings_are_bad_nothing_is_said_of_others(tmp_path, capsys):
+def test_other_recordings_are_not_mentioned_if_all_are_bad(tmp_path, capsys):
     for name in ("a.bag", "b.bag"):
         (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
     assert run(tmp_path, "--separate", "-o", tmp_path / "out") == 1

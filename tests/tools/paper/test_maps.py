@@ -24,7 +24,7 @@ def test_pairs_are_loaded_with_their_true_poses(tmp_path):
         load_pairs(tmp_path, 10, 1.0)
 
 
-def test_a_doubtful_truth_is_told(tmp_path, caplog):
+def test_a_doubtful_truth_causes_a_warning(tmp_path, caplog):
     cut = pair_of_area(500.0, 0.2)
     for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
         save_map(tmp_path / name, TbmMap(grid))

@@ -90,7 +90,7 @@ def test_a_point_lies_where_it_was_read(small):
     np.testing.assert_allclose((seen + 0.5) * small.resolution, there, atol=0.7 * small.resolution)
 
 
-def test_where_a_point_lies_is_found_in_maps_bent_the_most():
+def test_points_are_found_in_the_most_distorted_maps():
     floor = building_of_world("apartment", 1, 0.1)
     points = (np.argwhere(floor.occupancy >= 0)[::50, ::-1] + 0.5) * floor.resolution
     for seed in range(3):

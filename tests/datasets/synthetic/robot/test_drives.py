@@ -26,7 +26,7 @@ def test_robots_keep_off_walls_and_drive_as_robots_can(name):
         np.testing.assert_allclose(np.diff(drive.stamps), 0.02, atol=1e-6)
 
 
-def test_one_robot_sees_the_whole_office_and_comes_back():
+def test_one_robot_sees_the_whole_office_and_returns():
     world = make_world("office", 2)
     (drive,) = plan_drives(world, 1, seed=3)
     nearest = [np.hypot(*(drive.poses[:, :2] - place).T).min() for place in world.places]

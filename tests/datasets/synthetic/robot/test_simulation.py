@@ -56,7 +56,7 @@ def test_presets_drift_as_they_say():
     assert 1.5 < end_errors("poor", drive).mean() < 6.0
 
 
-def test_a_robot_that_stands_or_reverses_is_not_taken_for_one_that_turns():
+def test_rest_and_reversing_are_no_rotation():
     noise = OdometryNoise(alpha1=0.5, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     drive = drive_of([(-0.01, 0.0, 0.0)] * 200 + [(0.0, 0.0, 0.0)] * 200)
     odometry = noise.odometry(drive, np.random.default_rng(1))
@@ -129,7 +129,7 @@ def test_the_same_seed_gives_the_same_readings_and_another_other_noise():
     assert not np.array_equal(first.readings[-1].scan.ranges, other.readings[-1].scan.ranges)
 
 
-def test_a_slow_laser_comes_through_a_bag_with_all_it_tells(tmp_path):
+def test_a_slow_laser_is_read_from_a_bag_completely(tmp_path):
     laser = SimulatedLaser(beams=90, angle_min=-3.1, angle_increment=0.07, rate=10.0, sweep=0.09, range_max=20.0)
     world = make_world("apartment", 3)
     robot = simulate(world, plan_drives(world, duration=8.0, seed=3), laser, NO_NOISE, 3)[0]

@@ -68,7 +68,7 @@ def test_rectangles_know_their_relations():
     assert room.grown(0.5) == Rectangle(-0.5, -0.5, 4.5, 2.5)
 
 
-def test_furniture_stands_in_the_room_and_off_the_way():
+def test_furniture_is_in_the_room_and_leaves_the_doors_free():
     room, way = Rectangle(0, 0, 5, 4), Rectangle(2, 0, 3, 1.2)
     for seed in range(20):
         plan = FloorPlan()

@@ -63,7 +63,7 @@ def test_every_cell_that_a_slanted_wall_touches_is_occupied():
     assert {(int(row), int(col)) for row, col in np.argwhere(labels == OCCUPIED)} == touched
 
 
-def test_a_world_comes_back_from_its_file_and_has_the_same_bytes_twice(tmp_path):
+def test_a_saved_world_is_loaded_and_has_the_same_bytes(tmp_path):
     world = make_world("store", 5)
     world.save(tmp_path / "world.npz")
     again = load_world(tmp_path)
@@ -75,7 +75,7 @@ def test_a_world_comes_back_from_its_file_and_has_the_same_bytes_twice(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.npz", "world.npz"]
 
 
-def test_what_is_no_world_is_said_in_one_line(tmp_path):
+def test_an_invalid_world_is_reported_in_one_line(tmp_path):
     with pytest.raises(WorldError, match=r"world\.npz is not a world: .*make one with tools/make_world\.py"):
         load_world(tmp_path)
     (tmp_path / "world.npz").write_bytes(b"PK\x03\x04 not really")
@@ -100,7 +100,7 @@ def test_a_wall_or_place_that_is_nowhere_is_refused(place):
             World("x", 0, walls, places)
 
 
-def test_a_place_outside_the_walls_says_nothing():
+def test_points_far_outside_the_walls_change_nothing():
     world = World("x", 0, BOX, np.array([[1e7, 0.0], [-1e7, 0.0], BOX.reshape(-1, 2).mean(axis=0)]))
     inside = World("x", 0, BOX, BOX.reshape(-1, 2).mean(axis=0, keepdims=True))
     np.testing.assert_array_equal(world.occupancy(world.grid(0.1)), inside.occupancy(world.grid(0.1)))
@@ -142,7 +142,7 @@ def test_blocks_are_closed_outlines_that_leave_the_corridors_free():
     assert walls.max() == pytest.approx(18.8)
 
 
-def test_every_block_and_every_seed_looks_different():
+def test_every_block_and_every_seed_is_different():
     shapes = []
     for seed, x, y in ((0, 1, 1), (0, 21, 1), (0, 1, 21), (0, -1, 1), (0, 1, -1), (1, 1, 1)):
         walls = CorridorLattice(seed).walls_near((x, y), (x, y))
