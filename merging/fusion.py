@@ -271,19 +271,19 @@ def fuse(
 
 
 def _fuse_rows(
-    sources: Sequence[tuple[int, int, Layer, float]], how: FusionRule, required: int, block: slice, fusion: Fusion
+    sources: Sequence[tuple[int, int, Layer, float]], rule: FusionRule, required: int, block: slice, fusion: Fusion
 ) -> None:
     """Fill some rows of a fusion; a source is the first row and column of a layer, the layer and its reliability."""
     fused, conflict, seen_by = fusion.grid.masses[block], fusion.conflict[block], fusion.seen_by[block]
-    kept = fused if how.width == 4 else np.empty((*seen_by.shape, how.width), dtype=np.float32)
+    kept = fused if rule.width == 4 else np.empty((*seen_by.shape, rule.width), dtype=np.float32)
     agreed = np.empty((*seen_by.shape, 4), dtype=np.float32)  # the conjunction of all, for the conflict
     for row, col, layer, trust in sources:
         first, last = max(block.start, row), min(block.stop, row + layer.geometry.rows)
         if first < last:
             window = np.s_[first - block.start : last - block.start, col : col + layer.geometry.cols]
             masses = layer.masses_of_rows(first - row, last - row)
-            add_layer(how.code, masses, trust, kept[window], agreed[window], seen_by[window])
-    finish(how.code, kept, agreed, seen_by, required, fused, conflict)
+            add_layer(rule.code, masses, trust, kept[window], agreed[window], seen_by[window])
+    finish(rule.code, kept, agreed, seen_by, required, fused, conflict)
 
 
 _LEAST = 0.1

@@ -59,7 +59,7 @@ class CompressedGrid:
 
 def most_held(grids: Iterable[TbmGrid], cells: float) -> int:
     """Return the number of maps that fit into a number of cells if all have the largest size; at least two."""
-    return max(int(cells / max(one.geometry.rows * one.geometry.cols for one in grids)), 2)
+    return max(int(cells / max(tbm_map.geometry.rows * tbm_map.geometry.cols for tbm_map in grids)), 2)
 
 
 _HELD_CELLS = 1.3e8
@@ -143,12 +143,12 @@ def align_all(
         If a process of this machine died.
     """
     executor = executor or Executor()
-    grids = {name: one.grid for name, one in maps.items()}
+    grids = {name: tbm_map.grid for name, tbm_map in maps.items()}
     pairs = list(itertools.combinations(maps, 2)) if pairs is None else pairs
     held = most_held(grids.values(), _HELD_CELLS)
     found: list[Alignment] = executor.results(_calls(pairs, grids, config), "aligning", "pairs", held)
-    for (target, source), one in zip(pairs, found, strict=True):
-        logger.info("%s in %s: %s: %s", source, target, "accepted" if one.accepted else "refused", one.reason)
+    for (target, source), tbm_map in zip(pairs, found, strict=True):
+        logger.info("%s in %s: %s: %s", source, target, "accepted" if tbm_map.accepted else "refused", tbm_map.reason)
     return dict(zip(pairs, found, strict=True))
 
 

@@ -120,24 +120,24 @@ def _thinned(near: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return near if len(near) <= _MOST_WALLS else near[np.arange(_MOST_WALLS) * len(near) // _MOST_WALLS]
 
 
-def similarity(one: MapPlaces, other: MapPlaces) -> float:
+def similarity(first: MapPlaces, second: MapPlaces) -> float:
     """Return the similarity of two maps: the log of the weight of consistent matches above chance, in both directions.
 
     It is normalised by the geometric mean of the numbers of places, since large maps have more matches by chance. It is
     symmetric and does not depend on other maps. It is -inf for a map without places.
     """
-    if not (len(one) and len(other)):
+    if not (len(first) and len(second)):
         return -math.inf
-    similarities = _similarities(one.signatures, other.signatures)
-    agreeing = _common_log(one, other, similarities) + _common_log(other, one, similarities.T)
-    return agreeing - 0.5 * math.log(len(one) * len(other))
+    similarities = _similarities(first.signatures, second.signatures)
+    agreeing = _common_log(first, second, similarities) + _common_log(second, first, similarities.T)
+    return agreeing - 0.5 * math.log(len(first) * len(second))
 
 
-def _common_log(one: MapPlaces, other: MapPlaces, similarities: FloatArray) -> float:
+def _common_log(first: MapPlaces, second: MapPlaces, similarities: FloatArray) -> float:
     """Return the log of the weight of the consistent matches of one map's places."""
-    weights = np.exp(np.minimum(one.above_chance(similarities), _SUREST))
+    weights = np.exp(np.minimum(first.above_chance(similarities), _SUREST))
     matched = similarities.argmax(axis=1)
-    common = common_weight(one.points, other.points, matched, weights, _TOLERANCE_M, _NEAREST_M)
+    common = common_weight(first.points, second.points, matched, weights, _TOLERANCE_M, _NEAREST_M)
     return math.log(common + _LEAST)
 
 
@@ -153,16 +153,16 @@ def similarity_of_all(maps: Mapping[str, TbmMap], config: MergeConfig, executor:
     executor
         Compares the maps.
     """
-    places = [Call(f"places of {name}", _places, (CompressedGrid(one.grid), config)) for name, one in maps.items()]
+    places = [Call(f"places of {name}", _places, (CompressedGrid(first.grid), config)) for name, first in maps.items()]
     calls = [Call(f"similarity of {name}", _similarities_to, tuple(places[: n + 1])) for n, name in enumerate(maps)]
     rows: list[list[float]] = executor.results(calls, "comparing", "maps")
-    return {(one, other): rows[n][m] for m, one in enumerate(maps) for n, other in enumerate(maps) if m < n}
+    return {(first, second): rows[n][m] for m, first in enumerate(maps) for n, second in enumerate(maps) if m < n}
 
 
 def _similarities_to(*maps: MapPlaces) -> list[float]:
     """Return the similarities of the last map to each of the others."""
     *others, last = maps
-    return [similarity(last, other) for other in others]
+    return [similarity(last, second) for second in others]
 
 
 def _places(sent: CompressedGrid, config: MergeConfig) -> MapPlaces:

@@ -76,10 +76,10 @@ def _similar_together(names: Sequence[str], most_similar_first: Sequence[Pair]) 
     Pairs in this order use a map again soon, so a process need not hold all maps.
     """
     rows = {name: [name] for name in names}
-    for one, other in most_similar_first:
-        if rows[one] is not rows[other]:
-            rows[one] += rows[other]
-            rows |= dict.fromkeys(rows[other], rows[one])
+    for first, second in most_similar_first:
+        if rows[first] is not rows[second]:
+            rows[first] += rows[second]
+            rows |= dict.fromkeys(rows[second], rows[first])
     return {name: position for position, name in enumerate(rows[names[0]])}
 
 

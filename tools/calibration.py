@@ -67,17 +67,17 @@ class Judged(Protocol):
 
 def acceptance_table(judged: Sequence[Judgement]) -> str:
     """Return a table of correctly accepted pairs by overlap, and of false accepts, for several thresholds."""
-    crops = [one for one in judged if one.name.startswith("crop")]
-    others = [one for one in judged if not one.name.startswith("crop")]
-    overlaps = sorted({one.name[-3:] for one in crops}, reverse=True)
+    crops = [item for item in judged if item.name.startswith("crop")]
+    others = [item for item in judged if not item.name.startswith("crop")]
+    overlaps = sorted({item.name[-3:] for item in crops}, reverse=True)
     rows = []
     for least in _THRESHOLDS:
         cells = []
         for overlap in overlaps:
-            mine = [one for one in crops if one.name.endswith(overlap)]
+            mine = [item for item in crops if item.name.endswith(overlap)]
             cells.append(f"{sum(one.right and one.confidence >= least for one in mine)}/{len(mine)}")
-        wrong = sum(not one.right and one.confidence >= least for one in crops)
-        false = sum(one.confidence >= least for one in others)
+        wrong = sum(not item.right and item.confidence >= least for item in crops)
+        false = sum(item.confidence >= least for item in others)
         rows.append([f"{least:.1f}", *cells, str(wrong), f"{false} of {len(others)}"])
     head = ["least confidence", *(f"{int(overlap)} %" for overlap in overlaps), "wrong", "negatives"]
     return text_table(head, rows)
@@ -87,10 +87,10 @@ def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
     """Return the share of right answers in bins of confidence, as a table."""
     rows = []
     for low, high in itertools.pairwise(edges):
-        inside = [one for one in judged if low <= one.confidence < high or high == one.confidence == edges[-1]]
+        inside = [item for item in judged if low <= item.confidence < high or high == item.confidence == edges[-1]]
         if inside:
-            given = float(np.mean([one.confidence for one in inside]))
-            share = sum(one.right for one in inside) / len(inside)
+            given = float(np.mean([item.confidence for item in inside]))
+            share = sum(item.right for item in inside) / len(inside)
             rows.append([f"{low:.2f} to {high:.2f}", str(len(inside)), f"{given:.3f}", f"{share:.3f}"])
     return text_table(["confidence", "pairs", "given, mean", "right, share"], rows)
 
@@ -145,7 +145,7 @@ _PENALTY = 0.001
 _MOST_PARTS = 12
 """Largest number of parts of the cross validation over buildings."""
 _F = len(SIGNS)
-_SIGNS = [*SIGNS.values(), *(one.sign for one in MEASURES.values())]
+_SIGNS = [*SIGNS.values(), *(item.sign for item in MEASURES.values())]
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Trial:
     def of(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
         """Search the candidate poses of a pair; None if one of its maps is empty."""
         target, source = (
-            prepared(one.grid, one.grid.geometry.resolution, config) for one in (pair.target, pair.source)
+            prepared(item.grid, item.grid.geometry.resolution, config) for item in (pair.target, pair.source)
         )
         if target is None or source is None:
             return None
@@ -193,8 +193,8 @@ class Trial:
     @classmethod
     def of_deformed(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
         """Deform one map of a pair at the best pose of the correlation and at its rivals; None if it does not fit."""
-        structures = [WallMap.from_grid(one.grid, config.structure) for one in (pair.target, pair.source)]
-        if not all(one.grid.is_known().any() for one in (pair.target, pair.source)) or without_walls(*structures):
+        structures = [WallMap.from_grid(item.grid, config.structure) for item in (pair.target, pair.source)]
+        if not all(item.grid.is_known().any() for item in (pair.target, pair.source)) or without_walls(*structures):
             return None
         moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as the aligner does
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
@@ -222,15 +222,15 @@ class Trial:
 
 def fit_model(trials: Sequence[Trial]) -> ConfidenceModel:
     """Return the model of maximum likelihood with a quadratic penalty on its weights."""
-    everything = np.vstack([np.hstack(one.numbers[:2]) for one in trials])
-    strength = _PENALTY * sum(one.weight for one in trials) * (everything.std(axis=0) + 1e-9) ** 2
+    everything = np.vstack([np.hstack(item.numbers[:2]) for item in trials])
+    strength = _PENALTY * sum(item.weight for item in trials) * (everything.std(axis=0) + 1e-9) ** 2
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
         model = ConfidenceModel(parameters[1 + _F :], float(parameters[0]), parameters[1 : 1 + _F])
         value, slope = float(strength @ parameters[1:] ** 2), np.append(0.0, 2.0 * strength * parameters[1:])
-        for one in trials:
-            surprise, of_it = _surprise(one, model)
-            value, slope = value + one.weight * surprise, slope + one.weight * of_it
+        for item in trials:
+            surprise, of_it = _surprise(item, model)
+            value, slope = value + item.weight * surprise, slope + item.weight * of_it
         return value, slope
 
     begin = np.array([-3.0, *(0.5 * sign for sign in _SIGNS)])
@@ -254,13 +254,13 @@ def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
 
 def held_out(trials: Sequence[Trial], pool: Executor) -> list[Judgement]:
     """Return the best pose of each pair by a model that was fitted without its building, or the first of two."""
-    shown = floors_of(one.name for one in trials)
+    shown = floors_of(item.name for item in trials)
     floors = sorted({floor for some in shown.values() for floor in some})
     parts = [set(floors[part::_MOST_PARTS]) for part in range(min(_MOST_PARTS, len(floors)))]
-    models = list(pool.map(fit_model, ([one for one in trials if not shown[one.name] & part] for part in parts)))
+    models = list(pool.map(fit_model, ([item for item in trials if not shown[item.name] & part] for part in parts)))
     judged = []
-    for one in trials:
-        first = min(shown[one.name], default=floors[0])
+    for item in trials:
+        first = min(shown[item.name], default=floors[0])
         model = next(model for part, model in zip(parts, models, strict=True) if first in part)
-        judged.append(one.judged(model))
+        judged.append(item.judged(model))
     return judged

@@ -68,13 +68,13 @@ def _run(args: argparse.Namespace, program: str) -> None:
 def _list() -> None:
     from datasets.downloading import known_recordings
 
-    said = ""
+    shown = ""
     for recording in known_recordings().values():
-        if recording.page != said:
+        if recording.page != shown:
             print(f"{recording.page}\n  licence: {recording.license}\n  cite: {recording.citation}")
             if recording.truth:
                 print(f"  truth: {recording.truth}")
-        said = recording.page
+        shown = recording.page
         size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
         print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
     print("* This address was never tested.")

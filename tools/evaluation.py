@@ -89,12 +89,12 @@ def read_truth_file(path: Path) -> TruthFile:
     try:
         if why := why_unreadable(path):
             raise TruthFileError(f"{path} {why}: make it with build_maps")
-        said = json.loads(path.read_text(encoding="utf-8"))
-        source = str(said.get("source", ""))
+        record = json.loads(path.read_text(encoding="utf-8"))
+        source = str(record.get("source", ""))
         if source not in {"", OWN_MAP, GIVEN}:
             raise TruthFileError(f"{path} is {source!r} and no place of maps: name the folder that build_maps wrote")
-        poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in said["robots"].items()}
-        warnings = tuple(dict(warning) for warning in said.get("warnings", ()))
+        poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in record["robots"].items()}
+        warnings = tuple(dict(warning) for warning in record.get("warnings", ()))
         return TruthFile(poses, source, warnings)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise TruthFileError(

@@ -126,20 +126,20 @@ class FrameGraph:
 
     def doubts(self, steps: list[Step]) -> list[str]:
         """Return a warning for each frame of a path with two parents in tf, one of which was chosen."""
-        said = []
+        warnings = []
         for edge in (step.edge for step in steps):
             name = f"{edge.child} in {edge.parent}"
             if edge.static and edge.moves:
-                said.append(
+                warnings.append(
                     f"tf_static states several places of {name}; the first is used: pass --sensor-pose if it is wrong"
                 )
             parents = {parent for parent, child in self.edges if child == edge.child and not is_localised(parent)}
             if rivals := sorted(parents - {edge.parent}):
                 remedy = "--sensor-pose" if edge.is_fixed else "--odom-frame"
-                said.append(
+                warnings.append(
                     f"tf places {name} and in {', '.join(rivals)}; the former is used: pass {remedy} if it is wrong"
                 )
-        return said
+        return warnings
 
 
 @dataclass(frozen=True)

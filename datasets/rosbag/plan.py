@@ -260,15 +260,15 @@ def _robot(
 
 def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
     """Return the doubts about the paths that are read from tf."""
-    said = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
+    warnings = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
     far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
     if far > _TOO_FAR:
         raise DatasetError(f"in tf the laser is mounted {far:.3g} m from the robot's centre: pass --sensor-pose")
     if far > _FAR_LASER:
-        said.append(
+        warnings.append(
             f"in tf the laser is mounted {far:.0f} m from the robot's centre: pass --sensor-pose if that is wrong"
         )
-    return tuple(said)
+    return tuple(warnings)
 
 
 def _delivery(files: BagFiles, scan_topic: str) -> float:

@@ -107,9 +107,9 @@ class _Pass:
                 files.topics[topic].messages,
             )
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
-        said = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "no scan seems to be lost"
+        estimate = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "no scan seems to be lost"
         for line in files.damages():
-            known = "some are lost" if (vague or UNKNOWN_LOSS in line) and not lost else said
+            known = "some are lost" if (vague or UNKNOWN_LOSS in line) and not lost else estimate
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
     def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:

@@ -158,17 +158,17 @@ def announced_by(folder: Path) -> BagAnnouncement:
     try:
         if why_unreadable(path) or path.stat().st_size > _LARGEST:
             return BagAnnouncement()
-        said = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        files = tuple(Path(str(name)).name for name in said["relative_file_paths"])
+        information = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        files = tuple(Path(str(name)).name for name in information["relative_file_paths"])
         messages: dict[str, int] = {}
-        for topic in said["topics_with_message_count"]:
+        for topic in information["topics_with_message_count"]:
             name = str(topic["topic_metadata"]["name"])
             messages[name] = messages.get(name, 0) + int(topic["message_count"])
-        start, seconds = (1e-9 * int(value) for value in (_start(said), said["duration"]["nanoseconds"]))
+        start, seconds = (1e-9 * int(value) for value in (_start(information), information["duration"]["nanoseconds"]))
     except Exception:  # noqa: BLE001 - a damaged description may hold anything
         return BagAnnouncement()
     return BagAnnouncement(files, messages, start, seconds)
 
 
-def _start(said: Any) -> int:
-    return int(said["starting_time"]["nanoseconds_since_epoch"])
+def _start(information: Any) -> int:
+    return int(information["starting_time"]["nanoseconds_since_epoch"])

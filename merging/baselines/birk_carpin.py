@@ -29,13 +29,13 @@ from tbmslam.geometry.se2 import FloatArray
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame; both have known cells."""
-    how = config.baselines.birk_carpin
+    settings = config.baselines.birk_carpin
     maps = CellStates.of(target), CellStates.of(source)
     placing = Placing.of(*maps)
-    place = _walk(_Likeness.of(*maps, placing, how), placing, how)
+    place = _walk(_Likeness.of(*maps, placing, settings), placing, settings)
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"acceptance index {index:.3f}, to be at most {how.max_index:g}"
-    return answer("birk-carpin", maps, placing, place, (words, index <= how.max_index), config)
+    words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
+    return answer("birk-carpin", maps, placing, place, (words, index <= settings.max_index), config)
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,17 @@ class _Likeness:
     maps: tuple[CellStates, CellStates]
     placing: Placing
     sides: list[tuple[_Side, _Side]]
-    how: BirkCarpinConfig
+    settings: BirkCarpinConfig
 
     @classmethod
-    def of(cls, target: CellStates, source: CellStates, placing: Placing, how: BirkCarpinConfig) -> "_Likeness":
+    def of(cls, target: CellStates, source: CellStates, placing: Placing, settings: BirkCarpinConfig) -> "_Likeness":
         states = [
             state for state in (IS_FREE, IS_WALL) if all((cells.states == state).any() for cells in (target, source))
         ]
-        sides = [(_Side.of(target, state, how.sample), _Side.of(source, state, how.sample)) for state in states]
-        return cls((target, source), placing, sides, how)
+        sides = [
+            (_Side.of(target, state, settings.sample), _Side.of(source, state, settings.sample)) for state in states
+        ]
+        return cls((target, source), placing, sides, settings)
 
     def cost(self, places: FloatArray) -> FloatArray:
         """Return psi + lock * (dis - agr) at places (K, 3)."""
@@ -85,21 +87,23 @@ class _Likeness:
         for target, source in self.sides:
             total += target.mean_distance(self.placing.into_target(source.points, places))
             total += source.mean_distance(self.placing.into_source(target.points, places))
-        agreement = Agreement.of(*self.maps, self.placing, places, 2 * self.how.sample)
-        return total + self.how.lock * (agreement.disagreeing - agreement.agreeing)
+        agreement = Agreement.of(*self.maps, self.placing, places, 2 * self.settings.sample)
+        return total + self.settings.lock * (agreement.disagreeing - agreement.agreeing)
 
 
-def _walk(likeness: _Likeness, placing: Placing, how: BirkCarpinConfig) -> FloatArray:
+def _walk(likeness: _Likeness, placing: Placing, settings: BirkCarpinConfig) -> FloatArray:
     """Return the best pose of the random walks."""
-    rng = np.random.default_rng(how.seed)
-    radius = 0.5 * placing.reach_m * np.sqrt(rng.random(how.walkers))
-    angle = 2.0 * np.pi * rng.random(how.walkers)
-    turns = 2.0 * np.pi * np.arange(how.walkers) / how.walkers
+    rng = np.random.default_rng(settings.seed)
+    radius = 0.5 * placing.reach_m * np.sqrt(rng.random(settings.walkers))
+    angle = 2.0 * np.pi * rng.random(settings.walkers)
+    turns = 2.0 * np.pi * np.arange(settings.walkers) / settings.walkers
     starts = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), turns))
     wide = np.array((0.1 * placing.reach_m, 0.1 * placing.reach_m, 0.3))
-    best, _ = _steps(likeness, starts, wide, how.steps // 2, how, rng)
+    best, _ = _steps(likeness, starts, wide, settings.steps // 2, settings, rng)
     narrow = np.array((0.5, 0.5, 0.05))
-    best, _ = _steps(likeness, np.tile(best, (how.walkers, 1)), narrow, how.steps - how.steps // 2, how, rng)
+    best, _ = _steps(
+        likeness, np.tile(best, (settings.walkers, 1)), narrow, settings.steps - settings.steps // 2, settings, rng
+    )
     return best
 
 
@@ -108,25 +112,25 @@ def _steps(
     places: FloatArray,
     spread: FloatArray,
     count: int,
-    how: BirkCarpinConfig,
+    settings: BirkCarpinConfig,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
     """Walk from places (K, 3); each walk draws steps like those it took last."""
     costs = likeness.cost(places)
     # As if the walks had come by steps as wide as the first ones shall be.
-    taken = rng.normal(0.0, 1.0, (how.memory, len(places), 3)) * spread
+    taken = rng.normal(0.0, 1.0, (settings.memory, len(places), 3)) * spread
     slots: npt.NDArray[np.intp] = np.zeros(len(places), dtype=np.intp)
     best, least = places[costs.argmin()].copy(), float(costs.min())
     for _ in range(count):
         deviation = np.maximum(taken.std(axis=0), 0.02 * spread)
         steps = rng.normal(taken.mean(axis=0), deviation)
         found = likeness.cost(places + steps)
-        accepted = (found < costs) | (rng.random(len(places)) < how.daring)
+        accepted = (found < costs) | (rng.random(len(places)) < settings.daring)
         places = np.where(accepted[:, None], places + steps, places)
         costs = np.where(accepted, found, costs)
         # What was refused makes the next steps smaller: it counts as a step half as wide.
         taken[slots, np.arange(len(places))] = np.where(accepted[:, None], steps, steps * rng.uniform(-0.5, 0.5))
-        slots = (slots + 1) % how.memory
+        slots = (slots + 1) % settings.memory
         if costs.min() < least:
             best, least = places[costs.argmin()].copy(), float(costs.min())
     return best, least

@@ -28,7 +28,7 @@ _BEST = 8
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame; both have known cells."""
-    how = config.baselines.carpin
+    settings = config.baselines.carpin
     maps = CellStates.of(target), CellStates.of(source)
     walls = [cells.some(cells.states == IS_WALL) for cells in maps]
     if min(len(points) for points in walls) == 0:
@@ -40,22 +40,22 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     axis = np.pi * float(spectra[0].argmax()) / BINS
     offers = [
         (shift.real, shift.imag, turn)
-        for turn in likely_turns(spectra[0], spectra[1], how.turns)
-        for shift in _shifts(fixed * np.exp(-1j * axis), moving * np.exp(1j * (turn - axis)), cell, how.peaks)
+        for turn in likely_turns(spectra[0], spectra[1], settings.turns)
+        for shift in _shifts(fixed * np.exp(-1j * axis), moving * np.exp(1j * (turn - axis)), cell, settings.peaks)
         * np.exp(1j * axis)
     ]
 
     def rating(places: FloatArray) -> FloatArray:
         agreement = Agreement.of(*maps, placing, places, 1500)
-        return agreement.agreeing - how.penalty * agreement.disagreeing
+        return agreement.agreeing - settings.penalty * agreement.disagreeing
 
     places = np.array(offers)
     best = places[np.argsort(-rating(places), kind="stable")[:_BEST]]
     best = climb(rating, best, 4.0 * cell, np.pi / BINS)
     place = best[rating(best).argmax()]
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"acceptance index {index:.3f}, to be at most {how.max_index:g}"
-    return answer("carpin", maps, placing, place, (words, index <= how.max_index), config)
+    words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
+    return answer("carpin", maps, placing, place, (words, index <= settings.max_index), config)
 
 
 def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:

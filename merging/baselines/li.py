@@ -28,13 +28,13 @@ from tbmslam.geometry.se2 import FloatArray
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame; both have known cells."""
-    how = config.baselines.li
+    settings = config.baselines.li
     maps = CellStates.of(target), CellStates.of(source)
-    walls, free = (maps[1].some(maps[1].states == state, how.sample) for state in (IS_WALL, IS_FREE))
+    walls, free = (maps[1].some(maps[1].states == state, settings.sample) for state in (IS_WALL, IS_FREE))
     if len(walls) == 0 or not (maps[0].states == IS_WALL).any():
         return Alignment("li", accepted=False, reason="a map has no walls")
     placing = Placing.of(*maps)
-    lean = CellField.of(_lean(target, how.blur_m), target.geometry)
+    lean = CellField.of(_lean(target, settings.blur_m), target.geometry)
 
     def loss(vectors: FloatArray) -> FloatArray:
         """Rate places (3, K) as the library hands them over, the less the better."""
@@ -49,26 +49,26 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
         Bounds([-reach, -reach, -np.pi], [reach, reach, np.pi]),
         strategy="best1bin",
         popsize=1,
-        init=_population(how, reach),
-        maxiter=how.generations,
+        init=_population(settings, reach),
+        maxiter=settings.generations,
         mutation=(0.4, 0.9),
         recombination=0.8,
         tol=0.0,
-        seed=np.random.default_rng(how.seed),
+        seed=np.random.default_rng(settings.seed),
         polish=False,
         updating="deferred",
         vectorized=True,
     )
     place = np.asarray(found.x, dtype=np.float64)
     likelihood = _likelihood(lean, maps[0], placing.into_target(walls, place[None])[0])
-    words = f"mean likelihood {likelihood:.2f} of the walls that meet known cells, to be {how.min_likelihood:g}"
-    return answer("li", maps, placing, place, (words, likelihood >= how.min_likelihood), config)
+    words = f"mean likelihood {likelihood:.2f} of the walls that meet known cells, to be {settings.min_likelihood:g}"
+    return answer("li", maps, placing, place, (words, likelihood >= settings.min_likelihood), config)
 
 
-def _population(how: LiConfig, reach: float) -> FloatArray:
+def _population(settings: LiConfig, reach: float) -> FloatArray:
     """Return the first generation (population, 3), evenly drawn."""
-    rng = np.random.default_rng(how.seed)
-    return rng.uniform((-reach, -reach, -np.pi), (reach, reach, np.pi), (how.population, 3))
+    rng = np.random.default_rng(settings.seed)
+    return rng.uniform((-reach, -reach, -np.pi), (reach, reach, np.pi), (settings.population, 3))
 
 
 def _lean(grid: TbmGrid, blur_m: float) -> Field:

@@ -74,18 +74,19 @@ class VoronoiDiagram:
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame; both have known cells."""
-    how = config.baselines.saeedi
+    settings = config.baselines.saeedi
     maps = CellStates.of(target), CellStates.of(source)
     placing = Placing.of(*maps)
     diagrams = [
-        VoronoiDiagram.of(grid, states, how.min_apart_m) for grid, states in zip((target, source), maps, strict=True)
+        VoronoiDiagram.of(grid, states, settings.min_apart_m)
+        for grid, states in zip((target, source), maps, strict=True)
     ]
     if min(len(diagram.points) for diagram in diagrams) == 0 or not all(
         (side.states == IS_WALL).any() for side in maps
     ):
         return Alignment("saeedi", accepted=False, reason="a map has no walls that face each other")
-    places = _proposals(diagrams[0], diagrams[1], placing, how)
-    fields = _fields(diagrams[0], target.geometry, how.cell_m)
+    places = _proposals(diagrams[0], diagrams[1], placing, settings)
+    fields = _fields(diagrams[0], target.geometry, settings.cell_m)
     kinds = diagrams[1].channels(0.0, 0.0)
 
     def likeness(places: FloatArray) -> FloatArray:
@@ -100,8 +101,8 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     places = climb(likeness, places, 2.0 * target.geometry.resolution, 0.01)
     place = places[likeness(places).argmax()]
     gain = 1.0 - float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"the entropy sinks in {gain:.0%} of the cells that meet, to be {how.min_gain:.0%}"
-    return answer("saeedi", maps, placing, place, (words, gain >= how.min_gain), config)
+    words = f"the entropy sinks in {gain:.0%} of the cells that meet, to be {settings.min_gain:.0%}"
+    return answer("saeedi", maps, placing, place, (words, gain >= settings.min_gain), config)
 
 
 def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:
@@ -117,13 +118,15 @@ def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32]
     return np.asarray(distances, dtype=np.float32), of_label[labels]
 
 
-def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing, how: SaeediConfig) -> FloatArray:
+def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing, settings: SaeediConfig) -> FloatArray:
     """Return the places (K, 3) at which the diagrams meet most."""
-    spectra = [hough_spectrum(diagram.points, diagram.probabilities, how.cell_m / 2.0) for diagram in (target, source)]
-    search = ShiftSearch.over(target.channels(placing.target_centre, 0.0), placing.reach_m, how.cell_m)
+    spectra = [
+        hough_spectrum(diagram.points, diagram.probabilities, settings.cell_m / 2.0) for diagram in (target, source)
+    ]
+    search = ShiftSearch.over(target.channels(placing.target_centre, 0.0), placing.reach_m, settings.cell_m)
     found = []
-    for turn in likely_turns(spectra[0], spectra[1], how.turns):
-        scores, shifts = search.best(source.channels(placing.source_centre, float(turn)), how.peaks)
+    for turn in likely_turns(spectra[0], spectra[1], settings.turns):
+        scores, shifts = search.best(source.channels(placing.source_centre, float(turn)), settings.peaks)
         found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
     ranked = np.concatenate(found)
     return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][:_FINALISTS, 1:])

@@ -29,9 +29,9 @@ from tbmslam.geometry.se2 import FloatArray
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame; both have known cells."""
-    how = config.baselines.trehard
+    settings = config.baselines.trehard
     maps = CellStates.of(target), CellStates.of(source)
-    sides = _Side.of(target, maps[0], how.sample), _Side.of(source, maps[1], how.sample)
+    sides = _Side.of(target, maps[0], settings.sample), _Side.of(source, maps[1], settings.sample)
     if min(len(side.walls) for side in sides) == 0:
         return Alignment("trehard", accepted=False, reason="a map has no walls")
     placing = Placing.of(*maps)
@@ -42,13 +42,13 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
         met = [sides[0].meet(forth, sides[1].masses), sides[1].meet(back, sides[0].masses)]
         return met[0][0] + met[1][0], met[0][1] + met[1][1]
 
-    places = _proposals(sides, placing, how)
-    places = climb(lambda places: sums(places)[0], places, 0.2, np.pi / how.turns)
+    places = _proposals(sides, placing, settings)
+    places = climb(lambda places: sums(places)[0], places, 0.2, np.pi / settings.turns)
     place = places[sums(places)[0].argmax()]
     agreed, possible = (float(sums_of_both[0]) for sums_of_both in sums(place[None]))
     consistency = agreed / possible if possible > 0.0 else 0.0
-    words = f"consistency {consistency:.2f}, to be {how.min_consistency:g}"
-    return answer("trehard", maps, placing, place, (words, consistency >= how.min_consistency), config)
+    words = f"consistency {consistency:.2f}, to be {settings.min_consistency:g}"
+    return answer("trehard", maps, placing, place, (words, consistency >= settings.min_consistency), config)
 
 
 @dataclass(frozen=True)
@@ -76,15 +76,15 @@ class _Side:
         return np.asarray(agreed, dtype=np.float64), np.asarray(possible, dtype=np.float64)
 
 
-def _proposals(sides: tuple[_Side, _Side], placing: Placing, how: TrehardConfig) -> FloatArray:
+def _proposals(sides: tuple[_Side, _Side], placing: Placing, settings: TrehardConfig) -> FloatArray:
     """Return the places (K, 3) at which walls meet most on coarse cells."""
     target, source = sides
-    cell = max(2.0 * placing.reach_m / how.cells_along, target.occupied.geometry.resolution)
+    cell = max(2.0 * placing.reach_m / settings.cells_along, target.occupied.geometry.resolution)
     search = ShiftSearch.over([(target.walls - placing.target_centre, target.masses)], placing.reach_m, cell)
     found = []
-    for turn in 2.0 * np.pi * np.arange(how.turns) / how.turns:
+    for turn in 2.0 * np.pi * np.arange(settings.turns) / settings.turns:
         turned = (source.walls - placing.source_centre) * np.exp(1j * turn)
-        scores, shifts = search.best([(turned, source.masses)], how.peaks)
+        scores, shifts = search.best([(turned, source.masses)], settings.peaks)
         found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
     ranked = np.concatenate(found)
-    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][: how.finalists, 1:])
+    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][: settings.finalists, 1:])

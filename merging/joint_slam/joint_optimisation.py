@@ -31,26 +31,26 @@ from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.parallel.progress import Progress
 
 
-def redraw(drives: Sequence[Keyframes], one: TbmMap, max_range: float = math.inf) -> TbmGrid:
+def redraw(drives: Sequence[Keyframes], tbm_map: TbmMap, max_range: float = math.inf) -> TbmGrid:
     """Render the grid of some keyframes with the parameters and the resolution of a map.
 
     A beam is cut off at `max_range` [m] or at the limit of the map: it clears the cells up to there.
     """
-    config = _map_config(one)
+    config = _map_config(tbm_map)
     insertion = config.insertion.model_copy(update={"max_range": min(max_range, config.insertion.max_range)})
-    changes = {"resolution": one.grid.geometry.resolution, "insertion": insertion}
+    changes = {"resolution": tbm_map.grid.geometry.resolution, "insertion": insertion}
     return render(drives, config.model_copy(update=changes))
 
 
 def rendered_alike(maps: Sequence[TbmMap]) -> bool:
     """Return whether maps were rendered with the same parameters and resolution."""
-    settings = [(_map_config(one), one.grid.geometry.resolution) for one in maps]
+    settings = [(_map_config(tbm_map), tbm_map.grid.geometry.resolution) for tbm_map in maps]
     return all(other == settings[0] for other in settings)
 
 
-def _map_config(one: TbmMap) -> MapConfig:
+def _map_config(tbm_map: TbmMap) -> MapConfig:
     """Return the parameters by which a map was rendered, or the defaults if its provenance has none."""
-    settings = one.provenance.get("config")
+    settings = tbm_map.provenance.get("config")
     try:
         return MapConfig.model_validate(settings["map"] if isinstance(settings, Mapping) else {})
     except (KeyError, ValidationError):
@@ -145,7 +145,7 @@ def _links(closures: list[MotionEdge], starts: npt.NDArray[np.int64]) -> npt.NDA
 
 def nearest_rigid(before: TbmMap, after: TbmMap) -> SE2:
     """Return the rigid transform nearest to the motion of the keyframes."""
-    old, new = (np.vstack([drive.keyframes.poses[:, :2] for drive in one.drives]) for one in (before, after))
+    old, new = (np.vstack([drive.keyframes.poses[:, :2] for drive in tbm_map.drives]) for tbm_map in (before, after))
     return fit_rigid(new, old)[0]
 
 
@@ -160,7 +160,7 @@ def _reach_all(owners: list[str], closures: list[MotionEdge]) -> bool:
 
 def _corrected(
     name: str,
-    one: TbmMap,
+    tbm_map: TbmMap,
     tracks: list[Track],
     starts: npt.NDArray[np.int64],
     poses: FloatArray,
@@ -173,5 +173,5 @@ def _corrected(
             sensors = poses[int(start) : int(start) + len(track.sensors)]
             robots = compose(sensors, inverse(track.keyframes.sensor_poses))
             drives.append(with_keyframes_at(track.drive.transformed(T_merged_map), robots))
-    grid = redraw([drive.keyframes for drive in drives], one)
-    return TbmMap(grid, tuple(drives), one.provenance)
+    grid = redraw([drive.keyframes for drive in drives], tbm_map)
+    return TbmMap(grid, tuple(drives), tbm_map.provenance)

@@ -161,7 +161,7 @@ def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> No
     if not (config.nonrigid.enabled and config.method == "correlation"):
         return None
     resolution = comparison_resolution([target.grid, source.grid], config)
-    fixed, moving = (deformable(one.grid, resolution, config) for one in (target, source))
+    fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
     return register_deformable(fixed, moving, config)
 
 

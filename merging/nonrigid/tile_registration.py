@@ -88,9 +88,9 @@ class DeformableMap:
     @cached_property
     def rounds(self) -> Sequence[Sequence[WallMap]]:
         """The tiles of each round of registration, large ones first."""
-        how, structure = self.config.nonrigid, self.config.structure
-        large = tiles_of(self.grid, how.side_m, how.most, structure)
-        small = tiles_of(self.grid, how.side_m / 2.0, 4 * how.most, structure)
+        settings, structure = self.config.nonrigid, self.config.structure
+        large = tiles_of(self.grid, settings.side_m, settings.most, structure)
+        small = tiles_of(self.grid, settings.side_m / 2.0, 4 * settings.most, structure)
         return (large, small, small) if len(large) > 1 else (small, small)
 
 

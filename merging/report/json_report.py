@@ -83,7 +83,7 @@ def as_json(merge: Merge, config: MergeConfig) -> dict[str, object]:
         ],
         "fusion": None if merge.fusion is None else {"rule": merge.fusion.rule, **_areas(merge.fusion)},
         "refinement": _refinement(merge),
-        "conflict_places": [] if merge.fusion is None else [asdict(one) for one in conflict_places(merge.fusion)],
+        "conflict_places": [] if merge.fusion is None else [asdict(place) for place in conflict_places(merge.fusion)],
         "config": config.model_dump(mode="json"),
     }
 

@@ -84,13 +84,13 @@ def merged_sheet(merge: Merge, merged: TbmMap, fusion: Fusion, maps: Mapping[str
     return Sheet("Merged map", layers, note, drive_tracks(drives, owned))
 
 
-def single_sheet(name: str, one: TbmMap, colour: Colour) -> Sheet:
+def single_sheet(name: str, tbm_map: TbmMap, colour: Colour) -> Sheet:
     """Return the sheet of a map that was not merged, in its own frame."""
-    colours = [colour] * len(one.drives)
-    drives = drive_layers(one.drives, colours, _ROBOTS, one.grid.geometry.resolution)
-    incidents = _incident_layers(one.drives, incidents_of(one))
-    rasters = map_layers(one.grid.cropped_to_known())
-    return Sheet(name, (*rasters, *drives, *incidents), tracks=drive_tracks(one.drives, colours))
+    colours = [colour] * len(tbm_map.drives)
+    drives = drive_layers(tbm_map.drives, colours, _ROBOTS, tbm_map.grid.geometry.resolution)
+    incidents = _incident_layers(tbm_map.drives, incidents_of(tbm_map))
+    rasters = map_layers(tbm_map.grid.cropped_to_known())
+    return Sheet(name, (*rasters, *drives, *incidents), tracks=drive_tracks(tbm_map.drives, colours))
 
 
 def _incident_layers(drives: Sequence[Drive], incidents: Sequence[object]) -> list[Marks]:

@@ -133,7 +133,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
             for place in conflict_places(merge.fusion)
             if place.conflict_m2 >= _LARGE_CONFLICT_M2
         ]
-    return warnings + joined_warnings({name: warnings_of(one.provenance) for name, one in maps.items()})
+    return warnings + joined_warnings({name: warnings_of(tbm_map.provenance) for name, tbm_map in maps.items()})
 
 
 def _maps_table(merge: Merge) -> Table:

@@ -132,7 +132,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
     important = set(sorted(merge.alignments, key=lambda pair: _rank(merge.alignments[pair]), reverse=True)[:MOST_CARDS])
     # The pictures show walls, whichever method found the alignment.
     walls = config.model_copy(update={"method": "correlation"})
-    views = PreparedMaps({name: one.grid for name, one in maps.items()}, walls)
+    views = PreparedMaps({name: tbm_map.grid for name, tbm_map in maps.items()}, walls)
     cards = [
         Card(
             title=f"{pair[1]} in {pair[0]}",

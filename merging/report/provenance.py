@@ -15,9 +15,9 @@ def warnings_of(provenance: Mapping[str, object]) -> list[str]:
     return warnings + joined_warnings({name: warnings_of(inner) for name, _, inner in _parts(provenance)})
 
 
-def incidents_of(one: TbmMap) -> list[object]:
+def incidents_of(tbm_map: TbmMap) -> list[object]:
     """Return the incidents of each drive of a map, as in `run.json`; None for drives without a record."""
-    return _incidents(one.provenance, len(one.drives))
+    return _incidents(tbm_map.provenance, len(tbm_map.drives))
 
 
 def _incidents(provenance: Mapping[str, object], drives: int) -> list[object]:
@@ -61,7 +61,7 @@ class SharedScans(NamedTuple):
 
 def duplicate_drives(maps: Mapping[str, TbmMap]) -> list[SharedScans]:
     """Return the pairs of maps that share most keyframes: equal scans with equal stamps."""
-    scans = {name: _scans_of(one) for name, one in maps.items()}
+    scans = {name: _scans_of(tbm_map) for name, tbm_map in maps.items()}
     found = []
     for first, second in itertools.combinations(scans, 2):
         of, shared = min(len(scans[first]), len(scans[second])), len(scans[first] & scans[second])
@@ -70,10 +70,10 @@ def duplicate_drives(maps: Mapping[str, TbmMap]) -> list[SharedScans]:
     return found
 
 
-def _scans_of(one: TbmMap) -> set[tuple[float, bytes]]:
+def _scans_of(tbm_map: TbmMap) -> set[tuple[float, bytes]]:
     return {
         (stamp, keyframes.ranges[begin:end].tobytes())
-        for keyframes in (drive.keyframes for drive in one.drives)
+        for keyframes in (drive.keyframes for drive in tbm_map.drives)
         for stamp, begin, end in zip(
             keyframes.stamps.tolist(), keyframes.offsets[:-1].tolist(), keyframes.offsets[1:].tolist(), strict=True
         )

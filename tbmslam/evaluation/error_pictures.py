@@ -91,13 +91,13 @@ def draw_map_errors(labels: Labels, truth: Labels) -> Picture:
         raise ValueError(f"labels and truth must have the same shape, got {labels.shape} and {truth.shape}")
     picture = np.empty((*labels.shape, 3), dtype=np.uint8)
     picture[...] = _UNKNOWN
-    for said, true, colour in (
+    for label, true, colour in (
         (FREE, FREE, _SAME_FREE),
         (OCCUPIED, OCCUPIED, _SAME_OCCUPIED),
         (OCCUPIED, FREE, _FALSE_WALL),
         (FREE, OCCUPIED, _MISSED_WALL),
     ):
-        picture[(labels == said) & (truth == true)] = colour
+        picture[(labels == label) & (truth == true)] = colour
     picture[(labels != UNKNOWN) & (truth == UNKNOWN)] = _ONLY_MAP
     picture[(labels == UNKNOWN) & (truth != UNKNOWN)] = _ONLY_TRUTH
     return np.ascontiguousarray(picture[::-1])

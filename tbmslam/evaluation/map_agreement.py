@@ -78,7 +78,7 @@ def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:
         raise ValueError(f"labels and truth must have the same shape, got {labels.shape} and {truth.shape}")
     both = (labels != UNKNOWN) & (truth != UNKNOWN)
     same = both & (labels == truth)
-    said = {label: both & (labels == label) for label in (FREE, OCCUPIED)}
+    labelled = {label: both & (labels == label) for label in (FREE, OCCUPIED)}
     true = {label: both & (truth == label) for label in (FREE, OCCUPIED)}
     return MapAgreement(
         known_both=int(both.sum()),
@@ -86,11 +86,11 @@ def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:
         known_truth=int((truth != UNKNOWN).sum()),
         agree=_share(same, both),
         agree_nearby=_share(_is_near(labels, truth) & _is_near(truth, labels), both),
-        agree_occupied=_share(same, said[OCCUPIED]),
-        agree_free=_share(same, said[FREE]),
+        agree_occupied=_share(same, labelled[OCCUPIED]),
+        agree_free=_share(same, labelled[FREE]),
         found_occupied=_share(same, true[OCCUPIED]),
         found_free=_share(same, true[FREE]),
-        wall_distance=_mean_distance(said[OCCUPIED], truth == OCCUPIED),
+        wall_distance=_mean_distance(labelled[OCCUPIED], truth == OCCUPIED),
     )
 
 

@@ -110,8 +110,8 @@ def directions(scan: LaserScan, beams: _Beams) -> str:
     """Return the directions of beams (B,) as text; beams a few degrees apart are one interval."""
     angles = np.degrees(scan.angle_min + scan.angle_increment * np.flatnonzero(beams))
     parts = np.split(angles, np.flatnonzero(np.abs(np.diff(angles)) > 5.0) + 1)
-    said = ", ".join(f"{part[0]:.0f} to {part[-1]:.0f}" for part in parts[:_MOST_TOLD])
-    return f"{said}°" + (f" and {len(parts) - _MOST_TOLD} more" if len(parts) > _MOST_TOLD else "")
+    listed = ", ".join(f"{part[0]:.0f} to {part[-1]:.0f}" for part in parts[:_MOST_TOLD])
+    return f"{listed}°" + (f" and {len(parts) - _MOST_TOLD} more" if len(parts) > _MOST_TOLD else "")
 
 
 class BlockedBeamsConfig(FrozenConfig):

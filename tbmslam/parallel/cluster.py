@@ -131,8 +131,8 @@ def _hear_scheduler(host: str, port: int) -> None:
     """
     with socket.create_connection((host, port), _ANSWER_S) as connection:
         connection.settimeout(_ANSWER_S)
-        said = connection.recv(8, socket.MSG_WAITALL)
-    if len(said) < 8 or int.from_bytes(said, "little") > _LARGEST_GREETING:
+        answer = connection.recv(8, socket.MSG_WAITALL)
+    if len(answer) < 8 or int.from_bytes(answer, "little") > _LARGEST_GREETING:
         raise ConnectionError("something else answers")
 
 

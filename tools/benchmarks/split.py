@@ -133,11 +133,11 @@ def cut(text: str, robots: int, out: Path) -> None:
         If build_maps fails, with its message.
     """
     path, *settings = text.split(",")
-    said = io.StringIO()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(printed):
         code = build_maps.main([path, *as_words(settings), "--robots", str(robots), "-o", str(out)])
     if code != 0:
-        raise MeasurementError(said.getvalue().strip().splitlines()[-1])
+        raise MeasurementError(printed.getvalue().strip().splitlines()[-1])
 
 
 def agreement_of(again: Path, undivided: Path) -> float:

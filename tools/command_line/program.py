@@ -86,10 +86,10 @@ def one_line(error: Exception) -> str:
     if isinstance(error, OSError):
         what = error.strerror or error
         named = f"{error.filename}: {what}: check the name, or choose another"
-        said = f"{what}: check the input and the output" if error.filename is None else named
+        message = f"{what}: check the input and the output" if error.filename is None else named
     else:
-        said = str(error)
-    return printable(" ".join(said.splitlines()))  # names of files may hold line ends
+        message = str(error)
+    return printable(" ".join(message.splitlines()))  # names of files may hold line ends
 
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2

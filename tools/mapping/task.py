@@ -78,7 +78,7 @@ class MappingTask:
 
     def fingerprint(self) -> str:
         """Return a digest of everything that the map depends on: input, parameters, code and versions."""
-        said = {
+        inputs = {
             "robot": self.name,
             "files": [dict(file) for file in self.files],
             "config": mapping_text(self.config),
@@ -87,7 +87,7 @@ class MappingTask:
             "code": code_digest("tbmslam", open_recording.__module__.rpartition(".")[0]),
             "versions": versions(),
         }
-        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
     def at(self, folder: Path) -> "MappingTask":
         """Return it with paths that other processes understand, relative ones being meant from a folder."""

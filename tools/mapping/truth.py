@@ -83,26 +83,26 @@ def write_truth(
             "T_reference_map": list(alignment.T_reference_estimate),
             "ate_m": alignment.ate_m,
         }
-    said = {
+    record = {
         "source": GIVEN if all(paths in references for paths in known) else OWN_MAP,
         "warnings": [warning for reference in known.values() for warning in reference.warnings],
         "robots": robots,
         "fingerprint": fingerprint,
     }
-    write_text(path, json.dumps(said, indent=2) + "\n")
+    write_text(path, json.dumps(record, indent=2) + "\n")
 
 
 def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, ...], Path]) -> str:
-    said = [[task.fingerprint() for task in tasks], file_digests(references.values())]
-    return hashlib.sha256(json.dumps(said).encode()).hexdigest()
+    record = [[task.fingerprint() for task in tasks], file_digests(references.values())]
+    return hashlib.sha256(json.dumps(record).encode()).hexdigest()
 
 
 def _written(path: Path) -> str | None:
     try:
         if why_unreadable(path):
             return None
-        said = json.loads(path.read_text(encoding="utf-8"))
-        return str(said["fingerprint"]) if said["source"] else None  # older ones do not say what they are
+        record = json.loads(path.read_text(encoding="utf-8"))
+        return str(record["fingerprint"]) if record["source"] else None  # older ones do not say what they are
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 

@@ -104,18 +104,18 @@ _READINGS = {"as written": AS_WRITTEN, "as programmed": AS_PROGRAMMED}
 
 def conclusions(results: PaperResults) -> list[str]:
     """Return the results about the paper's main conclusion, that concatenated descriptors are the best."""
-    said = []
+    sentences = []
     for name, variant in _READINGS.items():
         study = results.studies[variant]
         joined, plain = _wins(study, "e", "b"), _wins(study, "b", "a")
-        said.append(
+        sentences.append(
             f"Read {name}, descriptors joined by exclusive or (e) have a higher share of right matches than "
             f"concatenated ones (b) in {joined[0]} of {joined[2]} settings, in {joined[1]} of them at "
             f"p <= {1.0 - LEVEL:.2f}; "
             f"concatenated ones a higher share than the pignistic image alone (a) in {plain[0]}, in {plain[1]} at that "
             "level. Each setting has a test of its own, not corrected for their number; the same pairs serve all."
         )
-    return said
+    return sentences
 
 
 def _wins(study: Study, first: str, other: str) -> tuple[int, int, int]:

@@ -70,14 +70,14 @@ def merged_section(pairs: Sequence[MapPair], results: PaperResults) -> Section:
     """Figure 4."""
     pair, merged = pairs[0], results.merged
     grids = {"a: the first map": pair.target, "b: the second map": pair.source}
-    said = f"Two maps and what the paper's algorithm 1 makes of them, of the pair {pair.name}."
+    caption = f"Two maps and what the paper's algorithm 1 makes of them, of the pair {pair.name}."
     if merged is None:
-        said += " It found no transform for this pair, so that there is no merged map."
+        caption += " It found no transform for this pair, so that there is no merged map."
     else:
         grids["c: merged"] = merged
     return Section(
         "Figure 4: two maps and the merged map",
-        [f"{said} The rule is the disjunctive one of figure 2e: cells that only one map knows are unknown."],
+        [f"{caption} The rule is the disjunctive one of figure 2e: cells that only one map knows are unknown."],
         [],
         [PaperPicture(draw_grid(grid, window_of(grid)), name) for name, grid in grids.items()],
     )
