@@ -123,7 +123,9 @@ class FrontEnd:
         """Return the information (3, 3) of the odometry since the last keyframe."""
         deviations = self._motion.deviations_since_keyframe(placement.prior)
         mount, heading = (*placement.reading.T_robot_sensor,), placement.prior.mean.theta
-        return placement.match.trust * prior_information(deviations, heading, mount)
+        information = prior_information(deviations, heading, mount)
+        information *= placement.match.trust
+        return information
 
     def _mounted(self, reading: Reading) -> tuple[SE2, SE2]:
         """Return T_robot_sensor and T_sensor_robot; lasers hardly ever move on their robots."""

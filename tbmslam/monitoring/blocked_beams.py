@@ -151,6 +151,8 @@ class BlockedBeams:
     ----------
     blocked
         The beams (B,) that are blocked now, as a mask.
+    any_blocked
+        Whether any are.
     """
 
     def __init__(self, config: BlockedBeamsConfig) -> None:
@@ -164,6 +166,7 @@ class BlockedBeams:
     def _forget(self, beams: int) -> None:
         """Restart with scans of this number of beams."""
         self.blocked: npt.NDArray[np.bool_] = np.zeros(beams, dtype=np.bool_)
+        self.any_blocked = False
         self._hidden = self.blocked  # with those suspected to be blocked
         self._hides = False
         self._state: FloatArray = np.zeros((5, beams))  # see `follow_beams`
@@ -202,7 +205,7 @@ class BlockedBeams:
 
     def were_any(self) -> bool:
         """Return whether any beam was ever blocked."""
-        return self._spans.were_any() or bool(self.blocked.any())
+        return self._spans.were_any() or self.any_blocked
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked at its time."""
@@ -211,14 +214,17 @@ class BlockedBeams:
     def _follow(self, scan: LaserScan, distance: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
         self._distance, self._turn = self._distance + distance, self._turn + turn
-        if self.blocked.any():
+        if self.any_blocked:
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
             self._spans.end(ends & self.blocked, self.since, self._anywhere(), scan.stamp)
         here = scan.stamp, self._distance, self._turn, distance
-        blocked, suspected = follow_beams(self._state, ranges, here, self._limits, config.fewest)
-        more = bool((blocked & ~self.blocked).any())
-        self.blocked, self._hidden = blocked, blocked | suspected
-        self._hides = bool(self._hidden.any())
+        blocked, suspected, any_blocked, any_suspected = follow_beams(
+            self._state, ranges, here, self._limits, config.fewest
+        )
+        more = any_blocked and bool((blocked & ~self.blocked).any())
+        self._hides = any_blocked or any_suspected
+        self._hidden = blocked | suspected if self._hides else blocked
+        self.blocked, self.any_blocked = blocked, any_blocked
         return more
 
     def _anywhere(self) -> FloatArray:
@@ -268,7 +274,7 @@ class LaserView:
             return
         if self._beams.learn(scan, T_odom_robot):
             self._report(scan, self._beams)
-        else:
+        elif self._beams.any_blocked:
             self._note(scan, self._beams.blocked)
 
     def were_any_blocked(self) -> bool:
@@ -298,9 +304,8 @@ class LaserView:
 
     def _note(self, scan: LaserScan, blocked: BoolArray) -> None:
         """Note that beams (B,) are blocked."""
-        if blocked.any():
-            self._known[blocked] = scan.stamp
-            self._beside[_widened(blocked, scan.angle_increment)] = scan.stamp
+        self._known[blocked] = scan.stamp
+        self._beside[_widened(blocked, scan.angle_increment)] = scan.stamp
 
 
 def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:

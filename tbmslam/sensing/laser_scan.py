@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.kernels.rays.hits import beam_starts, hit_points, hits_of_scan, move_hits
+from tbmslam.kernels.rays.hits import any_negative, beam_starts, hit_points, hits_of_scan, move_hits
 
 FARTHEST_PLACE = 1e8
 """No robot is farther from anything on earth [m]; beyond, fractions lose digits."""
@@ -165,8 +165,8 @@ class Reading:
             raise ValueError(
                 f"angle_increment must not be 0 with more than one beam, got 0 and {len(scan.ranges)} beams"
             )
-        # -inf, too, which some drivers write for what is too close. Asked this way in half the time of `any`.
-        if np.fmin.reduce(scan.ranges, initial=0.0) < 0.0:
+        # -inf, too, which some drivers write for what is too close.
+        if any_negative(scan.ranges):
             raise ValueError(
                 f"ranges must not be negative, got {np.nanmin(scan.ranges)}: nan means unknown, inf means no return"
             )
@@ -177,11 +177,9 @@ class Reading:
 
 
 def _check_pose(name: str, pose: SE2 | None) -> None:
-    if pose is not None:
-        x, y, theta = pose
-        # This way round, since nothing is true of not-a-number.
-        if not abs(x) + abs(y) + abs(theta) <= FARTHEST_PLACE:
-            raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
+    # This way round, since nothing is true of not-a-number.
+    if pose is not None and not abs(pose[0]) + abs(pose[1]) + abs(pose[2]) <= FARTHEST_PLACE:
+        raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
 
 
 class Corrections(NamedTuple):

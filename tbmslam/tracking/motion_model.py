@@ -7,7 +7,7 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.kernels.surfels.determined import determined_shares, seen_by_robot
+from tbmslam.kernels.surfels.determined import determined_of_robot
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryNoiseConfig
 from tbmslam.tracking.tracker import PosePrior
@@ -68,25 +68,27 @@ class MotionModel:
         self._jumped = False
         if now is None or before is None:
             return self._by_constant_velocity(reading)
-        length, turn = math.hypot(now[0] - before[0], now[1] - before[1]), abs(wrap_angle(now[2] - before[2]))
-        self._step = length, _TOP_SPEED * abs(reading.scan.stamp - self._stamp)
+        stamp, step = reading.scan.stamp, before.to(now)
+        length = math.hypot(step[0], step[1])
+        self._step = length, _TOP_SPEED * abs(stamp - self._stamp)
         if not self._beyond() <= _JUMP:
             self._jumped = True
             return self._by_constant_velocity(reading)._replace(jump=length)
-        motion = self._noise.deviations(self._distance + length, self._turn + turn)
+        motion = self._noise.deviations(self._distance + length, self._turn + abs(step[2]))
         if self._config.composition == "component":
             start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
             return PosePrior(start, motion, motion, start, lambda: start, by_odometry=True)
-        mean = self._T_map_odom @ now
-        start = self._T_map_robot @ before.to(now)
+        start, deviations = self._T_map_robot @ step, _with_variances(motion, self._of_keyframe)
+        # By place, as names take half as long again.
         return PosePrior(
-            mean,
-            _with_variances(motion, self._of_keyframe),
+            self._T_map_odom @ now,
+            deviations,
             motion,
             start,
             lambda: self.coasting(reading),
-            by_odometry=True,
-            swerve=self._swerve(start, reading.scan.stamp),
+            0.0,
+            True,
+            self._swerve(start, stamp),
         )
 
     def coasting(self, reading: Reading) -> SE2:
@@ -146,10 +148,13 @@ class MotionModel:
                     self._step = 0.0, 0.0
             else:
                 self._distance += self._step[0]
-                self._turn += abs(wrap_angle(now.theta - before.theta))
+                self._turn += abs(wrap_angle(now[2] - before[2]))
                 self._ahead = max(self._beyond(), 0.0)
             step, possible = self._step
-            self._impossible = self._impossible + 1 if step > possible else max(self._impossible - 1, 0)
+            if step > possible:
+                self._impossible += 1
+            elif self._impossible:
+                self._impossible -= 1
         self._stamp = reading.scan.stamp
         self._T_odom_robot = now
         self._T_map_robot = T_map_robot
@@ -170,12 +175,11 @@ class MotionModel:
             along, across, turn = prior.deviations
             self._of_keyframe = along * along, across * across, turn * turn
             return
-        seen = seen_by_robot(information, prior.mean.theta, (*T_robot_sensor,))
-        determined = determined_shares(seen, prior.deviations)
+        determined = determined_of_robot(information, prior.deviations, prior.mean.theta, (*T_robot_sensor,))
         if prior.by_odometry:
             self._noise.learn((*prior.mean.to(T_map_robot),), prior.deviations, prior.motion, determined)
-        along, across, turn = ((1.0 - d) * p * p for d, p in zip(determined, prior.deviations, strict=True))
-        self._of_keyframe = along, across, turn
+        (along, across, turn), (a, b, c) = determined, prior.deviations
+        self._of_keyframe = (1.0 - along) * a * a, (1.0 - across) * b * b, (1.0 - turn) * c * c
 
     def begin_at_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
         """Take odometry from a keyframe on as one motion."""
@@ -193,14 +197,12 @@ class MotionModel:
 
     def _swerve(self, start: SE2, stamp: float) -> float:
         """Return how far a step to a pose is from the robot's last motion at equal speed [m]."""
-        before, after = self._last_move
         if self._stamp is None or not 0.0 < self._duration <= 1.0:
             return 0.0
         ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
         # Straight on: within a step the heading hardly changes, and a pose at constant twist takes ten times as long.
-        return math.hypot(
-            start[0] - after[0] - ratio * (after[0] - before[0]), start[1] - after[1] - ratio * (after[1] - before[1])
-        )
+        (before_x, before_y, _), (x, y, _) = self._last_move
+        return math.hypot(start[0] - x - ratio * (x - before_x), start[1] - y - ratio * (y - before_y))
 
     def _beyond(self) -> float:
         """Return how far the odometry came beyond what any robot's speed explains, lately and with this step [m].

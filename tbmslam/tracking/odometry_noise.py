@@ -84,15 +84,18 @@ class OdometryNoise:
             return
         a, b, c = error[0] / deviations[0], error[1] / deviations[1], error[2] / deviations[2]
         weight = (FREEDOM + 3.0) / (FREEDOM + a * a + b * b + c * c)
-        factors = []
-        for axis in range(3):
-            moved, all_in_all, share = motion[axis], deviations[axis], determined[axis]
-            own = moved / self.factors[axis]
-            # What the keyframe's own pose explains of the correction tells nothing of the motion.
-            explained = share * (all_in_all * all_in_all - moved * moved)
-            square = (weight * error[axis] * error[axis] - explained) / (own * own)
-            self._squares[axis] = self._kept * self._squares[axis] + square
-            self._determined[axis] = self._kept * self._determined[axis] + share
-            factors.append(min(max(self._squares[axis] / max(self._determined[axis], 1e-9), _LEAST**2), _MOST**2))
-        along, across, turning = factors
-        self.factors = math.sqrt(along), math.sqrt(across), math.sqrt(turning)
+        self.factors = (
+            self._learnt(0, weight, error[0], deviations[0], motion[0], determined[0]),
+            self._learnt(1, weight, error[1], deviations[1], motion[1], determined[1]),
+            self._learnt(2, weight, error[2], deviations[2], motion[2], determined[2]),
+        )
+
+    def _learnt(self, axis: int, weight: float, error: float, deviation: float, moved: float, share: float) -> float:
+        """Return the factor of an axis after a correction, of which `learn` tells each axis its part."""
+        own = moved / self.factors[axis]
+        # What the keyframe's own pose explains of the correction tells nothing of the motion.
+        explained = share * (deviation * deviation - moved * moved)
+        squares = self._kept * self._squares[axis] + (weight * error * error - explained) / (own * own)
+        determined = self._kept * self._determined[axis] + share
+        self._squares[axis], self._determined[axis] = squares, determined
+        return math.sqrt(min(max(squares / max(determined, 1e-9), _LEAST**2), _MOST**2))

@@ -124,9 +124,9 @@ class SurfelMap:
         add_hits(self._arrays, cells, offsets)
 
     def place(
-        self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search
-    ) -> tuple[Registration, Hits]:
-        """Lay a scan onto the surfaces; return where it lies, and its hits.
+        self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search, hits: FloatArray
+    ) -> tuple[Registration, int]:
+        """Lay a scan onto the surfaces; return where it lies, and how many hits it has.
 
         Parameters
         ----------
@@ -138,15 +138,17 @@ class SurfelMap:
             Pose of the laser on the robot.
         search
             See `tbmslam.kernels.surfels.surfel_alignment.align`.
+        hits
+            (2, N, 2), written to: the hits [m] and their normals, in the scan's frame.
         """
         # Plain tuples come in in a third of the time of named ones.
         beams = scan.angle_min, scan.angle_increment, (*scan.beam_step,), max_range
         start, mean, mount = (*prior.start,), (*prior.mean,), (*T_robot_sensor,)
-        hits, hessian = np.empty((2, len(scan.ranges), 2)), np.empty((3, 3))
-        (x, y, theta, *fit), count = place_scan(
+        hessian = np.empty((3, 3))
+        (x, y, theta, matched, independent, surprise), count = place_scan(
             self._arrays, scan.ranges, beams, start, mean, prior.deviations, mount, search, hits, hessian
         )
-        return Registration(SE2(x, y, theta), hessian, *fit), Hits(hits[0, :count], hits[1, :count])
+        return Registration(SE2(x, y, theta), hessian, matched, independent, surprise), count
 
     def register(self, hits: Hits, start: SE2, mean: SE2, information: FloatArray, search: Search) -> Registration:
         """Lay hits onto the surfaces.

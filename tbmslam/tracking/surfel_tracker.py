@@ -87,7 +87,8 @@ class SurfelTracker:
         self._recent: list[tuple[Hits, SE2]] = []
         self._travelled = 0.0
         self._last: SE2 | None = None
-        self._seen: tuple[LaserScan, Hits] | None = None
+        # The last scan, its hits in an array with room for more, and how many they are.
+        self._seen: tuple[LaserScan, FloatArray, int] | None = None
         self._rest, self._in_vain = 0, 1.0
         self._fault = OdometryFault()
         self._surprise: float | None = None  # of the last scan, where odometry and scan both place it
@@ -102,13 +103,14 @@ class SurfelTracker:
         config = self._config
         self._surprise = None
         if prior.deviations[0] == 0.0:  # the first scan lies where it lies
-            self._seen = scan, scan.hits(config.max_range)
+            self._seen = None
             return ScanMatch(prior.mean @ T_robot_sensor, 0.0, moved=False)
-        result, hits = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search)
-        self._seen = scan, hits
+        hits = np.empty((2, len(scan.ranges), 2))
+        result, count = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
+        self._seen = scan, hits, count
         is_surprising = result.surprise > _SURPRISING or prior.swerve > _SWERVE or self._fault.is_suspected
-        if result.matched < config.doubtful or is_surprising:
-            result = self._elsewhere(hits, prior, T_robot_sensor, result)
+        if is_surprising or result.matched < config.doubtful:
+            result = self._elsewhere(self._hits_of(scan), prior, T_robot_sensor, result)
         if result.matched < config.min_matched:
             lost = result.matched < _FEW and result.independent * (1.0 - result.matched) > _MANY
             trust = _LOST_TRUST if lost else 1.0
@@ -159,8 +161,9 @@ class SurfelTracker:
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""
         if self._seen is None or self._seen[0] is not scan:
-            self._seen = scan, scan.hits(self._config.max_range)
-        return self._seen[1]
+            return scan.hits(self._config.max_range)
+        _, hits, count = self._seen
+        return Hits(hits[0, :count], hits[1, :count])
 
     def _best_near(self, hits: Hits, guess: SE2) -> SE2:
         """Return the pose about a guess at which most hits lie on surfaces."""
@@ -198,6 +201,6 @@ class SurfelTracker:
 
 def _least_share(result: Registration) -> float:
     """Return which share of what the laser can hit is known at the least, as far as so many independent hits tell."""
-    share = result.matched
-    deviation = math.sqrt(max(share * (1.0 - share), 0.0) / max(result.independent, 1.0))
-    return share - _CERTAIN * deviation
+    _, _, share, independent, _ = result
+    variance = share * (1.0 - share) / max(independent, 1.0)
+    return share - _CERTAIN * math.sqrt(variance) if variance > 0.0 else share

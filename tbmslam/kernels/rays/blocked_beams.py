@@ -10,8 +10,8 @@ from tbmslam.kernels import BoolArray, FloatArray, kernel
 @kernel
 def follow_beams(
     state: FloatArray, ranges: FloatArray, here: tuple[float, ...], limits: tuple[float, ...], fewest: int
-) -> tuple[BoolArray, BoolArray]:
-    """Return which beams (B,) are blocked, and which of the others are suspected to be.
+) -> tuple[BoolArray, BoolArray, bool, bool]:
+    """Return which beams (B,) are blocked, which are suspected to be, and whether any is.
 
     Parameters
     ----------
@@ -45,18 +45,20 @@ def follow_beams(
             suspected[i] = state[0, i] < very_near and length + angle > 0.0
             is_soon = suspected[i] and length >= soon and angle >= soon_turned
             blocked[i] = is_soon or (length >= travelled and angle >= turned)
-    _keep_runs(blocked, fewest)
-    _keep_runs(suspected, fewest)
-    return blocked, suspected
+    return blocked, suspected, _keep_runs(blocked, fewest), _keep_runs(suspected, fewest)
 
 
 @kernel
-def _keep_runs(marked: BoolArray, fewest: int) -> None:
-    """Drop the marks (B,) that have too few marked neighbours in a row."""
-    begin = 0
+def _keep_runs(marked: BoolArray, fewest: int) -> bool:
+    """Drop the marks (B,) that have too few marked neighbours in a row; return whether there are others."""
+    begin, keeps_any = 0, False
     for i in range(len(marked) + 1):
         if i < len(marked) and marked[i]:
             continue
         if i - begin < fewest:
-            marked[begin:i] = False
+            for k in range(begin, i):
+                marked[k] = False
+        else:
+            keeps_any = True
         begin = i + 1
+    return keeps_any

@@ -12,6 +12,15 @@ Motion = tuple[float, float, float]
 
 
 @kernel
+def any_negative(ranges: FloatArray) -> bool:
+    """Return whether any range (N,) is negative; not-a-number is not."""
+    found = False
+    for i in range(len(ranges)):
+        found |= ranges[i] < 0.0
+    return found
+
+
+@kernel
 def hit_points(
     ranges: FloatArray, angle_min: float, angle_increment: float, beam_step: Motion, max_range: float
 ) -> FloatArray:

@@ -30,6 +30,17 @@ def determined_shares(
 
 
 @kernel
+def determined_of_robot(
+    information: npt.NDArray[np.float64],
+    deviations: tuple[float, float, float],
+    heading: float,
+    mount: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return the `determined_shares` of the robot's pose, with the information (3, 3) as for `seen_by_robot`."""
+    return determined_shares(seen_by_robot(information, heading, mount), deviations)
+
+
+@kernel
 def prior_information(
     deviations: tuple[float, float, float], heading: float, mount: tuple[float, float, float]
 ) -> npt.NDArray[np.float64]:

@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.surfels.determined import determined_shares, prior_information, seen_by_robot
+from tbmslam.kernels.surfels.determined import (
+    determined_of_robot,
+    determined_shares,
+    prior_information,
+    seen_by_robot,
+)
 from tests import reference
 
 small = st.floats(0.01, 1.0)
@@ -26,6 +31,13 @@ def test_shares_are_the_diagonal_of_a_gain(root, deviations):
 
 def test_nothing_measured_determines_nothing():
     assert determined_shares(np.zeros((3, 3)), np.array([0.01, 0.01, 0.005])) == (0.0, 0.0, 0.0)
+
+
+@given(roots, deviations_of, headings, mounts)
+def test_shares_of_the_robots_pose_are_those_of_what_it_saw(root, deviations, heading, mount):
+    information = root.T @ root
+    expected = determined_shares(seen_by_robot(information, heading, mount), deviations)
+    assert determined_of_robot(information, deviations, heading, mount) == expected
 
 
 @given(deviations_of, headings, mounts)
