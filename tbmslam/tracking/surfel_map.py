@@ -13,8 +13,9 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels import Pose
 from tbmslam.kernels.rays.lattice import Lattice
-from tbmslam.kernels.surfels.surfel_alignment import Search, align, place_scan, strays
+from tbmslam.kernels.surfels.surfel_alignment import NOWHERE, Search, align, place_scan, strays
 from tbmslam.kernels.surfels.surfel_search import search
 from tbmslam.kernels.surfels.surfels import (
     CELLS,
@@ -150,7 +151,15 @@ class SurfelMap:
         )
         return Registration(SE2(x, y, theta), hessian, matched, independent, surprise), count
 
-    def register(self, hits: Hits, start: SE2, mean: SE2, information: FloatArray, search: Search) -> Registration:
+    def register(
+        self,
+        hits: Hits,
+        start: SE2,
+        mean: SE2,
+        information: FloatArray,
+        search: Search,
+        known: Pose = NOWHERE,
+    ) -> Registration:
         """Lay hits onto the surfaces.
 
         Parameters
@@ -163,10 +172,12 @@ class SurfelMap:
             The prior's mean, and its inverse scale (3, 3); what the surfaces leave open keeps to the mean.
         search
             See `tbmslam.kernels.surfels.surfel_alignment.align`.
+        known
+            Where another registration of the hits lies: where this one comes to it, it ends there with a share of -1.
         """
         hessian = np.empty((3, 3))
         x, y, theta, *fit = align(
-            self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search, hessian
+            self._arrays, hits.points, hits.normals, (*start,), (*mean,), information, search, (*known,), hessian
         )
         return Registration(SE2(x, y, theta), hessian, *fit)
 

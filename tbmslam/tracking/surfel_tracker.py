@@ -130,25 +130,26 @@ class SurfelTracker:
 
         mean, coasting = prior.mean @ T_robot_sensor, prior.coasting() @ T_robot_sensor
         information = prior_information(prior.deviations, prior.mean.theta, (*T_robot_sensor,))
-        starts = [result, self._map.register(hits, coasting, mean, information, self._search)]
+        # Most end where the first one ended, and are not followed to there.
+        coasted = self._map.register(hits, coasting, mean, information, self._search, result.pose)
         # Where people go along or a slip begins, both fit: what moved with the robot, and what stood still.
-        by_odometry = self._map.register(hits, mean, mean, information, self._narrow)
-        if by_odometry.matched >= _RECOGNISED:
-            starts.append(by_odometry)
-        best = min(starts, key=cost)
+        by_odometry = self._map.register(hits, mean, mean, information, self._narrow, result.pose)
+        others = [one for one, least in ((coasted, 0.0), (by_odometry, _RECOGNISED)) if one.matched >= least]
+        best = min(result, *others, key=cost) if others else result
         if best.matched >= self._config.doubtful:
             self._rest = 0
             return best
         self._rest -= 1
         if self._rest < 0 or best.matched < self._in_vain - 0.05:
-            found = best
             apart = mean.to(coasting)
             alike = math.hypot(apart.x, apart.y) < _SAME_START and abs(apart.theta) < _SAME_START
-            for start in (mean,) if alike else (mean, coasting):
-                near = self._best_near(hits, start)
-                found = min(found, self._map.register(hits, near, mean, information, self._search), key=cost)
-            if cost(found) < cost(best) - _WORTHWHILE:
-                self._rest, self._in_vain, best = 0, 1.0, found
+            found = [
+                self._map.register(hits, self._best_near(hits, start), mean, information, self._search, best.pose)
+                for start in ((mean,) if alike else (mean, coasting))
+            ]
+            others = [one for one in found if one.matched >= 0.0]
+            if others and min(map(cost, others)) < cost(best) - _WORTHWHILE:
+                self._rest, self._in_vain, best = 0, 1.0, min(others, key=cost)
             else:
                 self._rest, self._in_vain = self._config.search_rest, best.matched
         return best

@@ -7,7 +7,7 @@ import pytest
 from tbmslam.kernels.rays.hits import hits_of_scan
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.determined import prior_information
-from tbmslam.kernels.surfels.surfel_alignment import align, composed, linearise, pair_up, place_scan, strays
+from tbmslam.kernels.surfels.surfel_alignment import NOWHERE, align, composed, linearise, pair_up, place_scan, strays
 from tbmslam.kernels.surfels.surfel_search import _bounds, search
 from tbmslam.kernels.surfels.surfels import (
     CELLS,
@@ -185,12 +185,12 @@ def test_strays_are_what_matches_nothing(span, tolerance):
     assert found[1] - found[0] == pytest.approx(min(length / span, 20.0) + (1.0 if span == 0.5 else 0.0), rel=0.2)
 
 
-def aligned(points, start, deviation=np.inf, surfels=None, mean=None, freedom=1e9, enough=10_000):
+def aligned(points, start, deviation=np.inf, surfels=None, mean=None, freedom=1e9, enough=10_000, known=NOWHERE):
     prior = np.eye(3) * deviation**-2.0 if np.isfinite(deviation) else BROAD
     search_for = freedom, SPAN, np.inf, np.array([8.0, 3.0]), enough, 10
     hessian = np.empty((3, 3))
     x, y, theta, *fit = align(
-        plain(surfels), points, facing_origin(points), start, mean or start, prior, search_for, hessian
+        plain(surfels), points, facing_origin(points), start, mean or start, prior, search_for, known, hessian
     )
     return (x, y, theta), hessian, *fit
 
@@ -264,6 +264,21 @@ def test_a_prior_far_off_is_overruled_and_one_nearby_is_not():
             assert abs(pose[0]) > kept * off
 
 
+@pytest.mark.parametrize("start", [(0.05, -0.04, 0.02), (-0.03, 0.06, -0.01)])
+def test_a_search_ends_at_a_known_pose_that_it_comes_to(start):
+    generator = np.random.default_rng(15)
+    surfels, scan = surfels_of(room_walls(generator)), room_walls(generator, 120)
+    there, _, matched, *_ = aligned(scan, (0.0, 0.0, 0.0), surfels=surfels)
+    near = (there[0] + 0.0004, there[1] - 0.0004, there[2] + 0.0002)
+    ended, _, share, *_ = aligned(scan, start, surfels=surfels, known=near)
+    assert ended == near
+    assert share == -1.0
+    beside = (there[0] + 0.004, there[1], there[2])
+    ended, _, share, *_ = aligned(scan, start, surfels=surfels, known=beside)
+    assert ended == pytest.approx(there, abs=4e-4)
+    assert share == pytest.approx(matched, abs=0.01)
+
+
 def test_placing_a_scan_is_aligning_its_hits():
     generator = np.random.default_rng(12)
     surfels = surfels_of(room_walls(generator))
@@ -282,7 +297,7 @@ def test_placing_a_scan_is_aligning_its_hits():
     hits, facing = hits_of_scan(ranges, *beams)
     information = prior_information(deviations, start[2], mount)
     there = composed(start, mount)
-    twin = align(plain(surfels), hits, facing, there, there, information, search_for, same)
+    twin = align(plain(surfels), hits, facing, there, there, information, search_for, NOWHERE, same)
     np.testing.assert_array_equal(seen[:, :count], [hits, facing])
     np.testing.assert_array_equal(hessian, same)
     assert placed == twin
@@ -333,7 +348,7 @@ def test_the_far_face_of_a_thin_wall_is_another_surface():
     for face, normals in ((near_face, towards), (far_face, away)):
         start, search_for = (0.0, 0.05, 0.0), (1e9, SPAN, np.inf, np.array([8.0, 3.0]), 1000, 10)
         _, y, _, matched, *_ = align(
-            plain(surfels), face[:300], normals[:300], start, start, np.eye(3), search_for, np.empty((3, 3))
+            plain(surfels), face[:300], normals[:300], start, start, np.eye(3), search_for, NOWHERE, np.empty((3, 3))
         )
         assert y == pytest.approx(0.0, abs=0.003)
         assert matched > 0.9
