@@ -23,6 +23,10 @@ LOW = MOST_SCANS
 ONE_HIT = 1 << BITS
 BOTH = (1 << (2 * BITS)) - 1
 
+FRACTION_BITS = 40
+FRACTION = float(1 << FRACTION_BITS)
+"""Parts of a cell, in which a beam is followed by whole numbers: they need no conversion from step to step."""
+
 COVERED = 0.8
 """Beams that are this share of a cell apart leave no cell between them out."""
 
@@ -197,13 +201,14 @@ def _count_beam(
         slope = dx / abs(dy)
         leaves = start[0] + (row + 1 - start[1] if dy > 0.0 else start[1] - row) * slope
         along, across, last = row * width, col, end_col
-    before = across
-    for k in range(steps):
-        across = int(leaves + k * slope)
-        _count_pair(cells, along + before * side, along + across * side, spoken)
-        before = across
+    entered, way, climb = along + across * side, int(leaves * FRACTION), int(slope * FRACTION)
+    for _ in range(steps):
+        left = along + (way >> FRACTION_BITS) * side
+        _count_pair(cells, entered, left, spoken)
+        way += climb
         along += step
-    _count_pair(cells, along + before * side, along + last * side, spoken)
+        entered = left + step
+    _count_pair(cells, entered, along + last * side, spoken)
 
 
 @kernel
@@ -214,8 +219,8 @@ def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int)
     without a branch: the processor need not wait.
     """
     first, second = cells[np.uint64(one)], cells[np.uint64(other)]
-    cells[np.uint64(one)] = first if first >= spoken else (first & BOTH | spoken) + 1
-    cells[np.uint64(other)] = second if second >= spoken else (second & BOTH | spoken) + 1
+    cells[np.uint64(one)] = first if first >= spoken else (first & BOTH) + (spoken + 1)
+    cells[np.uint64(other)] = second if second >= spoken else (second & BOTH) + (spoken + 1)
 
 
 @kernel
