@@ -84,7 +84,7 @@ class FrontEnd:
             scan = deskewed(reading.scan, motion, T_robot_sensor, self._deskew)
             match = self._tracker.match(scan, prior._replace(start=T_map_robot), T_robot_sensor)
         T_map_robot = match.T_map_sensor @ T_sensor_robot
-        self._motion.correct(reading, T_map_robot, match.is_lost)
+        self._motion.correct(reading, T_map_robot, match.is_lost and not match.moved)
         return Placement(reading, scan, prior, match, T_map_robot)
 
     def is_keyframe(self, placement: Placement) -> bool:

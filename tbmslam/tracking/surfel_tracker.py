@@ -13,6 +13,7 @@ from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_fault import OdometryFault
 from tbmslam.tracking.odometry_noise import FREEDOM
+from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
@@ -90,6 +91,7 @@ class SurfelTracker:
         # The last scan, its hits in an array with room for more, and how many they are.
         self._seen: tuple[LaserScan, FloatArray, int] | None = None
         self._rest, self._in_vain = 0, 1.0
+        self._scans_before = RecentScans()
         self._fault = OdometryFault()
         self._surprise: float | None = None  # of the last scan, where odometry and scan both place it
         tolerances = np.array(config.tolerances)
@@ -100,7 +102,14 @@ class SurfelTracker:
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
         """Lay the scan onto the surfaces; directions that they leave open keep the prior's mean."""
-        config = self._config
+        match = self._match(scan, prior, T_robot_sensor)
+        if not prior.by_odometry:
+            self._scans_before.remember(scan.stamp, self._hits_of(scan).points, match.T_map_sensor)
+        return match
+
+    def _match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
+        """Lay the scan onto the surfaces. Without odometry the last scans give a better prior where it fits badly."""
+        config, between = self._config, None
         self._surprise = None
         if prior.deviations[0] == 0.0:  # the first scan lies where it lies
             self._seen = None
@@ -108,13 +117,17 @@ class SurfelTracker:
         hits = np.empty((2, len(scan.ranges), 2))
         result, count = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         self._seen = scan, hits, count
+        if not prior.by_odometry and result.matched < config.doubtful:
+            coasting = prior.coasting() @ T_robot_sensor
+            between = self._scans_before.place(scan.stamp, self._hits_of(scan).points, coasting)
+            if between is not None:
+                prior = _by_scans(prior, between, T_robot_sensor)
+                result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         is_surprising = result.surprise > _SURPRISING or prior.swerve > _SWERVE or self._fault.is_suspected
         if is_surprising or result.matched < config.doubtful:
             result = self._elsewhere(self._hits_of(scan), prior, T_robot_sensor, result)
         if result.matched < config.min_matched:
-            lost = result.matched < _FEW and result.independent * (1.0 - result.matched) > _MANY
-            trust = _LOST_TRUST if lost else 1.0
-            return ScanMatch(prior.mean @ T_robot_sensor, result.matched, moved=False, trust=trust, is_lost=lost)
+            return _unmatched(result, prior, between, T_robot_sensor)
         if prior.by_odometry:
             self._surprise = result.surprise
         trust = (FREEDOM + 3.0) / (FREEDOM + result.surprise)
@@ -198,6 +211,22 @@ class SurfelTracker:
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
+
+
+def _unmatched(result: Registration, prior: PosePrior, between: ScanMotion | None, T_robot_sensor: SE2) -> ScanMatch:
+    """Return the prior's pose for a scan of which hardly anything lies on surfaces; it is lost if no prior saw it."""
+    is_seen = between is not None and between.is_likely
+    is_lost = not is_seen and result.matched < _FEW and result.independent * (1.0 - result.matched) > _MANY
+    trust = _LOST_TRUST if is_lost else 1.0
+    information = None if between is None else np.diag(trust * np.array(prior.deviations) ** -2.0)
+    pose = prior.mean @ T_robot_sensor
+    return ScanMatch(pose, result.matched, between is not None, information, trust, is_lost)
+
+
+def _by_scans(prior: PosePrior, found: ScanMotion, T_robot_sensor: SE2) -> PosePrior:
+    """Return the prior that the last scans give; their deviations are alike along and across."""
+    mean, (position, heading) = found.motion @ T_robot_sensor.inverse(), found.deviations
+    return prior._replace(mean=mean, start=mean, deviations=(position, position, heading), coasting=lambda: mean)
 
 
 def _least_share(result: Registration) -> float:
