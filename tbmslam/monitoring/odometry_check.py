@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, stacked
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
@@ -108,8 +108,8 @@ def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, sca
     """
     if len(keyframes) < 2:
         return 1.0
-    ends = np.array([keyframe.match.T_map_sensor for keyframe in keyframes])
-    scans = compose(ends, inverse(np.array([keyframe.T_robot_sensor for keyframe in keyframes])))
+    ends = stacked([keyframe.match.T_map_sensor for keyframe in keyframes])
+    scans = compose(ends, inverse(stacked([keyframe.T_robot_sensor for keyframe in keyframes])))
     determined = _shares(keyframes, scans) >= _DETERMINED
     known = np.concatenate(([True], determined & ~np.isnan(wheels[1:, 0]) & ~np.isnan(wheels[:-1, 0]))).tolist()
     ratios, begin = [], (*wheels[0, :2].tolist(), *scans[0, :2].tolist())

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths, stacked
 from tbmslam.map.trajectory_correction import spread_corrections
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
@@ -102,7 +102,7 @@ class KeyframeBuffer:
     def corrected(self, poses: FloatArray, closed: FloatArray) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings after those of the laser at keyframes were corrected."""
         kept = np.array([k.index for k in self.keyframes], dtype=np.int64)
-        sensor_poses = np.array([k.T_robot_sensor for k in self.keyframes]).reshape(-1, 3)
+        sensor_poses = stacked([k.T_robot_sensor for k in self.keyframes])
         known = np.array(self._forgotten).reshape(-1, 5)
         forgotten, anchors = known[:, :2].astype(np.int64).T
         seen_from = closed[np.searchsorted(kept, anchors)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, stacked
 from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.pose_graph import MotionEdge
@@ -87,20 +87,20 @@ def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes
     return Keyframes(
         stamps=np.array([o.stamp for o in outlines], dtype=np.float64),
         poses=poses,
-        sensor_poses=np.array([k.T_robot_sensor for k in keyframes], dtype=np.float64).reshape(-1, 3),
+        sensor_poses=stacked([k.T_robot_sensor for k in keyframes]),
         beams=np.array(
             [(o.angle_min, o.angle_increment, o.range_min, o.range_max) for o in outlines], dtype=np.float64
         ).reshape(-1, 4),
         offsets=np.cumsum([0, *(len(k.ranges) for k in keyframes)]),
         ranges=np.concatenate([_NO_RANGES.astype(np.float32), *(k.ranges for k in keyframes)]),
-        beam_steps=np.array([o.beam_step for o in outlines], dtype=np.float64).reshape(-1, 3),
+        beam_steps=stacked([o.beam_step for o in outlines]),
         indices=np.array([k.index for k in keyframes], dtype=np.int64),
     )
 
 
 def odometry(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
     """Return the poses (K, 3) of the robot as the odometry has them; nan where there was none."""
-    return np.array([k.T_odom_robot or _NO_ODOMETRY for k in keyframes], dtype=np.float64).reshape(-1, 3)
+    return stacked([k.T_odom_robot or _NO_ODOMETRY for k in keyframes])
 
 
 def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
@@ -111,7 +111,7 @@ def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
     """
     if len(keyframes) < 2:
         return DriveMotions(np.zeros((0, 3)), np.zeros((0, 3, 3)))
-    poses = np.array([k.match.T_map_sensor for k in keyframes])
+    poses = poses_of_sensor(keyframes)
     steps = compose(inverse(poses[:-1]), poses[1:])
     seen = np.array([np.zeros((3, 3)) if k.match.information is None else k.match.information for k in keyframes[1:]])
     wheels = np.array([k.prior for k in keyframes[1:]])
@@ -138,4 +138,4 @@ def chain(measured: DriveMotions, first: int = 0) -> list[MotionEdge]:
 
 def poses_of_sensor(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
     """Return the poses (K, 3) of the laser as the tracker has them."""
-    return np.array([k.match.T_map_sensor for k in keyframes]).reshape(-1, 3)
+    return stacked([k.match.T_map_sensor for k in keyframes])

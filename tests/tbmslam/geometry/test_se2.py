@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.geometry.se2 import SE2, compose, interpolate, inverse, wrap_angle, wrap_angles
+from tbmslam.geometry.se2 import SE2, compose, interpolate, inverse, stacked, wrap_angle, wrap_angles
 
 QUARTER = math.pi / 2
 
@@ -57,6 +57,11 @@ def test_a_pose_has_three_numbers(values):
 def test_angles_wrap_to_minus_pi_included_and_pi_not(angle, wrapped):
     assert wrap_angle(angle) == pytest.approx(wrapped)
     np.testing.assert_allclose(wrap_angles([[angle]]), [[wrapped]])
+
+
+@pytest.mark.parametrize("poses", [[], [SE2(1.0, 2.0, 3.0), (4, 5.0, math.nan)]])
+def test_stacked_poses_are_rows(poses):
+    np.testing.assert_array_equal(stacked(poses), np.array(poses, dtype=np.float64).reshape(-1, 3))
 
 
 def test_arrays_of_motions_are_composed_one_by_one():
