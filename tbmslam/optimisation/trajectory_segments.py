@@ -76,11 +76,13 @@ class RigidStretches:
         for scans, (first, last) in zip(drives, self._drives(), strict=True):
             every = max(len(scans.points) // (of_each * max(len(scans), 1)), 1)
             places = self.places[first:last]
-            parts.append(gather_hits(scans.points, scans.normals, scans.offsets, places, every, limits))
+            part, sines = gather_hits(scans.points, scans.normals, scans.offsets, places, every, limits)
+            part.walls[:, 2] = np.arctan2(sines, part.walls[:, 2])
+            parts.append(part)
         return StretchHits(
-            np.vstack([part.walls for part in parts]),
+            _stacked([part.walls for part in parts]),
             self._begins([part.wall_begins for part in parts]),
-            np.vstack([part.loose for part in parts]),
+            _stacked([part.loose for part in parts]),
             self._begins([part.loose_begins for part in parts]),
         )
 
@@ -102,6 +104,11 @@ class RigidStretches:
 
     def _drives(self) -> list[tuple[int, int]]:
         return list(itertools.pairwise(self._drive_ends.tolist()))
+
+
+def _stacked(parts: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
+    """Return rows of drives one after the other; those of a single one are not copied."""
+    return parts[0] if len(parts) == 1 else np.vstack(parts)
 
 
 def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:

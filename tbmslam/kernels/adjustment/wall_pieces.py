@@ -75,8 +75,11 @@ def gather_hits(
     places: FloatArray,
     every: int,
     limits: tuple[float, float, float],
-) -> StretchHits:
+) -> tuple[StretchHits, npt.NDArray[np.float32]]:
     """Return every so manieth hit of each scan, in the frame of the stretch that the scan belongs to, by scans.
+
+    Where the walls' normals point is left to NumPy, which takes a twentieth of the time for many: their cosines are in
+    the place of the directions, and their sines (W,) come beside them.
 
     A normal is known where neighbours lie near and on one line with the hit. At a door frame they lie on walls at
     different depths: the slanted wall between them is none, and would move along with the robot.
@@ -98,6 +101,7 @@ def gather_hits(
     for k in range(len(places)):
         size += (offsets[k + 1] - offsets[k] + every - 1) // every
     walls, loose = np.empty((size, 3), dtype=np.float32), np.empty((size, 2), dtype=np.float32)
+    sines = np.empty(size, dtype=np.float32)
     wall_begins, loose_begins = np.zeros(len(offsets), dtype=np.int64), np.zeros(len(offsets), dtype=np.int64)
     max_range, gap, bulge = limits
     known, unknown = 0, 0
@@ -115,13 +119,13 @@ def gather_hits(
             there_x, there_y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
             if is_near and abs(nx * (x - before_x) + ny * (y - before_y)) <= bulge:
                 walls[known, 0], walls[known, 1] = there_x, there_y
-                walls[known, 2] = math.atan2(s * nx + c * ny, c * nx - s * ny)
+                walls[known, 2], sines[known] = c * nx - s * ny, s * nx + c * ny
                 known += 1
             else:
                 loose[unknown, 0], loose[unknown, 1] = there_x, there_y
                 unknown += 1
         wall_begins[k + 1], loose_begins[k + 1] = known, unknown
-    return StretchHits(walls[:known], wall_begins, loose[:unknown], loose_begins)
+    return StretchHits(walls[:known], wall_begins, loose[:unknown], loose_begins), sines[:known]
 
 
 @kernel

@@ -53,7 +53,7 @@ def poses(generator):
 def test_hits_are_gathered_as_the_plain_answer_says(scans, every):
     points, normals, offsets = scans
     places = np.array([[0.0, 0.0, 0.0], [1.0, -0.5, 0.3], [0.2, 0.0, -2.0]])
-    hits = gather_hits(points, normals, offsets, places, every, (2.6, 0.14, 0.03))
+    hits, sines = gather_hits(points, normals, offsets, places, every, (2.6, 0.14, 0.03))
     walls, loose, wall_begins, loose_begins = [], [], [0], [0]
     for k in range(3):
         pose, own = SE2(*places[k]), range(offsets[k], offsets[k + 1])
@@ -72,8 +72,7 @@ def test_hits_are_gathered_as_the_plain_answer_says(scans, every):
                 loose.append(there)
         wall_begins.append(len(walls))
         loose_begins.append(len(loose))
-    facing = np.column_stack((np.cos(hits.walls[:, 2]), np.sin(hits.walls[:, 2])))
-    np.testing.assert_allclose(np.column_stack((hits.walls[:, :2], facing)), walls, atol=1e-6)
+    np.testing.assert_allclose(np.column_stack((hits.walls, sines)), walls, atol=1e-6)
     np.testing.assert_allclose(hits.loose, loose, atol=1e-6)
     np.testing.assert_array_equal(hits.wall_begins, wall_begins)
     np.testing.assert_array_equal(hits.loose_begins, loose_begins)
