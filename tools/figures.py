@@ -109,7 +109,7 @@ def fill(text: str, records: Mapping[str, Record], page: str) -> str:
     """
     found = 2 * (len(_TABLE.findall(text)) + len(_FIGURE.findall(text)))
     if found != len(_MARKER.findall(text)):
-        raise FigureError(f"{page}: a marker of a table or figure has no end, or no begin: mend it")
+        raise FigureError(f"{page}: a marker of a table or figure has no end, or no begin: correct it")
     text = _TABLE.sub(_filling(lambda words: table_text(words, records), page), text)
     return _FIGURE.sub(_filling(lambda words: figure_text(words, records), page), text)
 

@@ -106,7 +106,7 @@ def _add_world(world: argparse._ArgumentGroup) -> None:
         action="append",
         default=[],
         metavar="NAME@S[+S[xF]]",
-        help="something goes wrong after so many seconds, for so many (10); may be repeated; reversed odometry "
+        help="a fault from one time on, for a duration (10) [s]; may be repeated; reversed odometry "
         "reports F times the distance (1): " + ", ".join(FAULTS),
     )
 

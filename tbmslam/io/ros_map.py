@@ -76,7 +76,7 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         raise MapFileError(f"{path}: the yaw of {yaw:.3g} rad in origin is too large: correct it")
     resolution = _number(path, "resolution", values["resolution"])
     if resolution <= 0.0:
-        raise MapFileError(f"{path}: the resolution must be positive, it says {resolution}: correct it")
+        raise MapFileError(f"{path}: the resolution must be positive, got {resolution}: correct it")
     if resolution > _MAX_CELL_M:
         raise MapFileError(
             f"{path}: cells of {resolution:g} m are too large for walls: the resolution is in metres, 0.05 for 5 cm: "
@@ -126,7 +126,7 @@ def _number(path: Path, key: str, value: object) -> float:
     except (ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):
-        raise MapFileError(f"{path}: {key} must hold finite numbers, it says {reprlib.repr(value)}: correct it")
+        raise MapFileError(f"{path}: {key} must hold finite numbers, got {reprlib.repr(value)}: correct it")
     return number
 
 

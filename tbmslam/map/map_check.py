@@ -82,7 +82,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
         too many.
     """
     if not (np.isfinite(geometry.resolution) and geometry.resolution > 0.0):
-        raise MapFileError(f"{path}: the resolution must be positive, it says {geometry.resolution}: correct it")
+        raise MapFileError(f"{path}: the resolution must be positive, got {geometry.resolution}: correct it")
     if not SMALLEST_CELL <= geometry.resolution <= LARGEST_CELL:
         raise MapFileError(
             f"{path}: cells of {geometry.resolution:g} m are not within {SMALLEST_CELL:g} to {LARGEST_CELL:g} m: "
@@ -90,7 +90,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
         )
     if not np.isfinite([geometry.origin_x, geometry.origin_y]).all():
         raise MapFileError(
-            f"{path}: the origin must be finite, it says {geometry.origin_x}, {geometry.origin_y}: correct it"
+            f"{path}: the origin must be finite, got {geometry.origin_x}, {geometry.origin_y}: correct it"
         )
     check_size(path, geometry.rows, geometry.cols)
     farthest = max(abs(edge) for edge in geometry.bounds())

@@ -92,7 +92,7 @@ def _decode_pgm(path: Path, content: bytes) -> MapImage:
         raise MapFileError(f"{path}: has no PGM header with width, height and maximum: it is damaged")
     kind, cols, rows, maximum = (int(group) for group in header.groups())
     if not 1 <= maximum <= 65535:
-        raise MapFileError(f"{path}: the PGM's maximum must be 1 to 65535, it says {maximum}: make it again")
+        raise MapFileError(f"{path}: the PGM's maximum must be 1 to 65535, got {maximum}: make it again")
     body, count = memoryview(content)[header.end() :], rows * cols
     values: npt.NDArray[Any]
     if kind == 5:

@@ -37,21 +37,20 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
             (
                 f"About {settings.default_keypoints} keypoints of the pignistic image of each map, matched by brute "
                 f"force, Lowe's ratio {settings.default_ratio:g}; share of the matches within {settings.tolerance_m:g} "
-                "m of where the true transform puts them, and how many matches there were. Differences to the paper:"
+                "m of their true positions, and number of matches. Differences to the paper:"
             ),
             (
-                "What is right. Here the truth is known. The paper does not say how it decided; where no truth is at "
-                "hand, the inliers of the fitted transform suggest themselves, so the table has their share too. It "
-                "judges by 3 cells and not by "
-                f"{settings.tolerance_m:g} m, and it is an estimate: a wrong transform has inliers as well."
+                "Right matches. Here the truth is known. The paper does not define right matches. Without a truth one "
+                "may count the inliers of the fitted transform, so the table also has their share. Their tolerance is "
+                f"3 cells instead of {settings.tolerance_m:g} m. They are an estimate: wrong transforms have inliers."
             ),
             (
-                f"Which descriptors. {_why_absent(absent)}AKAZE is added. BRISK, AKAZE, SURF and the STAR keypoints "
-                "that BRIEF describes come in no number that was asked for: the strongest count."
+                f"Descriptors. {_why_absent(absent)}AKAZE is added. The number of keypoints of BRISK, AKAZE, SURF and "
+                "STAR (for BRIEF) cannot be requested: the strongest are used."
             ),
             (
-                "Which maps. The paper's seven pairs include some that SIFT and SURF lost altogether (0.0); pairs of "
-                "fully explored maps of one building as here are easier, so compare columns, not cells."
+                "Maps. For some of the paper's seven pairs, SIFT and SURF have no right match (0.0). Pairs of fully "
+                "explored maps of one building, as here, are easier. So compare columns, not cells."
             ),
         ],
         [
@@ -81,13 +80,12 @@ def modification_section(results: PaperResults, settings: PaperSettings) -> Sect
                 "Share of right matches, mean ± standard deviation over the pairs, and in grey the paper's value. a: "
                 "the pignistic image alone; b: descriptors of the occupied, free and unknown image concatenated; c, d, "
                 "e: these three joined by and, or, exclusive or. The last column has those that no other beats "
-                f"significantly at {LEVEL:g}. Test: {TEST}. Pairs that share a map are not independent of each other, "
-                "which the test cannot know. The paper does not name its test."
+                f"significantly at {LEVEL:g}. Test: {TEST}. The test assumes independent pairs, but pairs that share a "
+                "map are not independent. The paper does not name its test."
             ),
             (
-                f"Keypoints found a map, by the number asked for: {found}. A dash: nothing passed the ratio test. A "
-                "share says nothing of how many matches are left, which the table of variants has too: what is picky "
-                "has a high share of few."
+                f"Keypoints found in each map, by the requested number: {found}. A dash: no match passed the ratio "
+                "test. A strict test has a high share of few matches; the table of variants also has the numbers."
             ),
             *_variant_texts(results, settings),
         ],
@@ -112,8 +110,8 @@ def conclusions(results: PaperResults) -> list[str]:
             f"Read {name}, descriptors joined by exclusive or (e) have a higher share of right matches than "
             f"concatenated ones (b) in {joined[0]} of {joined[2]} settings, in {joined[1]} of them at "
             f"p <= {1.0 - LEVEL:.2f}; "
-            f"concatenated ones a higher share than the pignistic image alone (a) in {plain[0]}, in {plain[1]} at that "
-            "level. Each setting has a test of its own, not corrected for their number; the same pairs serve all."
+            f"concatenated ones have a higher share than the pignistic image alone (a) in {plain[0]}, in {plain[1]} at "
+            "that level. Each setting has its own test, without a correction for their number, on the same pairs."
         )
     return sentences
 
@@ -200,14 +198,14 @@ def _variant_texts(results: PaperResults, settings: PaperSettings) -> Sequence[s
             f"with the unknown image inverted, {inverted}."
         ),
         (
-            "Why c and d depend so much on the inversion: ORB's bits compare two pixels. Nearly everywhere the unknown "
-            "mass is high where the free mass is low and the reverse, so that as the paper is written a bit of the one "
-            "is the opposite of the other's: their conjunction is 0 almost everywhere and their disjunction 1, "
-            "whatever the place looks like. Nothing then passes the ratio test under 'and', and what passes under 'or' "
-            "is mostly chance. Inverted as in the program, the images agree and so do c and d. Bit-wise joins lose "
-            "information in any case: they keep fewer matches than concatenation."
+            "Why do c and d depend on the inversion? ORB's bits compare two pixels. Nearly everywhere the unknown mass "
+            "is high where the free mass is low. As the paper is written, corresponding bits of both images are then "
+            "opposite: their conjunction is 0 and their disjunction is 1 almost everywhere. No match passes the ratio "
+            "test under 'and', and the matches under 'or' are mostly chance. With the inversion of the program, the "
+            "images agree, and c and d work. Bit-wise joins always lose information: they keep fewer matches than "
+            "concatenation."
         ),
-        "Of the rows that the paper has, so many values lie within 0.1 of the paper's: "
+        "Number of values within 0.1 of the paper's, in the rows of the paper: "
         + "; ".join(f"{name}: {_near_paper(results.studies[variant])}" for name, variant in _READINGS.items())
         + ".",
     ]

@@ -101,18 +101,18 @@ def transform_section(results: PaperResults, settings: PaperSettings) -> Section
             (
                 f"Distances between all matches (concatenated descriptors of 256 bits, {settings.default_keypoints} "
                 f"keypoints, ratio {settings.default_ratio:g}) after the transform fitted to them, as the paper "
-                "reports them; and what the paper could not know: how far the transform puts the source map's cells "
-                "from their true places, on average. 'affine' is the program's fit (six numbers, RANSAC); 'rigid' the "
-                "motion that most matches agree on, as `--method features` starts from; 'default' is `correlation`."
+                "reports them. The paper had no truth. The last columns are the mean true errors of the source map's "
+                "cells. 'affine' is the program's fit (six parameters, RANSAC). 'rigid' is the motion with most "
+                "inliers, from which `--method features` starts. 'default' is `correlation`."
             ),
             (
-                "The geometric mean says little of the transform: it is taken over the matches that the transform was "
-                "fitted to, wrong ones included, small distances pull it down, and no mean over keypoints tells what "
-                f"an affine stretch does where there are none.{ratio} A maximum of tens of metres is a wrong match and "
-                "no error of the transform. The paper's pair 2, 0.000 throughout, could be what three matches "
-                "give: three points always have an affine transform without any distance left."
+                "The geometric mean is a weak measure of the transform. It is of the matches that the transform was "
+                "fitted to, including wrong ones. Small distances dominate it. And it does not contain the errors of "
+                f"an affine transform where there are no keypoints.{ratio} A maximum of tens of metres is a wrong "
+                "match and no error of the transform. The paper's pair 2 has 0.000 in all columns. Three matches would "
+                "give this result: an affine transform fits three points exactly."
             ),
-            "The true error includes how bent the two maps are against each other, which no rigid motion removes.",
+            "The true error includes the distortion between both maps, which no rigid motion removes.",
         ],
         [
             PaperTable("Measured here", [*heads, "default, true error m"], rows),
@@ -137,20 +137,19 @@ def duration_section(results: PaperResults) -> Section:
             (
                 "Wall time of the paper's algorithm 1 (keypoints, descriptors, matching, transform, resampling, "
                 "disjunctive fusion; files are neither read nor written), mean and deviation of repeated runs, by the "
-                "area of the rectangle around the merged map at 0.1 m a cell. The pairs above are turned against each "
-                "other, which decides the rectangle; the others are cut from a simulated building, with rows of "
-                "unknown cells so that it has the paper's areas. Fusion is timed at the true transform: the found one "
-                "may be wrong, and then the rectangle and the work would be others."
+                "area of the bounding box of the merged map at cells of 0.1 m. The box of the pairs above depends on "
+                "their rotation. The other pairs are cut from a simulated building, with rows of unknown cells for the "
+                "paper's areas. Fusion is timed at the true transform, since a wrong transform would have another box."
             ),
             (
-                "The paper's column says seconds. Its program prints milliseconds, and run on an AMD EPYC with 2 cores "
-                "it takes 212 ms for 4900 m² and 563 ms for 12100 m²: the same proportion, and 2.4 to 2.8 times "
-                "less than the numbers in the table. They are almost certainly milliseconds, and then the algorithm is "
-                "fast enough for what the paper says it is too slow for."
+                "The unit of the paper's column is seconds. Its program prints milliseconds. On an AMD EPYC with 2 "
+                "cores it takes 212 ms for 4900 m² and 563 ms for 12100 m²: the same proportion, and 2.4 to 2.8 times "
+                "less than the numbers in the table. They are almost certainly milliseconds. Then the algorithm is "
+                "fast enough for the tasks for which the paper calls it too slow."
             ),
             (
-                "Here the transform is the rigid consensus instead of an affine RANSAC, and the canvas holds both maps "
-                "whole; the program cuts off what lies at negative coordinates and beyond the smaller map."
+                "Here the transform is the rigid consensus instead of an affine RANSAC, and the canvas holds both "
+                "whole maps. The program cuts off cells at negative coordinates and beyond the smaller map."
             ),
         ],
         [

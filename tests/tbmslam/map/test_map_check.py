@@ -38,12 +38,12 @@ def test_a_square_kilometre_in_cells_of_5_cm_is_believed(monkeypatch):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"resolution": 0.0}, "the resolution must be positive, it says 0"),
-        ({"resolution": -0.05}, "the resolution must be positive, it says -0.05"),
-        ({"resolution": math.nan}, "the resolution must be positive, it says nan"),
-        ({"resolution": math.inf}, "the resolution must be positive, it says inf"),
-        ({"origin_x": math.nan}, "the origin must be finite, it says nan"),
-        ({"origin_y": -math.inf}, "the origin must be finite, it says -1.0, -inf"),
+        ({"resolution": 0.0}, "the resolution must be positive, got 0"),
+        ({"resolution": -0.05}, "the resolution must be positive, got -0.05"),
+        ({"resolution": math.nan}, "the resolution must be positive, got nan"),
+        ({"resolution": math.inf}, "the resolution must be positive, got inf"),
+        ({"origin_x": math.nan}, "the origin must be finite, got nan"),
+        ({"origin_y": -math.inf}, "the origin must be finite, got -1.0, -inf"),
         ({"resolution": 1e-12}, "cells of 1e-12 m are not within 0.001 to 100 m"),
         ({"resolution": 1e5}, "cells of 100000 m are not within 0.001 to 100 m"),
         ({"resolution": 100.0, "origin_x": 9.9e7}, "the map would reach to 1.01e.08 m, more than the 1e.08 m"),
