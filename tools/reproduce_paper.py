@@ -125,8 +125,7 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
     from tbmslam.io.atomic_file import write_text
-    from tools.paper.experiments import record_of, run_experiments
-    from tools.paper.maps import load_pairs
+    from tools.paper.experiments import load_pairs, record_of, run_experiments
 
     args.out.mkdir(parents=True, exist_ok=True)
     pairs = load_pairs(args.maps or _make_maps(args), args.pairs, args.min_overlap)
@@ -139,7 +138,7 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
 
 
 def _make_maps(args: argparse.Namespace) -> Path:
-    from tools.paper.maps import map_recordings, map_simulated, simulate_recordings
+    from tools.paper.experiments import map_recordings, map_simulated, simulate_recordings
 
     how = ["--preset", args.preset, "--set", f"map.resolution={args.resolution}"]
     if args.recordings:

@@ -26,7 +26,7 @@ from tools.command_line.configuration import read_configuration
 from tools.command_line.output_folder import NAME, changed_files
 from tools.evaluation import TruthFileError
 from tools.map_pairs import PairFileError, load_pair
-from tools.paper.maps import load_pairs
+from tools.paper.experiments import load_pairs
 
 NO_FILE, EMPTY = "is a device or a pipe", "is empty"
 KERNEL_LOG = Path("/proc/kmsg")

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from datasets.synthetic.buildings.along_corridors import draw_corridor, draw_hospital, draw_office, draw_wings
-from datasets.synthetic.buildings.open_floors import draw_open_plan, draw_store
-from datasets.synthetic.buildings.subdivided import draw_apartment, draw_halls
+from datasets.synthetic.buildings.without_corridors import draw_apartment, draw_halls, draw_open_plan, draw_store
 from datasets.synthetic.world.floor_plan import FloorPlan
 from datasets.synthetic.world.world import World
 

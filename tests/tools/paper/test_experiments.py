@@ -7,7 +7,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tools.evaluation import OWN_MAP
-from tools.paper.maps import PaperMapsError, load_pairs, pair_of_area
+from tools.paper.experiments import PaperMapsError, load_pairs, pair_of_area
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):
