@@ -45,7 +45,7 @@ def open_recording(paths: Sequence[Path], options: RecordingOptions | None = Non
         raise DatasetError(f"{listed}: bags and logs cannot be one recording: give them separately")
     chosen = options or RecordingOptions()
     if kinds[files[0]] == "carmen":
-        from datasets.carmen.reader import open_carmen  # noqa: PLC0415 - each format loads only what it needs
+        from datasets.carmen import open_carmen  # noqa: PLC0415 - each format loads only what it needs
 
         return open_carmen(files, chosen)
     from datasets.rosbag.reader import open_rosbags  # noqa: PLC0415 - rosbags takes long to import
