@@ -8,7 +8,7 @@ import pytest
 
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.map.tbm_map import TbmMap
-from tests.tools.built_maps import QUICK
+from tests.tools.build_maps.built_maps import QUICK
 from tools import build_maps, convert
 
 

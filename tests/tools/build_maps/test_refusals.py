@@ -9,7 +9,7 @@ from datasets import DatasetError
 from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.io.trajectory_file import TumError
 from tbmslam.sensing.segmentation import SegmentationError
-from tests.tools.built_maps import run
+from tests.tools.build_maps.built_maps import run
 from tools.command_line.paths import MissingFileError
 from tools.mapping.run import OutputError
 

@@ -8,7 +8,7 @@ import pytest
 
 from tbmslam.io.trajectory_file import read_tum
 from tbmslam.sensing.segmentation import private_frame
-from tests.tools.built_maps import QUICK, run, run_record
+from tests.tools.build_maps.built_maps import QUICK, run, run_record
 from tools import make_world
 
 

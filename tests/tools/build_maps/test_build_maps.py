@@ -11,10 +11,10 @@ import pytest
 from tbmslam.geometry.se2 import compose
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
-from tests.tools.built_maps import QUICK, run, run_record
+from tests.tools.build_maps.built_maps import QUICK, run, run_record
 from tools import evaluate, make_world
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_one_bag_is_one_robot(bag, tmp_path, capsys):

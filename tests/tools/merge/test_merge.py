@@ -24,7 +24,7 @@ from tbmslam.sensing.laser_scan import LaserScan
 from tests.belief_rules import dempster, disjunctive
 from tools import merge
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 
 
 def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsys):
