@@ -67,10 +67,7 @@ def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Ex
 
 
 def refute_bridge(
-    found: MergeState,
-    config: MergeConfig,
-    executor: Executor,
-    stood: Collection[Sides] = (),
+    found: MergeState, config: MergeConfig, executor: Executor, stood: Collection[Sides] = ()
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
     """Find a bridge that both sides as wholes do not confirm, the most doubtful first.
 

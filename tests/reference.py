@@ -163,14 +163,7 @@ def climb_hill(score, pose, length, angle, halvings):
     best, best_score, failures = np.array(pose, dtype=float), score(pose), 0
     while failures < halvings:
         base, improved = best.copy(), False
-        for offset in (
-            (length, 0, 0),
-            (0, -length, 0),
-            (0, 0, angle),
-            (-length, 0, 0),
-            (0, length, 0),
-            (0, 0, -angle),
-        ):
+        for offset in ((length, 0, 0), (0, -length, 0), (0, 0, angle), (-length, 0, 0), (0, length, 0), (0, 0, -angle)):
             trial = base + offset
             if score(trial) > best_score:
                 best, best_score, improved = trial, score(trial), True

@@ -59,20 +59,7 @@ def _map_and_merge(folder: Path) -> int:
     from tools import build_maps, make_world, merge
 
     bags, maps, merged = (str(folder / name) for name in ("bags", "maps", "merged"))
-    drive = [
-        "--world",
-        "apartment",
-        "--robots",
-        "2",
-        "--length",
-        _DRIVE_M,
-        "--overlap",
-        "0.6",
-        "--beams",
-        "181",
-        "--rate",
-        "5",
-    ]
+    drive = f"--world apartment --robots 2 --length {_DRIVE_M} --overlap 0.6 --beams 181 --rate 5".split()
     with contextlib.redirect_stdout(io.StringIO()):
         return (
             make_world.main([*drive, "-o", bags])

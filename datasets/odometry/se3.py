@@ -100,8 +100,4 @@ class SE3(NamedTuple):
         cx = qy * z - qz * y + qw * x
         cy = qz * x - qx * z + qw * y
         cz = qx * y - qy * x + qw * z
-        return (
-            x + 2.0 * (qy * cz - qz * cy),
-            y + 2.0 * (qz * cx - qx * cz),
-            z + 2.0 * (qx * cy - qy * cx),
-        )
+        return (x + 2.0 * (qy * cz - qz * cy), y + 2.0 * (qz * cx - qx * cz), z + 2.0 * (qx * cy - qy * cx))

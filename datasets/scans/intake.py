@@ -199,13 +199,7 @@ class ScanIntake:
             self._counts.drop("empty")
             return None
         return LaserScan(
-            raw.stamp,
-            raw.angle_min,
-            step,
-            clean.range_min,
-            clean.range_max,
-            clean.ranges,
-            self._time_increment(raw),
+            raw.stamp, raw.angle_min, step, clean.range_min, clean.range_max, clean.ranges, self._time_increment(raw)
         )
 
     def _cleaned_alike(self, ranges: npt.NDArray[np.floating], range_min: float, range_max: float) -> list[CleanScan]:

@@ -233,11 +233,7 @@ def write_mcap_bag(
 
 def _topics(messages: Messages, lidar: RingLidar | None) -> dict[str, str]:
     scans = (SCAN_TOPIC, "sensor_msgs/msg/LaserScan") if lidar is None else (CLOUD_TOPIC, "sensor_msgs/msg/PointCloud2")
-    topics = {
-        scans[0]: scans[1],
-        ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
-        "/tf": messages.tf_type,
-    }
+    topics = {scans[0]: scans[1], ODOMETRY_TOPIC: "nav_msgs/msg/Odometry", "/tf": messages.tf_type}
     return topics if messages.ros1 else {**topics, "/tf_static": messages.tf_type}
 
 

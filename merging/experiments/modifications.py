@@ -14,13 +14,7 @@ from merging.registration.features import ORB_EDGE, Channels, joined, orb_of
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 
-MODIFICATIONS: Mapping[str, Descriptor] = {
-    "a": "pignistic",
-    "b": "concatenated",
-    "c": "and",
-    "d": "or",
-    "e": "xor",
-}
+MODIFICATIONS: Mapping[str, Descriptor] = {"a": "pignistic", "b": "concatenated", "c": "and", "d": "or", "e": "xor"}
 """The paper's letters."""
 
 

@@ -159,12 +159,7 @@ def _reach_all(owners: list[str], closures: list[MotionEdge]) -> bool:
 
 
 def _corrected(
-    name: str,
-    tbm_map: TbmMap,
-    tracks: list[Track],
-    starts: npt.NDArray[np.int64],
-    poses: FloatArray,
-    T_merged_map: SE2,
+    name: str, tbm_map: TbmMap, tracks: list[Track], starts: npt.NDArray[np.int64], poses: FloatArray, T_merged_map: SE2
 ) -> TbmMap:
     """Return a map with its corrected drives and a newly rendered grid."""
     drives = []

@@ -279,9 +279,7 @@ def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
 
 
 def register_refused_pairs(
-    found: MergeState,
-    config: MergeConfig,
-    executor: Executor,
+    found: MergeState, config: MergeConfig, executor: Executor
 ) -> dict[Pair, NonrigidRegistration]:
     """Register refused pairs of maps of different groups non-rigidly; return the accepted registrations.
 

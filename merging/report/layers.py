@@ -141,9 +141,7 @@ def _evidence(fusion: Fusion) -> list[Raster]:
         ),
         Raster(
             Switch(
-                _EVIDENCE,
-                "contradictions",
-                note="contradictions of the maps: walls in the free space of another map",
+                _EVIDENCE, "contradictions", note="contradictions of the maps: walls in the free space of another map"
             ),
             geometry,
             levels_of(conflict),

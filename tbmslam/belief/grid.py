@@ -39,10 +39,7 @@ class GridGeometry(NamedTuple):
 
     def cell_at(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that contains a point [m]; it may lie outside the grid."""
-        return (
-            math.floor((y - self.origin_y) / self.resolution),
-            math.floor((x - self.origin_x) / self.resolution),
-        )
+        return (math.floor((y - self.origin_y) / self.resolution), math.floor((x - self.origin_x) / self.resolution))
 
     def cells_at(
         self, points: FloatArray
@@ -55,10 +52,7 @@ class GridGeometry(NamedTuple):
 
     def centre_of(self, row: float, col: float) -> tuple[float, float]:
         """Return the centre (x, y) of a cell [m]; between two cells that lies between theirs."""
-        return (
-            self.origin_x + (col + 0.5) * self.resolution,
-            self.origin_y + (row + 0.5) * self.resolution,
-        )
+        return (self.origin_x + (col + 0.5) * self.resolution, self.origin_y + (row + 0.5) * self.resolution)
 
     def centres_of(self, rows: npt.NDArray[np.integer], cols: npt.NDArray[np.integer]) -> FloatArray:
         """Return the centres (N, 2) of cells (N,) [m]."""

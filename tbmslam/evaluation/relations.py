@@ -103,10 +103,7 @@ def _alike(first: FloatArray, second: FloatArray, tolerance: float) -> list[npt.
 
 
 def _traced(
-    like: list[npt.NDArray[np.intp]],
-    matched: npt.NDArray[np.intp],
-    costs: list[list[_Cost]],
-    origins: list[list[int]],
+    like: list[npt.NDArray[np.intp]], matched: npt.NDArray[np.intp], costs: list[list[_Cost]], origins: list[list[int]]
 ) -> npt.NDArray[np.intp]:
     """Return the path of least cost through the candidates of each matched pose (M,)."""
     chosen = np.empty(len(matched), dtype=np.intp)

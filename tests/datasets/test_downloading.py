@@ -226,11 +226,7 @@ def test_the_profile_of_a_recording_is_given():
 
 @pytest.mark.parametrize(
     ("name", "meant"),
-    [
-        ("stata/2011-01-24-06-18-72", "did you mean stata/2011-01-24"),
-        ("intel", "freiburg/intel"),
-        ("x", "--list"),
-    ],
+    [("stata/2011-01-24-06-18-72", "did you mean stata/2011-01-24"), ("intel", "freiburg/intel"), ("x", "--list")],
 )
 def test_an_unknown_name(name, meant):
     with pytest.raises(DatasetError, match=rf"there is no known recording '{name}': .*{meant}"):

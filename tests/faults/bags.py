@@ -180,8 +180,5 @@ CASES = (
     _case("mcap, 50 kB of zeros in it", _MCAP, partial(zero, share=0.5, size=50_000), 0.6),
     _case("sqlite database cut in half", _MCAP, _half, 0.48, quick=True, as_database=True),
     FaultCase("sqlite database that holds nothing", partial(_refused, damage=empty_database), quick=True),
-    FaultCase(
-        "sqlite database overwritten by zeros",
-        partial(_refused, damage=partial(zero, share=0.0, size=10**8)),
-    ),
+    FaultCase("sqlite database overwritten by zeros", partial(_refused, damage=partial(zero, share=0.0, size=10**8))),
 )

@@ -84,11 +84,7 @@ CASES = (
     _case("a dozen boxes moved", "furniture@30"),
     _case("robot carried elsewhere", "carried@20+15", "--interval", remedy=True, quick=True),
     _case(
-        "robot carried along a corridor alike everywhere",
-        "carried@20+15",
-        "--interval",
-        world="corridor",
-        remedy=True,
+        "robot carried along a corridor alike everywhere", "carried@20+15", "--interval", world="corridor", remedy=True
     ),
     _case(
         "robot shut in as in a lift, comes out elsewhere",

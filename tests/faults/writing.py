@@ -145,11 +145,7 @@ CASES = (
     FaultCase(
         "Ctrl-C with two workers",
         partial(
-            _stopped,
-            send=signal.SIGINT,
-            code=INTERRUPTED,
-            states=("half", "named"),
-            words=("--workers", "2", "--redo"),
+            _stopped, send=signal.SIGINT, code=INTERRUPTED, states=("half", "named"), words=("--workers", "2", "--redo")
         ),
     ),
     FaultCase(

@@ -24,8 +24,7 @@ def grid_of(seed, rows, cols, resolution=RESOLUTION, col=0, row=0):
 
 def shifted(geometry, cols, rows):
     return geometry._replace(
-        origin_x=geometry.origin_x + cols * geometry.resolution,
-        origin_y=geometry.origin_y + rows * geometry.resolution,
+        origin_x=geometry.origin_x + cols * geometry.resolution, origin_y=geometry.origin_y + rows * geometry.resolution
     )
 
 

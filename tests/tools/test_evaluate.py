@@ -81,7 +81,7 @@ def test_a_trajectory_against_relations(files, tmp_path, capsys):
     assert "unmatched: 1" in lines
     translation = next(line for line in lines if line.startswith("translation_m: "))
     assert [word.split()[0] for word in translation.removeprefix("translation_m: ").split(", ")] == [
-        *("rmse", "mean", "standard_deviation", "median", "maximum"),
+        *("rmse", "mean", "standard_deviation", "median", "maximum")
     ]
     assert cv2.imread(str(tmp_path / "out.png")) is not None
 

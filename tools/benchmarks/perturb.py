@@ -330,13 +330,7 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
     else:
         verdict = "LOST" if error_m > _LOST_RATIO * before_m else "MISS"
     return Score(
-        perturbation.name,
-        error_m,
-        errors.error_deg(scored),
-        int(unscored.sum()),
-        int(left_out.sum()),
-        ratio,
-        verdict,
+        perturbation.name, error_m, errors.error_deg(scored), int(unscored.sum()), int(left_out.sum()), ratio, verdict
     )
 
 

@@ -79,10 +79,7 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 NAME = "SHA256SUMS"
-_BESIDE_THE_MAP = (
-    *("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png"),
-    *EXTRA_FILES,
-)
+_BESIDE_THE_MAP = (*("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png"), *EXTRA_FILES)
 """The files that programs write besides the map, without the pages, which hold times."""
 
 

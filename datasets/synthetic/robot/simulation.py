@@ -166,12 +166,7 @@ def simulate(
 
 
 def _simulate_robot(
-    world: World,
-    index: int,
-    drive: Trajectory,
-    rng: np.random.Generator,
-    laser: SimulatedLaser,
-    noise: OdometryNoise,
+    world: World, index: int, drive: Trajectory, rng: np.random.Generator, laser: SimulatedLaser, noise: OdometryNoise
 ) -> SimulatedRobot:
     wheel_rng, laser_rng = rng.spawn(2)
     odometry = noise.odometry(drive, wheel_rng)

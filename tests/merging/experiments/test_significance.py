@@ -28,12 +28,7 @@ def test_too_many_pairs():
 
 def test_the_best_and_what_it_does_not_beat():
     noise = np.linspace(-0.01, 0.01, 10)
-    values = {
-        "a": 0.8 + noise,
-        "b": 0.8 + noise[::-1],
-        "c": 0.5 + noise,
-        "d": np.full(10, math.nan),
-    }
+    values = {"a": 0.8 + noise, "b": 0.8 + noise[::-1], "c": 0.5 + noise, "d": np.full(10, math.nan)}
     assert indistinguishable_from_best(values) == ["a", "b"]
     assert indistinguishable_from_best({"d": values["d"]}) == []
 

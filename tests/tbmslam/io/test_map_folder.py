@@ -89,11 +89,7 @@ def test_several_drives_have_a_file_each(tmp_path):
     drives = [some_drive("robot_0", 2), some_drive("../robot 1", 3), some_drive("ROBOT_0", 4), some_drive("idle", 0)]
     save_map(tmp_path, some_map(*drives))
     lengths = {path.name: len(read_tum(path)) for path in tmp_path.glob("*.tum")}
-    assert lengths == {
-        "trajectory_robot_0.tum": 2,
-        "trajectory_.._robot_1.tum": 3,
-        "trajectory_ROBOT_0_2.tum": 4,
-    }
+    assert lengths == {"trajectory_robot_0.tum": 2, "trajectory_.._robot_1.tum": 3, "trajectory_ROBOT_0_2.tum": 4}
 
 
 def test_trajectories_of_an_older_map_do_not_stay(tmp_path):

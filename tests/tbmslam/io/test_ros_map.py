@@ -104,10 +104,7 @@ def test_a_folder_or_a_name_with_dots_may_be_given(tmp_path):
 def test_free_occupied_and_unknown_are_painted_and_read_again(tmp_path):
     # The top row has the largest y; a hint of evidence, or as much for as against, is unknown.
     grid = grid_of(
-        [
-            [(0.9, 0.0), (0.0, 0.9), (0.0, 0.0), (0.05, 0.0)],
-            [(0.12, 0.0), (0.0, 0.12), (0.4, 0.4), (0.0, 0.05)],
-        ]
+        [[(0.9, 0.0), (0.0, 0.9), (0.0, 0.0), (0.05, 0.0)], [(0.12, 0.0), (0.0, 0.12), (0.4, 0.4), (0.0, 0.05)]]
     )
     write_ros_map(tmp_path, grid)
     image = cv2.imread(str(tmp_path / "map.pgm"), cv2.IMREAD_UNCHANGED)

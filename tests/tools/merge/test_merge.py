@@ -51,8 +51,7 @@ def test_two_maps_become_one_in_a_folder_like_any_other(folders, tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ("options", "rule", "combine"),
-    [([], "disjunctive", disjunctive), (["--rule", "dempster"], "dempster", dempster)],
+    ("options", "rule", "combine"), [([], "disjunctive", disjunctive), (["--rule", "dempster"], "dempster", dempster)]
 )
 def test_the_cells_follow_the_rule_and_the_report_names_it(folders, tmp_path, options, rule, combine):
     """Of cells that are not certain: where all is, a contradiction is unknown by either rule."""

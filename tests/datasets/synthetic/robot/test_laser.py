@@ -8,12 +8,7 @@ from datasets.synthetic.world.world import World
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan
 
-ROOM = World(
-    "room",
-    0,
-    np.array([[-2.0, -3, 4, -3], [4, -3, 4, 1], [4, 1, -2, 1], [-2, 1, -2, -3]]),
-    np.zeros((1, 2)),
-)
+ROOM = World("room", 0, np.array([[-2.0, -3, 4, -3], [4, -3, 4, 1], [4, 1, -2, 1], [-2, 1, -2, -3]]), np.zeros((1, 2)))
 PERFECT = {"noise": 0.0, "dropouts": 0.0, "wrong_returns": 0.0}
 
 
