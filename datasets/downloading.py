@@ -189,7 +189,7 @@ def _check_kept(target: Path, sha256: str | None) -> None:
     expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
     if expected is None:
         if why := _doubt(target, target.name):
-            raise DownloadError(f"{target}: {why}: remove it to download it anew")
+            raise DownloadError(f"{target}: {why}: remove it to download it again")
         write_text(note, f"{_digest(target)}  {target.name}\n")
     elif _digest(target) != expected:
         raise DownloadError(f"{target}: is not the file that was downloaded: remove it to download it again")

@@ -44,7 +44,7 @@ ReadingStream: TypeAlias = Callable[[ReadingCounts], Iterator[Reading]]
 
 
 class Recording:
-    """Readings in the order of the recording; every iteration streams them anew.
+    """Readings in the order of the recording; every iteration streams them again.
 
     Parameters
     ----------

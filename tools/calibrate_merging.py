@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tools.calibration import Trial
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py pairs/ cut-anew/ -o merging/confidence_model.json
+  python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
       fit on folders of pairs, as tools/make_map_pairs.py writes them, and on no other
   python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
       what the model is worth on pairs that had no part in it; nothing is written but the picture

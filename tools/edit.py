@@ -1,6 +1,6 @@
 """Edit a map by hand: crop it, turn it to the axes, erase, draw walls, forbid areas.
 
-Edits are kept as a list, edits.toml beside the map, and can be applied again when the map is made anew.
+Edits are kept as a list, edits.toml beside the map, and can be applied again when the map is built again.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -27,7 +27,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py out/one/run --erase 3 4 5 6 --wall 0 2 0 8 --keepout 10 0 12 4 -o out/plan
       a parked trolley erased, a glass wall drawn, an area forbidden (keepout.yaml for nav2)
   python tools/%(prog)s.py out/two/run --edits out/plan/edits.toml -o out/plan-two
-      the same edits of a map made anew in the same frame
+      the same edits of a map built again in the same frame
 
 Edits are applied in the order of the command line, those of --edits first. Coordinates are metres in the frame that the
 map has by then. The result keeps trajectories but no scans: a merge would draw the map from them again.

@@ -33,7 +33,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py fill
       write the tables of docs/figures into README and docs
   python tools/%(prog)s.py measure slam split --data ../shared/data
-      measure two of them anew, then fill the pages
+      measure two of them again, then fill the pages
   python tools/%(prog)s.py list
       names, commands and commits of all figures
 """

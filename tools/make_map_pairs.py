@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o pairs --seeds 0 1 2
       every kind of building with three seeds each: six overlaps, two far ends, other buildings, a mirrored one
-  python tools/%(prog)s.py -o cut-anew --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
+  python tools/%(prog)s.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
       cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
   python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
       maps as of two years: each is distorted by 0.3 m, and all movable objects stand elsewhere

@@ -20,7 +20,7 @@ _MOST = 0.5
 def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
     """Refuse bags that hold different scans from the same time, as those of two robots do.
 
-    Woven into each other they are no drive. A bag that is given twice, or recorded anew, holds the same scans.
+    Woven into each other they are no drive. A bag that is given twice, or recorded again, holds the same scans.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A grid read anew on the cells of another grid, in another frame.
+"""A grid resampled on the cells of another grid, in another frame.
 
 Where the new cells are as fine as the old ones or finer, each takes the belief of the old cell its centre lies in:
 exact to half a cell, and a wall stays as sharp and as certain as it was, where interpolation would smear it into the

@@ -110,7 +110,7 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
             return TbmMap(grid, drives, _read_provenance(arrays))
     # ValueError: the types refuse arrays that do not belong together; RecursionError: provenance of brackets.
     except (NpzError, ValueError, RecursionError) as error:
-        raise MapFileError(f"{path}: is not a map of tbmslam, or is damaged: {error}: make the map anew") from error
+        raise MapFileError(f"{path}: is not a map of tbmslam, or is damaged: {error}: build the map again") from error
 
 
 def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:

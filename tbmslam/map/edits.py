@@ -1,4 +1,4 @@
-"""What a person changed in a map: a list that can be applied again when the map is made anew."""
+"""What a person changed in a map: a list that can be applied again when the map is built again."""
 
 import math
 from dataclasses import dataclass, replace

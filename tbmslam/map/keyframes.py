@@ -1,4 +1,4 @@
-"""What a map remembers of its drive: scans and where they were taken, so that it can be rendered anew."""
+"""What a map remembers of its drive: scans and where they were taken, so that it can be rendered again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

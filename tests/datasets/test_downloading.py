@@ -170,7 +170,7 @@ def test_what_cannot_be_the_file_is_not_kept(server, tmp_path, name, content, wh
         download(server.address, tmp_path / name)
     assert names(tmp_path) == []
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(DownloadError, match=rf"{why}: remove it to download it anew"):
+    with pytest.raises(DownloadError, match=rf"{why}: remove it to download it again"):
         download(server.address, tmp_path / name)
 
 

@@ -43,7 +43,7 @@ def _room() -> TbmGrid:
 
 
 def _rewritten(folder: Path, name: str, content: bytes) -> None:
-    """Write a map.npz anew with other bytes for one of its arrays."""
+    """Write a map.npz again with other bytes for one of its arrays."""
     path = folder / "map.npz"
     with zipfile.ZipFile(path) as archive:
         entries = {entry: archive.read(entry) for entry in archive.namelist()} | {f"{name}.npy": content}

@@ -106,7 +106,7 @@ def _second_of_two(folder: Path) -> Outcome:
 
 
 def _changed_byte(folder: Path, name: str) -> Outcome:
-    """Change a byte of a result: who reads it must notice, and a rerun must make it anew."""
+    """Change a byte of a result: who reads it must notice, and a rerun must build it again."""
     maps = WrittenMaps(folder / "maps")
     maps.run_again()
     path = maps.out / "robot_1" / name
@@ -116,7 +116,7 @@ def _changed_byte(folder: Path, name: str) -> Outcome:
     read = run_program(merge.main, maps.out, "-o", folder / "merged")
     noticed = name != "map.npz" or _as_wanted(read, 1, "damaged")
     right = noticed and maps.run_again()
-    happened = _last_line(read, folder) if name == "map.npz" else "noticed by a rerun, which made the map anew"
+    happened = _last_line(read, folder) if name == "map.npz" else "noticed by a rerun, which built the map again"
     return Outcome(happened if right else "not noticed", "nothing" if right else "everything", survived=right)
 
 

@@ -31,7 +31,7 @@ from tools.command_line.text_table import ResultTable, describe_machine, text_ta
 HERE = ROOT / "tests" / "mutation"
 SEED = 20261124
 EACH_AREA = 40
-# The longest that the nearest tests of a module take, kernels compiled anew, is some 2 minutes; a mutant that runs
+# The longest that the nearest tests of a module take, kernels compiled again, is some 2 minutes; a mutant that runs
 # longer than this loops for ever.
 TIMEOUT = 600.0
 

@@ -51,7 +51,7 @@ def check_extra_files(options: argparse.Namespace) -> None:
 
 
 def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
-    """Write the files that were asked for now, and write those of an earlier run anew, so that all show one map.
+    """Write the files that were asked for now, and write those of an earlier run again, so that all show one map.
 
     Without a map the files of an earlier run are removed. So is an earlier GeoTIFF where rasterio is not installed.
 

@@ -213,7 +213,7 @@ class Distortion:
 
 
 Draw = Callable[[np.random.Generator], Distortion]
-"""How a map is spoilt, drawn for each anew."""
+"""How a map is spoilt, drawn separately for each."""
 
 
 def _read(image: Marks, points: FloatArray) -> Marks:

@@ -124,7 +124,7 @@ def _odometry_jump(scene: _Scene) -> SimulatedRobot:
 
 
 def _odometry_reset(scene: _Scene) -> SimulatedRobot:
-    """Let odometry begin anew at zero."""
+    """Restart odometry at zero."""
     return _odometry_moved(scene.robot, scene.begin, _odometry_at(scene.robot, scene.begin).inverse())
 
 

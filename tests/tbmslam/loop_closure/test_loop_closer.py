@@ -60,7 +60,7 @@ def test_closures_that_the_rest_contradicts_are_dropped(drive_in):
 
 
 def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
-    """Forgotten ones are built anew and give the same poses."""
+    """Forgotten ones are built again and give the same poses."""
     robot = drive_in("apartment", 60.0)
     slam = Slam()
     for reading in robot.readings:

@@ -31,7 +31,7 @@ def slope():
         ([6, 0], [0.2, 0.2]),  # six of twenty failures are no third of them
         ([7, 0], [0.2, 0.1]),
         ([4, 3, 0], [0.2, 0.2, 0.1]),  # failures add up over successes
-        ([7, 3, 3, 0], [0.2, 0.1, 0.1, 0.1]),  # and begin anew at each halving
+        ([7, 3, 3, 0], [0.2, 0.1, 0.1, 0.1]),  # and begin again at each halving
     ],
 )
 def test_the_deviation_is_halved_only_by_a_success_that_took_long(failures, moves):

@@ -76,7 +76,7 @@ def test_warnings_of_the_reference_have_its_name(tmp_path, caplog):
         0
     ].items()
     repeated = "truth.json is tbmslam's own map of the whole recording, not ground truth, and may be wrong itself"
-    for _ in range(2):  # the second run makes nothing anew, and says so all the same
+    for _ in range(2):  # the second run builds nothing again, and reports the same
         assert sum(repeated in line for line in caplog.messages) == 1
         caplog.clear()
         assert run(tmp_path / "bags" / "robot_0.bag", "--robots", 2, "-o", tmp_path / "out") == 0
