@@ -1,4 +1,4 @@
-"""Logs of CARMEN, and those of CMU's robotics course, as recordings of scans and poses."""
+"""Logs of CARMEN and of CMU's robotics course as recordings of scans and poses."""
 
 import logging
 import math
@@ -24,13 +24,13 @@ from tbmslam.sensing.laser_scan import FARTHEST_PLACE, LaserScan, Reading
 
 SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "L")
 POSE_KINDS = ("ODOM", "O")
-# Nothing in these lines states a limit; a SICK LMS measures up to 80 m, what lies above is a code.
+# These lines state no limit. A SICK LMS measures up to 80 m; longer ranges are codes.
 SICK_RANGE_MAX = 80.0
 _LATEST = 1e11  # some thousand years [s]
 
 
 class LoggedScan(NamedTuple):
-    """A scan, the odometry its line holds (if any) and where the laser sits."""
+    """A scan, the odometry of its line (if any) and the mount of the laser."""
 
     raw: RawScan
     T_odom_robot: SE2 | None
@@ -45,7 +45,7 @@ class LoggedPose(NamedTuple):
 
 
 class LogSettings(NamedTuple):
-    """What holds for a whole log: the place of the laser, its limit, and which of the two times is used."""
+    """Settings of a whole log: the mount of the laser, its limit, and the choice between the two times."""
 
     laser_offset: float = 0.0
     range_max: float = SICK_RANGE_MAX
@@ -238,7 +238,7 @@ def _note_parameter(survey: _LogSurvey, line: str) -> None:
 
 
 def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> str:
-    """Return the kind of line the scans are read from."""
+    """Return the kind of lines that hold the scans."""
     there = [kind for kind in SCAN_KINDS if kind in survey.numbers]
     names = ", ".join(str(path) for path in paths)
     if not there:
@@ -278,12 +278,12 @@ def _read(line: str, settings: LogSettings) -> LoggedScan | None:
 
 
 def _with_points(line: str) -> str:
-    """Return a line with decimal points: some computers were set up to write commas."""
+    """Return a line with decimal points, since some computers wrote commas."""
     return line.replace(",", ".") if "," in line else line
 
 
 def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings: LogSettings) -> RangeRules:
-    """Return how ranges are to be read, with a no-return code found in the data."""
+    """Return the rules for reading ranges, with a no-return code found in the data."""
     codes = (*KNOWN_CODES, *options.no_return_codes)
     high = options.range_max or settings.range_max
     ranges: list[FloatArray] = [np.asarray(s.raw.ranges, dtype=np.float64) for s in samples]
@@ -356,7 +356,7 @@ def _description(
     options: RecordingOptions,
     samples: list[LoggedScan],
 ) -> dict[str, object]:
-    """Return the choices and findings as JSON can hold them."""
+    """Return the choices and findings for JSON."""
     first = samples[0] if samples else None
     step = options.angle_step_deg
     if step is None and first is not None:

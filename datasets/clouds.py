@@ -36,15 +36,15 @@ class PointCloud(NamedTuple):
     Parameters
     ----------
     frame
-        The sensor's.
+        The sensor's frame.
     stamp
-        The message's [s]; 0 or less is unset.
+        Stamp of the message [s]; 0 or less is unset.
     points
         Points (N, 3) in the sensor's frame [m], all finite.
     times
-        When each was measured (N,), after the first of them [s]; None if unknown.
+        Times of measurement (N,) since the first point [s]; None if unknown.
     delay
-        Time of the first of them after the stamp [s].
+        Time of the first point after the stamp [s].
     """
 
     frame: str
@@ -95,7 +95,7 @@ def cloud_of(message: Any) -> PointCloud:
 
 
 def _times(records: npt.NDArray[Any], finite: npt.NDArray[np.bool_], stamp: float) -> tuple[FloatArray | None, float]:
-    """Return when finite points were measured after the first [s], and the first after the stamp [s]."""
+    """Return the times of the finite points since the first [s], and that of the first since the stamp [s]."""
     names = [name for name in _TIMES if name in (records.dtype.names or ())]
     if not names or not finite.any():
         return None, 0.0
@@ -123,18 +123,18 @@ _NEAREST, _FARTHEST = 0.1, 300.0
 
 @dataclass(frozen=True)
 class CloudSlice:
-    """How point clouds are cut into scans.
+    """The slice of point clouds that becomes scans.
 
     Parameters
     ----------
     T_robot_sensor
-        Where the sensor is mounted. Where only its place in the plane is known, heights count from the sensor.
+        Mount of the sensor. If only its pose in the plane is known, heights are above the sensor.
     low, high
-        Heights between which points count, above the robot's frame [m].
+        Lowest and highest point of the slice above the robot's frame [m].
     angle_min, angle_step
-        Direction of the first beam and angle to the next, seen from the sensor along the robot's axes [rad].
+        Direction of the first beam and angle to the next, at the sensor and relative to the robot's axes [rad].
     beams
-        Their number.
+        Number of beams.
     time_step
         Time between two beams [s]; 0 if unknown or if all are measured at once.
     """
@@ -149,7 +149,7 @@ class CloudSlice:
 
     @property
     def T_robot_scan(self) -> SE2:
-        """Where the scans are seen from: the sensor's place, along the robot's axes."""
+        """Pose of the scans: at the sensor, along the robot's axes."""
         return SE2(self.T_robot_sensor.x, self.T_robot_sensor.y, 0.0)
 
     def scan(self, cloud: PointCloud) -> RawScan:
@@ -176,7 +176,7 @@ class CloudSlice:
 
 
 def rotation_of(pose: SE3) -> FloatArray:
-    """Return the matrix (3, 3) that turns vectors as a motion does."""
+    """Return the rotation matrix (3, 3) of a motion."""
     x, y, z, w = pose.qx, pose.qy, pose.qz, pose.qw
     return np.array(
         [
@@ -196,9 +196,9 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
     Parameters
     ----------
     turned
-        Directions (N,) in beams from the first.
+        Directions (N,) as multiples of the angle between beams, from the first beam.
     ranges
-        Their ranges (N,) [m].
+        Ranges (N,) of the points [m].
     beams
         Number of beams.
     """
@@ -232,32 +232,32 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
 _HALF_HEIGHT = 0.25
 """Default extent of the slice above and below the sensor [m]; it contains two to four of 16 rings."""
 _FLOOR = 0.1
-"""What is lower than this above the robot's frame counts as floor where no heights are stated [m]."""
+"""Height above the robot's frame below which points count as floor if no heights are stated [m]."""
 _FEWEST_DIRECTIONS = 0.05
-"""Share of the directions in which a slice must hold points: a camera sees an eighth of a turn."""
+"""Share of the directions in which a slice must hold points; a camera covers an eighth of a turn."""
 _STEPS_DEG = (0.2, 0.25, 0.4, 0.5, 1.0)
-"""Angles between beams to choose from: those of spinning lidars."""
+"""Possible angles between beams [degrees]: those of spinning lidars."""
 _FILLED = 0.9
-"""Share of the directions in which a degree holds points that the chosen step must fill, too."""
+"""Share of the directions with points, in steps of a degree, that must also hold points in the chosen steps."""
 _STEADY = 0.8
-"""Share of the points that must be as late as in a steady turn, within the larger of the next two:"""
+"""Share of the points whose times must fit a steady rotation, within the larger of the next two tolerances."""
 _LATE_S, _LATE_TURN = 1e-3, 0.02
-"""A time [s], and a share of a turn."""
+"""Tolerances: a time [s], and a share of a turn."""
 _LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi
 """Rotation of the sensor during one cloud [rad]."""
 
 
 def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:
-    """Return where a sensor is mounted in space.
+    """Return the mount of a sensor in space.
 
     Parameters
     ----------
     T_robot_sensor
         The mount in tf; None if unknown.
     sensor_pose
-        Its place in the plane, to be used instead; height and tilt stay those of tf.
+        Its pose in the plane, which replaces that of tf; height and tilt stay those of tf.
     upside_down
-        Whether it hangs, where tf does not know.
+        Whether it is mounted upside down, if tf does not hold its mount.
     """
     if T_robot_sensor is None:
         hanging = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if upside_down else SE3.identity()
@@ -279,11 +279,11 @@ def choose_slice(
     Parameters
     ----------
     T_robot_sensor
-        Where the sensor is mounted.
+        Mount of the sensor.
     heights
         Lowest and highest point above the robot's frame [m]; None chooses a band around the sensor without floor.
     step_deg
-        Angle between beams [degrees]; None chooses the finest one that the points fill.
+        Angle between beams [degrees]; None chooses the finest angle whose beams have points.
     clouds
         The first clouds of the recording.
     topic
@@ -326,7 +326,7 @@ def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], topic: str) -> N
 
 
 def _finest_step(cut: CloudSlice, clouds: Sequence[PointCloud]) -> float:
-    """Return the finest angle between beams that leaves hardly any of them without points [degrees]."""
+    """Return the finest angle between beams at which nearly all have points [degrees]."""
     filled: dict[float, list[float]] = {step: [] for step in _STEPS_DEG}
     for cloud in clouds:
         points, _ = cut.points(cloud)

@@ -1,4 +1,4 @@
-"""What became of the scans and beams of a recording."""
+"""Counts of the scans and beams of a recording."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,14 +13,14 @@ _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5
 
 
 def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
-    """Return whether the longest range [m] is held by so many beams, and of each scan, that it may be a code.
+    """Return whether so many beams, also per scan, have the longest range that it may be a code for no return.
 
     Parameters
     ----------
     range_m, beams, scans
-        The range, how many beams hold exactly it, and in how many scans.
+        The range [m], the number of beams with exactly this range, and the number of their scans.
     all_beams
-        How many beams there are in all.
+        Total number of beams.
     """
     is_frequent = beams >= max(_CODE_BEAMS, _CODE_SHARE * all_beams)
     is_wide = scans >= _CODE_SCANS and beams >= _CODE_WIDTH * scans
@@ -36,7 +36,7 @@ class Span(NamedTuple):
     """Stamp [s]."""
 
     def meets(self, stamp: float, seconds: float) -> bool:
-        """Return whether an event from a stamp on, of a duration or 0 for a moment, overlaps the span."""
+        """Return whether an event overlaps the span; it begins at a stamp and has a duration, which may be 0."""
         if seconds == 0.0:
             return self.first <= stamp <= self.last
         return stamp < self.last and stamp + seconds > self.first
@@ -61,7 +61,7 @@ class ReadingCounts:
         Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame
         (another laser on the same topic).
     beams
-        Beams of all scans that were not duplicates, by fate: hit, no_return, too_close, zero, nan.
+        Beams of all scans but duplicates, by result: hit, no_return, too_close, zero, nan.
     backward_stamps
         Used scans whose stamp is earlier than that of the scan before.
     same_stamps
@@ -73,19 +73,19 @@ class ReadingCounts:
     extrapolated
         Scans at the end whose odometry was extrapolated beyond the last pose.
     without_odometry
-        Used scans from where odometry was missing for too long to be interpolated.
+        Used scans in gaps of the odometry that are too long for interpolation.
     clock_disagreements
         Scans whose difference of stamp and bag time differs from that at the beginning.
     lost_scans, lost_seconds
-        What a damaged file no longer holds, estimated from what it still does.
+        Estimated loss by damage of the file.
     incidents
-        What went wrong, and when.
+        Problems of the recording with their times.
     doubtful_sweeps
-        Scans that state an impossible time between beams; their beams count as of one moment.
+        Scans with an impossible time between beams; their beams are taken as simultaneous.
     farthest_m, farthest_beams, farthest_scans
-        The longest range that counted as a hit [m], how many beams ended exactly there, and in how many scans.
+        The longest range of a hit [m], the number of beams with exactly this range, and the number of their scans.
     pauses
-        Every gap: the stamp of the scan before it, and how long it lasted [s].
+        Stamp of the scan before each gap, and length of the gap [s].
     """
 
     scans_read: int = 0
@@ -115,12 +115,12 @@ class ReadingCounts:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
     def add_beams(self, fate: str, number: int) -> None:
-        """Count beams by fate."""
+        """Count beams by result."""
         if number:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
     def add_farthest(self, top: float, ranges: npt.NDArray[np.floating]) -> None:
-        """Add where the beams of a scan ended.
+        """Count the beams of a scan with the longest range.
 
         Parameters
         ----------
@@ -139,14 +139,14 @@ class ReadingCounts:
     def likely_code(self) -> float | None:
         """Return the range that counted as a hit but may be a code for no return [m].
 
-        As at the beginning of a recording, where it is looked for and may not occur, a code is the longest of all
-        ranges, exact, held by several beams of a scan, and by many of all.
+        The same rule applies to the beginning of a recording, where the code may not occur yet: a code is the longest
+        range, and several beams of a scan, and many of the recording, have exactly this range.
         """
         is_code = is_like_a_code(self.farthest_m, self.farthest_beams, self.farthest_scans, self.beams.get("hit", 0))
         return self.farthest_m if is_code else None
 
     def add_gap(self, stamp: float, seconds: float) -> None:
-        """Count a pause between two scans, the first of which has a stamp [s]."""
+        """Count a gap after the scan with a stamp [s]."""
         self.incidents.add(stamp, "no scans", seconds)
         self.pauses.append((stamp, seconds))
         self.gaps += 1
@@ -162,12 +162,12 @@ class ReadingCounts:
         return [seconds for stamp, seconds in self.pauses if span is None or span.meets(stamp, seconds)]
 
     def replace_by(self, other: "ReadingCounts") -> None:
-        """Take over all counts of another pass."""
+        """Replace all counts by those of another pass."""
         for name, value in vars(other).items():
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts as JSON can hold them, in a fixed order; without those that have times."""
+        """Return all counts for JSON in a fixed order, without those that have times."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()

@@ -1,4 +1,4 @@
-"""The tree of frames in a recording, and which of them are the odometry frame and the robot."""
+"""The tree of frames in a recording, and the choice of the odometry frame and the robot's frame."""
 
 import math
 from collections import deque
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 
-# Frames above the odometry: edges below these come from a localiser and jump.
+# Frames above the odometry. A localiser publishes the edges below these, and they jump.
 _LOCALISED_FRAMES = ("map", "world", "earth", "utm", "gt", "ground_truth", "mocap")
 _ODOM_FRAMES = ("odom_combined", "odom", "odometry", "odom_frame")
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
@@ -33,13 +33,13 @@ class Edge:
     parent, child
         Names of the frames.
     static
-        Whether it came on a static topic.
+        Whether its topic is static.
     first
         The first transform seen.
     count
         Number of transforms seen.
     moves
-        Whether it ever differed from the first.
+        Whether any transform differed from the first.
     lags
         Bag time minus stamp of the first transforms [s].
     """
@@ -54,7 +54,7 @@ class Edge:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether its first transform stands for the whole recording: a static one, or one that came only once."""
+        """Whether its first transform holds for the whole recording: it is static, or there is no other."""
         return self.static or self.count == 1
 
     @property
@@ -144,7 +144,7 @@ class FrameGraph:
 
 @dataclass(frozen=True)
 class Frames:
-    """The chosen frames and the ways between them; `to_sensor` is None if tf does not know the laser."""
+    """The chosen frames and the paths between them; `to_sensor` is None if tf does not hold the laser."""
 
     odom: str
     robot: str
@@ -155,10 +155,10 @@ class Frames:
 def choose_frames(graph: FrameGraph, sensor: str, options: RecordingOptions) -> Frames | None:
     """Find the odometry frame and the robot's frame in tf; None if tf holds no odometry.
 
-    The odometry frame is the one asked for, one of the usual name that moves against the laser (or, where the laser is
-    not in tf, against a robot frame), or else the topmost frame above the laser that is not a localiser's. The robot's
-    frame is the one asked for, base_footprint or base_link on the way to the laser, or else the far end of the first
-    edge that is not static.
+    The odometry frame is the requested frame, or a frame of a usual name that moves relative to the laser (or to a
+    robot frame if the laser is not in tf), or the topmost frame above the laser that is not a localiser's. The robot's
+    frame is the requested frame, or base_footprint or base_link on the path to the laser, or the end of the first edge
+    that is not static.
     """
     for odom in _odom_candidates(graph, sensor, options):
         localised = is_localised(odom)

@@ -1,4 +1,4 @@
-"""What is decided about a bag before its first pass: topics, odometry, frames, clocks."""
+"""The plan for reading a bag: topics, odometry, frames and clocks."""
 
 import logging
 import math
@@ -26,8 +26,8 @@ logger = logging.getLogger(__name__)
 _MOST_STATIC = 2000
 _CLOUDS_TO_CHOOSE_BY = 20
 _SCANS_FOR_DELAY = 50
-_NEVER_ALL_BEYOND = 100.0  # where a robot drives on the floor, something is nearer [m]
-_FAR_LASER, _TOO_FAR = 20.0, 1000.0  # no robot is as large, and nothing that moves [m]
+_NEVER_ALL_BEYOND = 100.0  # a robot on a floor always sees something nearer [m]
+_FAR_LASER, _TOO_FAR = 20.0, 1000.0  # larger than any robot, and than anything that moves [m]
 
 
 @dataclass(frozen=True)
@@ -37,25 +37,25 @@ class Plan:
     Parameters
     ----------
     files, options, topics, laser
-        What they were made from.
+        The bag, its options, topics and laser.
     source
         "tf", "topic" or "none".
     frames
-        Odometry in tf, where that is the source.
+        Frames of the odometry in tf, if that is the source.
     robot_frame
-        The robot's frame, where known.
+        The robot's frame, if known.
     to_sensor
-        Way from the robot's frame to the laser; None if tf does not know it.
+        Path from the robot's frame to the laser; None if tf does not hold it.
     sensor_pose
-        T_robot_sensor to be used instead of it.
+        T_robot_sensor to use instead of the path.
     clock
         How the clocks of scans and odometry compare.
     unset_lags
-        Bag time minus what counts for the stamps of scans and of odometry where they are unset [s].
+        Bag time minus the assumed stamp of scans and of odometry with unset stamps [s].
     doubts
-        Choices between contradictions in tf, in sentences.
+        Warnings about contradictions in tf.
     cut
-        How point clouds become scans, where the topic of scans holds clouds.
+        Slice that turns point clouds into scans, if the topic of scans holds clouds.
     """
 
     files: BagFiles
@@ -81,12 +81,12 @@ class Plan:
 
 
 def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
-    """Look at the beginning of a bag and decide how to read it.
+    """Read the beginning of a bag and plan how to read all of it.
 
     Raises
     ------
     DatasetError
-        What was asked for is not in the bag.
+        The bag does not hold what the options request.
     """
     if asked.odometry == "auto" and asked.odometry_topic is not None:
         asked = replace(asked, odometry="topic")
@@ -144,7 +144,7 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
 def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> tuple[CloudSlice, RecordingOptions]:
     """Choose a slice of the point clouds, and return it with the options for the scans that it gives.
 
-    The height of the sensor is known only when its frame and the robot's are, so the beginning is surveyed twice.
+    The height of the sensor depends on its frame and the robot's, so the beginning is surveyed twice.
     """
     clouds = files.first_clouds(topics.scan, _CLOUDS_TO_CHOOSE_BY)
     if not clouds:
@@ -224,7 +224,7 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
 def _source(
     files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
 ) -> str:
-    """Return where odometry is read from."""
+    """Return the source of the odometry."""
     if frames is not None:
         return "tf"
     if options.odometry == "tf":
@@ -235,7 +235,7 @@ def _source(
         )
     if options.odometry != "none" and topics.odometry:
         topic = topics.odometry[0]
-        if topic in survey.pose_topics or not survey.no_motions[topic]:  # it may begin late
+        if topic in survey.pose_topics or not survey.no_motions[topic]:  # its first pose may come late
             return "topic"
         fact = f"{files.paths[0]}: poses of {topic} are no poses (quaternions of zeros, or not a number)"
         if options.odometry == "topic":
@@ -250,7 +250,7 @@ def _source(
 def _robot(
     survey: Survey, laser: SurveyedLaser, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
 ) -> tuple[str | None, list[Step] | None]:
-    """Return the robot's frame and the way from there to the laser."""
+    """Return the robot's frame and the path from it to the laser."""
     if frames is not None:
         return frames.robot, frames.to_sensor
     facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
@@ -259,7 +259,7 @@ def _robot(
 
 
 def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
-    """Return the doubts about the paths that are read from tf."""
+    """Return warnings about the paths that are read from tf."""
     warnings = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
     far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
     if far > _TOO_FAR:
@@ -272,7 +272,7 @@ def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None)
 
 
 def _delivery(files: BagFiles, scan_topic: str) -> float:
-    """Return how long scans of another laser take until they are recorded [s], of one whose clock is right; 0: unknown.
+    """Return the time from scan to record for another laser with a correct clock [s]; 0 if unknown.
 
     On the laser itself this delay cannot be separated from a wrong clock.
     """

@@ -16,8 +16,8 @@ _KEPT_SCANS = 200
 _RANGES_NEEDED = 100
 _SCANS_TO_COMPARE = 20
 _DIRECTIONS = 90
-# Ranges of one laser's neighbouring scans differed by 0 to 4 %, and by at most as much as those of the next but one, on
-# 17 recordings; of two robots, and of two lasers of one robot, by 25 and 41 %, and 20 to 30 times as much.
+# On 17 recordings, the ranges of neighbouring scans of one laser differed by 0 to 4 %, and no more than those of every
+# second scan. Scans of two robots, or of two lasers of a robot, differed by 25 and 41 %, and 20 to 30 times as much.
 _UNLIKE = 0.1
 _TIMES_AS_UNLIKE = 4.0
 _SWEEP_SLACK = 1.1  # stamps jitter
@@ -34,15 +34,15 @@ class SurveyedLaser:
     first_scan
         The first of its scans.
     options
-        The choices already made.
+        Options of the recording.
     scans
-        How many were seen.
+        Number of scans read.
     usable
-        How many of them hold hits within the limits.
+        Number of scans with hits within the limits.
     ranges
-        Ranges (N,) of the first ones [m].
+        Ranges (N,) of the first scans [m].
     stamps, lags
-        Their stamps, where these are unset bag times, and bag times minus stamps, where these are set [s].
+        Stamps of these scans (bag times where unset), and bag times minus stamps where they are set [s].
     """
 
     frame: str
@@ -67,24 +67,23 @@ class SurveyedLaser:
             self.stamps.append(scan.stamp if is_set else bag_time)
 
     def sweep(self) -> float:
-        """Return how long a scan takes from its first beam to its last [s], 0 if it is not stated."""
+        """Return the time from the first beam of a scan to its last [s]; 0 if it is not stated."""
         stated = self.first_scan.time_increment * (len(self.first_scan.ranges) - 1)
         return stated if 0.0 < stated <= self.longest_sweep() else 0.0
 
     def longest_sweep(self) -> float:
-        """Return how long a scan can take from its first beam to its last [s]: not much longer than the next is away.
+        """Return the longest possible time from the first beam to the last [s]: little more than that to the next scan.
 
-        A laser that is read out more often than it turns states a time between beams that is not the time when a beam
-        was sent.
+        Some lasers are read more often than they rotate; their time between beams is not the time of measurement.
         """
         steps = np.diff(self.stamps)
         steps = steps[steps > 0.0]
         return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
 
     def alternates(self) -> bool:
-        """Return whether two lasers alternate: a scan differs from its neighbours, but not from the next scan but one.
+        """Return whether the scans of two lasers or robots alternate on the topic.
 
-        Of two robots or lasers on one topic. One laser's scans differ the more, the later they come.
+        Then a scan differs from the next, but not from the one after. For one laser, later scans differ more.
         """
         if len(self.ranges) < _SCANS_TO_COMPARE:
             return False
@@ -97,12 +96,12 @@ class SurveyedLaser:
         return bool(next_one > _UNLIKE and next_one > _TIMES_AS_UNLIKE * next_but_one)
 
     def nearest_usual(self) -> float:
-        """Return the length [m] that nine of ten ranges exceed, each counted once as it may be a code; 0: unknown."""
+        """Return the length [m] that nine of ten different ranges exceed; 0 if unknown. A code counts once."""
         values = np.unique(np.concatenate([scan[np.isfinite(scan) & (scan > 0.0)] for scan in self.ranges]))
         return float(np.percentile(values, 10)) if len(values) >= _RANGES_NEEDED else 0.0
 
     def range_rules(self) -> RangeRules:
-        """Return how ranges are to be read, with a no-return code found in the data."""
+        """Return the rules for reading ranges, with a no-return code found in the data."""
         rules = _stated_rules(self.options)
         codes = rules.no_return_codes
         _, high = rules.limits(self.first_scan.range_min, self.first_scan.range_max)
@@ -132,7 +131,7 @@ _SECONDS_AT_MOST = 60.0
 
 @dataclass
 class PoseTopic:
-    """What the survey saw of an odometry topic; names of frames may be empty."""
+    """Facts about an odometry topic; names of frames may be empty."""
 
     frame: str
     robot: str
@@ -146,7 +145,7 @@ class Survey:
     Parameters
     ----------
     options
-        The choices already made.
+        Options of the recording.
     """
 
     options: RecordingOptions
@@ -155,7 +154,7 @@ class Survey:
     no_motions: Counter[str] = field(default_factory=Counter)
     """Messages of odometry topics that state no motion."""
     lasers: dict[str, SurveyedLaser] = field(default_factory=dict)
-    """What was seen of each laser, by its frame, in the order of their first scans."""
+    """Facts about each laser by its frame, in the order of their first scans."""
     started_at: float | None = None
 
     @property

@@ -16,10 +16,10 @@ from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scal
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
 
 _SPAN_S, _STEP_S = 10.0, 1.0
-"""Time over which a speed is measured, and between its poses: noise of single poses is no speed."""
+"""Time over which a speed is measured, and between its poses: the noise of single poses would look like speed."""
 _FASTEST = 4.0
 """Largest plausible speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
-_CONFIRMED = 0.5
+_CONFIRMED_SHARE = 0.5
 """Share of the speed that odometry must confirm."""
 
 
@@ -49,7 +49,7 @@ def impossible_speed(
     keyframe_stamps, odometry
         Times (K,) [s] and poses (K, 3) of the robot by odometry at keyframes; nan if there was none.
     """
-    times = _running(stamps)
+    times = _times_since_begin(stamps)
     # At most one pose per second of the recording: the clock may have stepped over years.
     _, chosen = np.unique(np.floor(times / _STEP_S), return_index=True)
     begins, speeds = _speeds(times[chosen], poses[chosen])
@@ -61,12 +61,12 @@ def impossible_speed(
         return None
     inside = np.flatnonzero((keyframe_stamps >= stamp) & (keyframe_stamps <= stamp + _SPAN_S))
     steps = np.hypot(*np.diff(odometry[inside, :2], axis=0).T)
-    if len(inside) > 1 and np.nansum(steps) >= _CONFIRMED * speed * _SPAN_S:
+    if len(inside) > 1 and np.nansum(steps) >= _CONFIRMED_SHARE * speed * _SPAN_S:
         return None
     return ImpossibleSpeed(stamp, speed)
 
 
-def _running(stamps: FloatArray) -> FloatArray:
+def _times_since_begin(stamps: FloatArray) -> FloatArray:
     """Return the times since the begin (N,), without steps back [s]."""
     steps = np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0)
     times: FloatArray = np.cumsum(steps)
@@ -83,10 +83,10 @@ def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]
     return begins, speeds
 
 
-_LEAST_S = 2.0
-"""A constant velocity for less than this errs by centimetres [s]."""
-_LEAST_SHARE = 0.1
-"""Share of a drive above which there is one warning instead of one for each time."""
+_SHORTEST_S = 2.0
+"""Shortest interval with a warning; in less time, a constant velocity errs by centimetres [s]."""
+_LARGE_SHARE = 0.1
+"""Share of a drive above which one warning replaces those of its intervals."""
 
 
 class UndeterminedMotion(NamedTuple):
@@ -96,20 +96,20 @@ class UndeterminedMotion(NamedTuple):
     ----------
     share
         Share of the drive's time, in [0, 1].
-    spells
-        Begin and end (S, 2) of each time that is long enough for a warning [s].
+    intervals
+        Begin and end (S, 2) of each interval that is long enough for a warning [s].
     """
 
     share: float
-    spells: FloatArray
+    intervals: FloatArray
 
     def warnings(self) -> list[EndWarning]:
-        """Return a warning for each time, or one for the whole drive if the share is large."""
-        if self.share > _LEAST_SHARE:
+        """Return a warning for each interval, or one for the whole drive if the share is large."""
+        if self.share > _LARGE_SHARE:
             return [EndWarning("motion", f"for {self.share:.0%} of the drive {_UNDETERMINED}")]
         return [
             EndWarning("motion", _UNDETERMINED, begin, end - begin, all_along=False)
-            for begin, end in self.spells.tolist()
+            for begin, end in self.intervals.tolist()
         ]
 
 
@@ -122,17 +122,17 @@ _UNDETERMINED = (
 def undetermined_motion(keyframes: Sequence[TrackedKeyframe]) -> UndeterminedMotion:
     """Return where the motion of a drive is undetermined, by its keyframes from the surfel tracker."""
     stamps = np.array([keyframe.outline.stamp for keyframe in keyframes])
-    guessed = _guessed(keyframes)
-    lasted = np.maximum(np.diff(stamps), 0.0)  # a clock may step back
-    whole = float(lasted.sum())
-    share = float(lasted[guessed].sum()) / whole if whole > 0.0 else 0.0
-    edges = np.diff(np.concatenate(([False], guessed, [False])).astype(np.int64))
-    spells = np.column_stack((stamps[np.flatnonzero(edges == 1)], stamps[np.flatnonzero(edges == -1)]))
-    return UndeterminedMotion(share, spells[spells[:, 1] - spells[:, 0] >= _LEAST_S])
+    undetermined = _undetermined_steps(keyframes)
+    durations = np.maximum(np.diff(stamps), 0.0)  # a clock may step back
+    whole = float(durations.sum())
+    share = float(durations[undetermined].sum()) / whole if whole > 0.0 else 0.0
+    edges = np.diff(np.concatenate(([False], undetermined, [False])).astype(np.int64))
+    intervals = np.column_stack((stamps[np.flatnonzero(edges == 1)], stamps[np.flatnonzero(edges == -1)]))
+    return UndeterminedMotion(share, intervals[intervals[:, 1] - intervals[:, 0] >= _SHORTEST_S])
 
 
-def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
-    """Return which steps (K - 1,) between keyframes, to the latter of both, are rather guessed than determined."""
+def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
+    """Return which steps (K - 1,) between keyframes are determined by the prior rather than by the scans."""
     without = np.array([keyframe.T_odom_robot is None for keyframe in keyframes], dtype=np.bool_)
     later = keyframes[1:]
     if not without.any():
@@ -142,15 +142,19 @@ def _guessed(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
         keyframe.match.moved for keyframe in later
     ):
         return np.zeros(len(later), dtype=np.bool_)  # a matcher without information
-    seen = np.array([unknown if k.match.information is None else k.match.information for k in later]).reshape(-1, 3, 3)
-    guess = np.array([keyframe.prior for keyframe in later]).reshape(-1, 3, 3)
-    root = np.linalg.inv(np.linalg.cholesky(guess))
-    gains = np.linalg.eigvalsh(root @ seen @ np.swapaxes(root, 1, 2))[:, 0]  # of the scan over the guess
-    guessed: BoolArray = (gains < 1.0) & (without[1:] | without[:-1])
-    return guessed
+    of_scans = np.array([unknown if k.match.information is None else k.match.information for k in later]).reshape(
+        -1, 3, 3
+    )
+    of_prior = np.array([keyframe.prior for keyframe in later]).reshape(-1, 3, 3)
+    root = np.linalg.inv(np.linalg.cholesky(of_prior))
+    gains = np.linalg.eigvalsh(root @ of_scans @ np.swapaxes(root, 1, 2))[
+        :, 0
+    ]  # information of the scan relative to the prior
+    undetermined: BoolArray = (gains < 1.0) & (without[1:] | without[:-1])
+    return undetermined
 
 
-_BEYOND_S = 0.1
+_TIME_STEP_S = 0.1
 """Step of the times in warnings [s]; the end of `--interval` is excluded."""
 
 
@@ -175,51 +179,55 @@ class DriveReview:
         self, trajectory: Trajectory, keyframes: Keyframes, tracked: Sequence[TrackedKeyframe]
     ) -> list[EndWarning]:
         """Return the warnings for a drive, by its keyframes at their final poses and as tracked."""
-        wheels = odometry(tracked)
+        odometry_poses = odometry(tracked)
         found = undetermined_motion(tracked).warnings()
-        fast = impossible_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, wheels)
+        fast = impossible_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, odometry_poses)
         if fast is not None:
             found.append(EndWarning("speed", fast.warning(), fast.stamp, all_along=False))
-        ratio = odometry_scale(tracked, wheels, self._lengths.scale, self._lengths.lengths)
+        ratio = odometry_scale(tracked, odometry_poses, self._lengths.scale, self._lengths.lengths)
         if ratio != 1.0:
-            found.append(EndWarning("scale", _scaled(ratio, self._scale)))
-        return found + self._of_mount(trajectory, keyframes, wheels)
+            found.append(EndWarning("scale", _scale_warning(ratio, self._scale)))
+        return found + self._mount_warnings(trajectory, keyframes, odometry_poses)
 
-    def _of_mount(self, trajectory: Trajectory, keyframes: Keyframes, wheels: FloatArray) -> list[EndWarning]:
+    def _mount_warnings(
+        self, trajectory: Trajectory, keyframes: Keyframes, odometry_poses: FloatArray
+    ) -> list[EndWarning]:
         """Return the warnings for the mount of the laser; its mean is checked only if it never changed."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
-        changes = mount_changes(keyframes.stamps, wheels, keyframes.all_sensor_poses(), self._mount.angle)
+        changes = mount_changes(keyframes.stamps, odometry_poses, keyframes.all_sensor_poses(), self._mount.angle)
         if changes:
             ends = [
                 *(float(keyframes.stamps[change.keyframe]) for change in changes),
-                float(trajectory.stamps[-1]) + _BEYOND_S,
+                float(trajectory.stamps[-1]) + _TIME_STEP_S,
             ]
-            return [self._knocked(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
-        what = mount_warning(keyframes, wheels, self._mount)
-        return [EndWarning("mount", what)] if what else []
+            return [self._change_warning(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
+        text = mount_warning(keyframes, odometry_poses, self._mount)
+        return [EndWarning("mount", text)] if text else []
 
-    def _knocked(self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes) -> EndWarning:
+    def _change_warning(
+        self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes
+    ) -> EndWarning:
         """Return the warning for the last of some changes; `ends` are the stamps at the ends of the parts [s]."""
         number, turn = len(changes), math.degrees(changes[-1].turn)
         x, y, stated = keyframes.sensor_poses[0].tolist()
         yaw = math.remainder(stated + sum(change.turn for change in changes), math.tau)
         begin = ends[number - 2] - self._started if number > 1 else 0.0
-        knock, end = ends[number - 1] - self._started, ends[number] - self._started
-        what = (
+        turned, end = ends[number - 1] - self._started, ends[number] - self._started
+        text = (
             f"the laser turned by {abs(turn):.0f} degrees to the {'left' if turn > 0.0 else 'right'} on the "
-            f"robot: split the recording there: map the first part with --interval {begin:.1f} {knock:.1f}, and the "
-            f"second with --interval {knock:.1f} {end:.1f} with --sensor-pose {x:.2f} {y:.2f} {math.degrees(yaw):.0f}"
+            f"robot: split the recording there: map the first part with --interval {begin:.1f} {turned:.1f}, and the "
+            f"second with --interval {turned:.1f} {end:.1f} with --sensor-pose {x:.2f} {y:.2f} {math.degrees(yaw):.0f}"
         )
-        return EndWarning("mount change", what, ends[number - 1], all_along=False)
+        return EndWarning("mount change", text, ends[number - 1], all_along=False)
 
 
-def _scaled(ratio: float, scale: float) -> str:
-    """Return the warning for a ratio of the lengths by scans and by odometry, which was scaled before."""
+def _scale_warning(ratio: float, scale: float) -> str:
+    """Return the warning for a ratio of the lengths by scans and by odometry, which were multiplied by a scale."""
     fact = f"the scans go {_digits(ratio)} times as far as the odometry: one of them has a wrong scale"
     return f"{fact}; if it is the odometry, pass --odometry-scale {_digits(ratio * scale)}"
 
 
 def _digits(scale: float) -> str:
-    """Return a scale as text, to a hundredth or two digits."""
+    """Return a scale as text, with two decimals or two digits."""
     return f"{scale:.2f}" if scale >= 0.1 else f"{scale:.2g}"
