@@ -1,10 +1,10 @@
-"""Bridges of the map graph: doubtful alignments that alone join two groups. Both groups as wholes must confirm them.
+"""Bridges of the map graph: single doubtful alignments that join two groups, and their verification.
 
-Few walls of two maps may agree by chance, and if two buildings have similar rooms, several refused alignments agree
-on them. All walls of both groups must then agree at the same pose, so each bridge is verified with all of their maps.
+A few walls of two maps may agree by chance. If two buildings have similar rooms, several refused alignments agree with
+a wrong pose. So each bridge is verified by an alignment of both groups, each as one map of all its walls.
 
-Without the check of refused alignments that agree, 12 of 120 simulated maps of 20 buildings become one group of two
-buildings, whose wholes give their place a confidence of 0.
+Refused alignments that agree are verified too. Otherwise 12 of 120 simulated maps of 20 buildings would become one
+group of two buildings; the alignment of both sides gives its bridge a confidence of 0.
 """
 
 import logging
@@ -56,30 +56,30 @@ class Bridge:
 
 
 def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Split groups at bridges that both sides as wholes do not confirm."""
-    stood = set[Sides]()
+    """Split groups at bridges that the alignment of both sides does not confirm."""
+    confirmed = set[Sides]()
     while True:
-        refuted, fitting = refute_bridge(found, config, executor, stood)
-        stood |= fitting
+        refuted, fitting = refute_bridge(found, config, executor, confirmed)
+        confirmed |= fitting
         if not refuted:
             return found
         found = found.with_alignments(refuted)
 
 
 def refute_bridge(
-    found: MergeState, config: MergeConfig, executor: Executor, stood: Collection[Sides] = ()
+    found: MergeState, config: MergeConfig, executor: Executor, confirmed: Collection[Sides] = ()
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
-    """Find a bridge that both sides as wholes do not confirm, the most doubtful first.
+    """Find a bridge that the alignment of both sides does not confirm, the most doubtful first.
 
     Parameters
     ----------
     found
         The state of the merge.
     config
-        Confidence below which an alignment is a bridge, and least confidence of the wholes at its pose.
+        Confidence below which an alignment is a bridge, and least confidence of both sides at its pose.
     executor
-        Aligns the wholes.
-    stood
+        Aligns both sides.
+    confirmed
         Bridges that were confirmed before; they are not verified again.
 
     Returns
@@ -90,15 +90,17 @@ def refute_bridge(
     fitting, alignments = set[Sides](), found.alignments
     joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
-        if join.names in stood:
+        if join.names in confirmed:
             continue
-        likely = _likely_as_wholes(join, found.maps, config, executor)
-        if likely < config.graph.min_whole:
+        confidence = _confidence_of_sides(join, found.maps, config, executor)
+        if confidence < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
-            reason = f"groups of {numbers} maps, which it joins, do not match as wholes ({likely:.2f}): {before.reason}"
+            reason = (
+                f"groups of {numbers} maps, which it joins, do not match as wholes ({confidence:.2f}): {before.reason}"
+            )
             logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
-            refuted = {pair: _refuted(found, pair, join, likely, config) for pair, found in alignments.items()}
-            refuted[join.pair] = replace(refuted[join.pair], accepted=False, reason=reason, confidence=likely)
+            refuted = {pair: _refuted(found, pair, join, confidence, config) for pair, found in alignments.items()}
+            refuted[join.pair] = replace(refuted[join.pair], accepted=False, reason=reason, confidence=confidence)
             return {pair: changed for pair, changed in refuted.items() if changed is not alignments[pair]}, fitting
         fitting.add(join.names)
     return {}, fitting
@@ -110,10 +112,11 @@ def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
     for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
         sure = found.accepted and found.confidence >= config.graph.sure_alone
-        idle = not found.accepted and found.confidence < config.graph.min_whole  # like a refuted one, it joins nothing
+        # Such an alignment joins nothing, like a refuted one.
+        idle = not found.accepted and found.confidence < config.graph.min_whole
         if found.method != "correlation" or sure or idle or len(group) <= 2:
             continue
-        sides = _parted_without(pair, group, alignments, config)
+        sides = _sides_without(pair, group, alignments, config)
         if sides is not None and frozenset(sides) not in bridges:
             here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
             bridges[frozenset(sides)] = Bridge(pair, (here, there))
@@ -124,31 +127,31 @@ def _certainty(found: Alignment) -> tuple[bool, float]:
     return found.accepted, found.confidence
 
 
-def _refuted(found: Alignment, pair: Pair, bridge: Bridge, likely: float, config: MergeConfig) -> Alignment:
+def _refuted(found: Alignment, pair: Pair, bridge: Bridge, confidence: float, config: MergeConfig) -> Alignment:
     """Return an alignment whose confidence at the pose of a bridge is limited to a probability."""
     poses = {**bridge.sides[0], **bridge.sides[1]}
     if any(len(poses.keys() & side.keys() & set(pair)) != 1 for side in bridge.sides):
         return found
     motion = poses[pair[0]].inverse() @ poses[pair[1]]
     alternatives = tuple(
-        replace(other, confidence=min(other.confidence, likely))
+        replace(other, confidence=min(other.confidence, confidence))
         if is_same_pose(motion, other.T_target_source, config.graph, other.covariance)
         else other
         for other in found.alternatives
     )
     where = found.T_target_source
     if where is not None and is_same_pose(motion, where, config.graph, found.covariance):
-        found = replace(found, accepted=False, confidence=min(found.confidence, likely))
+        found = replace(found, accepted=False, confidence=min(found.confidence, confidence))
     return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 
-def _parted_without(
+def _sides_without(
     pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
 ) -> tuple[frozenset[str], frozenset[str]] | None:
-    """Return the maps on the target's side and on the source's; None if other accepted alignments join the sides.
+    """Return the maps on the target's and on the source's side; None if other accepted alignments join the sides.
 
-    Refused alignments that agree with the group's poses put a map on one side, the more certain ones first, but join no
-    sides. A map without such an alignment is on no side.
+    Refused alignments that agree with the group's poses also assign maps to a side, in order of certainty, but do not
+    join sides. A map without such an alignment is on no side.
     """
     others = [other for other in group.used if other != pair]
     surest_first = sorted(others, key=lambda other: _certainty(alignments[other]), reverse=True)
@@ -166,7 +169,7 @@ def _parted_without(
 def _sides(
     pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], surest_first: Sequence[Pair]
 ) -> tuple[frozenset[str], frozenset[str]] | None:
-    """Return the maps that alignments put on either side of a pair; None if accepted ones join the sides."""
+    """Return the maps that alignments assign to either side of a pair; None if accepted ones join the sides."""
     sides = {name: frozenset({name}) for name in group.poses}
     for target, source in surest_first:
         joined = sides[target] | sides[source]
@@ -178,10 +181,10 @@ def _sides(
     return sides[pair[0]], sides[pair[1]]
 
 
-def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> float:
-    """Return the confidence that two groups, each as one map, give the pose of a bridge; 0 if it is no hypothesis.
+def _confidence_of_sides(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> float:
+    """Return the confidence of a bridge's pose in the alignment of both groups, each as one map; 0 without hypothesis.
 
-    It is 1 for groups that are too large for one map: they cannot be verified.
+    Groups that are too large for one map cannot be verified and give 1.
     """
     target, source = join.pair
     wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.progress)
@@ -190,9 +193,9 @@ def _likely_as_wholes(join: Bridge, maps: Mapping[str, TbmMap], config: MergeCon
     grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}
     found = align_all(grids, config, executor, [join.pair])[join.pair]
     expected = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
-    likely = (
+    confidences = (
         hypothesis.confidence
         for hypothesis in found.hypotheses()
         if is_same_pose(expected, hypothesis.T_target_source, config.graph, hypothesis.covariance)
     )
-    return max(likely, default=0.0)
+    return max(confidences, default=0.0)

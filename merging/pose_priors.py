@@ -1,7 +1,7 @@
-"""Maps with known poses: placed there, and refined by their walls.
+"""Maps with known poses, which are refined by their walls.
 
-A rough pose of a robot's start needs no search. It may also be better than any alignment: in a corridor without
-features, or on a plan that differs from what a laser sees. The evidence of the maps is reported too.
+A known pose needs no search. It may also be better than any alignment: in a corridor without features, or on a plan
+that differs from the maps of a laser. The evidence of the maps is reported too.
 """
 
 import itertools
@@ -32,13 +32,13 @@ from tbmslam.map.tbm_map import TbmMap
 logger = logging.getLogger(__name__)
 
 _SHIFTS, _TURNS = 5, 9
-"""Starts along each axis and of the rotation, up to the largest error of the pose."""
-_NEVER = 1e-300
+"""Numbers of initial positions along each axis and of initial rotations, within the largest error of the pose."""
+_LEAST_PROBABILITY = 1e-300
 """Least probability of a pose."""
 
 
 class KnownPoseError(TbmSlamError):
-    """A known pose is impossible: one line with the map, the fact and the remedy."""
+    """A known pose is impossible. The message states the map, the problem and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class PriorPoses:
     poses
         T_first_map of the first map and of the maps with known poses, refined; empty without known poses.
     alignments
-        Each of these maps in the earlier map with which it shares most walls; all are accepted.
+        Alignment of each of these maps with the earlier map that shares most walls; all are accepted.
     """
 
     poses: Mapping[str, SE2]
@@ -58,7 +58,7 @@ class PriorPoses:
 
 
 def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPoses:
-    """Place the maps of `MergeConfig.known_poses`, each on one of the maps before it.
+    """Place the maps of `MergeConfig.known_poses`, each relative to one of the maps before it.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def align_near(
     T_target_source
         The known pose of the source in the target's frame.
     config
-        Its largest error.
+        Settings, with the largest error of the known pose.
     """
     if target is None or source is None:
         empty = "target" if target is None else "source"
@@ -126,16 +126,16 @@ def align_near(
     pose, evidence, confidence = _likeliest(target.structure, source.structure, T_target_source, config)
     enough = evidence.agreed_wall_m >= config.pose_priors.min_wall_m
     bare = without_walls(target.structure, source.structure)
-    how = (
+    text = (
         f"placed at the given pose: {bare}"
         if bare
         else _refinement_text(pose, T_target_source, source.structure, enough)
     )
-    answer = Alignment("prior", accepted=True, reason=f"{how}; {format_evidence(evidence)}")
+    answer = Alignment("prior", accepted=True, reason=f"{text}; {format_evidence(evidence)}")
     limits = config.verification.limits()
     prior = {"place_m": 0.5 * config.pose_priors.reach_m, "turn_rad": 0.5 * config.pose_priors.reach_rad}
-    exactness = config.covariance.model_copy(update=prior)  # without walls the error of the known pose remains
-    covariance = covariance_of(target.structure, source.structure, pose, limits, exactness)
+    settings = config.covariance.model_copy(update=prior)  # without walls the error of the known pose remains
+    covariance = covariance_of(target.structure, source.structure, pose, limits, settings)
     answer = answer.matched_by_walls(evidence, target.structure.geometry.resolution)
     return answer.at(pose, evidence, confidence, covariance)
 
@@ -147,8 +147,8 @@ def _likeliest(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig
     decoys = find_decoys(target, source, config)
     likely = confidences([evidence for _, evidence in near], decoys)
     # The walls of a corridor do not determine the position along it: the prior does.
-    surprise = [0.5 * (2.0 * _apart(motion, prior, source)[0] / config.pose_priors.reach_m) ** 2 for motion, _ in near]
-    best = max(range(len(near)), key=lambda index: math.log(max(likely[index], _NEVER)) - surprise[index])
+    penalty = [0.5 * (2.0 * _apart(motion, prior, source)[0] / config.pose_priors.reach_m) ** 2 for motion, _ in near]
+    best = max(range(len(near)), key=lambda index: math.log(max(likely[index], _LEAST_PROBABILITY)) - penalty[index])
     pose, evidence = near[best]
     return pose, evidence, confidences([evidence, *(other for _, other in elsewhere)], decoys)[0]
 
@@ -156,7 +156,8 @@ def _likeliest(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig
 def _poses_near(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig) -> list[Candidate]:
     """Return poses near the known one with enough agreeing walls; the known one if there is none.
 
-    Walls move the known pose only across themselves, so the refined pose is a candidate besides those of the search.
+    Walls correct the known pose only at right angles to them, so the refined pose is a candidate besides those of the
+    search.
     """
     found = [
         (motion, evidence)

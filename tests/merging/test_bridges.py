@@ -66,8 +66,8 @@ def state_of(maps, alignments):
     return MergeState.of(maps, alignments, lambda known: groups_of(list(POSES), known, CONFIG.graph))
 
 
-def refuted(maps, alignments, stood=()):
-    return refute_bridge(state_of(maps, alignments), CONFIG, Executor(), stood)
+def refuted(maps, alignments, confirmed=()):
+    return refute_bridge(state_of(maps, alignments), CONFIG, Executor(), confirmed)
 
 
 def sides_of(alignments):
@@ -105,7 +105,7 @@ def test_a_true_bridge_is_kept_and_its_groups_are_not_aligned_again(neighbours):
     nothing, fitting = refuted(neighbours, alignments)
     assert nothing == {}
     assert fitting == {(("b", "c"), frozenset("ab"), frozenset("cd"))}
-    assert refuted({}, alignments, stood=fitting) == ({}, set())
+    assert refuted({}, alignments, confirmed=fitting) == ({}, set())
 
 
 def test_groups_that_fit_elsewhere_do_not_bear_a_bridge_out(neighbours):

@@ -85,7 +85,7 @@ def draw_office(rng: np.random.Generator) -> FloorPlan:
     add_rooms(plan, CorridorSide("east", outer.x1), (outer.y0, outer.y1), east, rng)
     for x0, x1 in crossings:
         _fill_block(plan, Rectangle(x0, core.y0, x1, core.y1), rng)
-    _stand_in_corridors(plan, outer, core, rng)
+    _place_in_corridors(plan, outer, core, rng)
     return plan
 
 
@@ -135,7 +135,7 @@ def _fill_block(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> 
     add_rooms(plan, CorridorSide("south", block.y1), extent, block.y1 - middle - 0.1, rng)
 
 
-def _stand_in_corridors(plan: FloorPlan, outer: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
+def _place_in_corridors(plan: FloorPlan, outer: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
     """Stand pilasters, cabinets and plants along the corridors' walls, where no door is."""
     for _ in range(60):
         deep = float(rng.choice([0.1, 0.2, 0.35]))

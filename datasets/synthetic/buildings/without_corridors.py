@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish, stand_box
+from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish, place_box
 
 
 def draw_open_plan(rng: np.random.Generator) -> FloorPlan:
@@ -18,13 +18,13 @@ def draw_open_plan(rng: np.random.Generator) -> FloorPlan:
     core = core._replace(y1=core.y0 + core_height)
     plan.fill(core)
     add_rooms(plan, CorridorSide("north", floor.y1), (floor.x0, floor.x1), float(rng.uniform(3.5, 5.0)), rng)
-    _stand_cubicles(plan, floor, core, rng)
+    _place_cubicles(plan, floor, core, rng)
     for _ in range(8):
-        stand_box(plan, floor, rng)
+        place_box(plan, floor, rng)
     return plan
 
 
-def _stand_cubicles(plan: FloorPlan, floor: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
+def _place_cubicles(plan: FloorPlan, floor: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
     """Set cubicles in blocks; where the core is in the way there is none. Aisles are places."""
     columns, rows = round((floor.width - 2.0) / 5.5), round((floor.height - 3.0) / 5.0)
     pitch_x, pitch_y = (floor.width - 2.0) / columns, (floor.height - 3.0) / rows
@@ -35,11 +35,11 @@ def _stand_cubicles(plan: FloorPlan, floor: Rectangle, core: Rectangle, rng: np.
             plan.add_place(x - 0.9, y - 0.9)
             if block.grown(0.8).overlaps(core) or rng.random() < 0.08:
                 continue
-            _stand_cross(plan, block, rng)
+            _place_cross(plan, block, rng)
             furnish(plan, block, rng, density=1.2)
 
 
-def _stand_cross(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> None:
+def _place_cross(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> None:
     """Stand partitions as a cross: four desks back to back, or one screen with returns."""
     x, y = block.centre
     half = 0.03
@@ -62,16 +62,16 @@ def draw_store(rng: np.random.Generator) -> FloorPlan:
         x = storage.x1 * (fraction + float(rng.uniform(-0.1, 0.1)))
         plan.carve(Rectangle(x, sales.y1, x + 1.4, storage.y0))
         plan.keep_clear(Rectangle(x, sales.y1 - 1.2, x + 1.4, storage.y0 + 1.2))
-    _stand_shelves(plan, sales, rng)
+    _place_shelves(plan, sales, rng)
     furnish(plan, sales, rng, density=0.7)
     furnish(plan, storage, rng, density=1.4)
     for _ in range(25):
-        stand_box(plan, sales, rng)
+        place_box(plan, sales, rng)
     plan.add_place(*storage.centre)
     return plan
 
 
-def _stand_shelves(plan: FloorPlan, sales: Rectangle, rng: np.random.Generator) -> None:
+def _place_shelves(plan: FloorPlan, sales: Rectangle, rng: np.random.Generator) -> None:
     """Stand blocks of shelves, with places at both ends and in the middle of each aisle."""
     x = sales.x0 + 2.2
     while x + 1.1 < sales.x1 - 1.8:
@@ -82,14 +82,14 @@ def _stand_shelves(plan: FloorPlan, sales: Rectangle, rng: np.random.Generator) 
         plan.add_place(x - aisle / 2.0, sales.y1 - 1.2)
         while top - y > 2.0:
             length = min(float(rng.uniform(3.0, 8.0)), top - y)
-            _stand_shelf(plan, Rectangle(x, y, x + deep, y + length), rng)
+            _place_shelf(plan, Rectangle(x, y, x + deep, y + length), rng)
             y += length + float(rng.uniform(1.5, 2.2))
         x += deep + aisle
     for fraction in (0.1, 0.5, 0.9):
         plan.add_place(sales.x1 - 1.2, sales.y0 + fraction * sales.height)
 
 
-def _stand_shelf(plan: FloorPlan, shelf: Rectangle, rng: np.random.Generator) -> None:
+def _place_shelf(plan: FloorPlan, shelf: Rectangle, rng: np.random.Generator) -> None:
     """Stand one block, its sides uneven as goods make them."""
     start = shelf.y0
     while start < shelf.y1 - 0.2:
@@ -181,14 +181,14 @@ def draw_halls(rng: np.random.Generator) -> FloorPlan:
         plan.carve(hall)
     join(plan, halls, wall, (1.8, 4.0), rng)
     for hall in halls:
-        _stand_pillars(plan, hall, rng)
+        _place_pillars(plan, hall, rng)
         for _ in range(int(rng.integers(2, 6))):
-            stand_box(plan, hall, rng)
+            place_box(plan, hall, rng)
         _add_places(plan, hall)
     return plan
 
 
-def _stand_pillars(plan: FloorPlan, hall: Rectangle, rng: np.random.Generator) -> None:
+def _place_pillars(plan: FloorPlan, hall: Rectangle, rng: np.random.Generator) -> None:
     """Stand pillars in rows, round or square, with small errors of their places."""
     size = float(rng.uniform(0.25, 0.45))
     is_round = rng.random() < 0.5

@@ -17,7 +17,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 
 COMFORTABLE = 1.0
-"""Clearance from which on a way costs no more than its length [m]."""
+"""Least clearance at which a path costs its length [m]."""
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -31,7 +31,7 @@ class ClearanceMap:
     geometry
         The grid's cells.
     clearance
-        Distances (rows, cols) [m]; 0 outside the inside of the world.
+        Distances (rows, cols) [m]; 0 outside of the world.
     """
 
     geometry: GridGeometry
@@ -42,7 +42,7 @@ class ClearanceMap:
         """Measure a world."""
         geometry = world.grid(resolution)
         free = world.occupancy(geometry) == FREE
-        # From cell centres to the nearest wall cell's near side
+        # From cell centres to the nearest side of the nearest wall cell
         distance = np.asarray(ndimage.distance_transform_edt(free)) * resolution - resolution / 2.0
         return cls(geometry, np.maximum(distance, 0.0))
 
@@ -53,14 +53,14 @@ class ClearanceMap:
 
 
 class RoadMap:
-    """Where a robot can drive, as a graph of neighbouring points, and its cheapest ways.
+    """A graph of neighbouring points where a robot can drive, and its cheapest paths.
 
     Parameters
     ----------
     clearance_map
         The world.
     smallest
-        Clearance below which no way leads [m].
+        Least clearance of paths [m].
     rng
         Random generator of a robot's preferences for some edges; None for none.
     """
@@ -73,8 +73,8 @@ class RoadMap:
         self.points = g.centres_of(rows * step, cols * step)
         cost = 1.0 + 4.0 * np.maximum(0.0, 1.0 - clearance / COMFORTABLE) ** 2
         if rng is not None:
-            whims = ndimage.gaussian_filter(rng.standard_normal(clearance.shape), 6.0)
-            cost *= np.exp(0.5 * whims / whims.std())
+            preferences = ndimage.gaussian_filter(rng.standard_normal(clearance.shape), 6.0)
+            cost *= np.exp(0.5 * preferences / preferences.std())
         self._tree = spatial.KDTree(self.points)
         self._graph = _graph(drivable, cost * g.resolution * step)
 
@@ -83,13 +83,13 @@ class RoadMap:
         return np.asarray(self._tree.query(points)[1], dtype=np.int64)
 
     def costs(self, nodes: npt.NDArray[np.int64]) -> FloatArray:
-        """Return the cost (K, K) of the cheapest ways between nodes, about their length [m]."""
+        """Return the costs (K, K) of the cheapest paths between nodes, about their length [m]."""
         return np.asarray(csgraph.dijkstra(self._graph, directed=False, indices=nodes)[:, nodes])
 
     def path(self, start: int, end: int) -> FloatArray:
-        """Return the points (P, 2) of the cheapest way between two nodes, both included."""
+        """Return the points (P, 2) of the cheapest path between two nodes, including both."""
         apart = float(np.hypot(*(self.points[start] - self.points[end])))
-        for limit in (3.0 * apart + 10.0, np.inf):  # most ways are short, and then few nodes need a look
+        for limit in (3.0 * apart + 10.0, np.inf):  # most paths are short, and a limit saves the search of most nodes
             _, before = csgraph.dijkstra(
                 self._graph, directed=False, indices=[end], return_predecessors=True, limit=limit
             )
@@ -107,7 +107,7 @@ def _largest_region(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _graph(drivable: npt.NDArray[np.bool_], cost: FloatArray) -> sparse.csr_array:
-    """Join drivable cells to their eight neighbours; passing between two cells costs the mean of both a cell."""
+    """Join drivable cells to their eight neighbours; an edge costs the mean of both cells times its length."""
     number = np.full(drivable.shape, -1)
     number[drivable] = np.arange(int(drivable.sum()))
     starts, ends, weights = [], [], []
@@ -125,17 +125,17 @@ def _graph(drivable: npt.NDArray[np.bool_], cost: FloatArray) -> sparse.csr_arra
 
 
 RATE = 50.0
-"""Samples of a drive a second [Hz]."""
+"""Rate of the samples of a drive [Hz]."""
 
 LOOK_AHEAD = 0.3
-"""Distance to the point of the path that the robot steers to [m]."""
+"""Distance to the point of the path towards which the robot steers [m]."""
 
 TURN_RATE = 0.9
 """Largest turn rate [rad/s]."""
 
 _FORWARD_GAIN = 0.6 / RATE  # largest change of speed in a step [m/s]
 _TURN_GAIN = 3.0 / RATE  # largest change of turn rate in a step [rad/s]
-_MOOD = 8.0  # a driver changes the speed about that often [s]
+_SPEED_PERIOD = 8.0  # time between changes of the speed factor [s]
 
 
 def drive_along(
@@ -149,13 +149,13 @@ def drive_along(
     """Drive along a path (P, 2) [m] of closely spaced points, facing along it at the start.
 
     Pure pursuit (Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01) with a
-    forward speed that falls with the angle to the point pursued, so that the robot turns on the spot where the path
-    turns back.
+    forward speed that decreases with the angle to the pursued point, so that the robot turns on the spot where the
+    path reverses.
 
     Parameters
     ----------
     speed
-        Largest speed [m/s]; a driver's mood changes it down to 60 % of that.
+        Largest speed [m/s]; it varies down to 60 % of that.
     start_stamp
         Time of the first pose [s].
     length, duration
@@ -166,32 +166,32 @@ def drive_along(
     drive
         Poses at 50 Hz; between them the twist is constant.
     """
-    target = _pursued(path, 0, path[0, 0], path[0, 1])
+    target = _pursued_index(path, 0, path[0, 0], path[0, 1])
     dx, dy = path[target] - path[0]
     pose = SE2(float(path[0, 0]), float(path[0, 1]), math.atan2(dy, dx))
     poses = array("d", pose)  # plain numbers: a day has millions of poses
-    forward, turn, travelled, mood = 0.0, 0.0, 0.0, 1.0
+    forward, turn, travelled, factor = 0.0, 0.0, 0.0, 1.0
     while travelled < length and len(poses) // 3 <= duration * RATE:
-        target = _pursued(path, target, pose.x, pose.y)
+        target = _pursued_index(path, target, pose.x, pose.y)
         ahead = pose.inverse().apply(path[target])
         if target == len(path) - 1 and math.hypot(*ahead) < 0.05:
             break
-        if (len(poses) // 3 - 1) % round(_MOOD * RATE) == 0:
-            mood = float(rng.uniform(0.6, 1.0))
+        if (len(poses) // 3 - 1) % round(_SPEED_PERIOD * RATE) == 0:
+            factor = float(rng.uniform(0.6, 1.0))
         error = math.atan2(ahead[1], ahead[0])
-        wanted = mood * speed * max(0.0, math.cos(error)) ** 4 if abs(error) < 0.8 else 0.0
-        wanted = min(wanted, max(0.1, 1.5 * math.hypot(*ahead)))
-        forward += min(max(wanted - forward, -2.0 * _FORWARD_GAIN), _FORWARD_GAIN)
-        wanted_turn = min(max(2.5 * error, -TURN_RATE), TURN_RATE)
-        turn += min(max(wanted_turn - turn, -_TURN_GAIN), _TURN_GAIN)
+        target_speed = factor * speed * max(0.0, math.cos(error)) ** 4 if abs(error) < 0.8 else 0.0
+        target_speed = min(target_speed, max(0.1, 1.5 * math.hypot(*ahead)))
+        forward += min(max(target_speed - forward, -2.0 * _FORWARD_GAIN), _FORWARD_GAIN)
+        target_turn = min(max(2.5 * error, -TURN_RATE), TURN_RATE)
+        turn += min(max(target_turn - turn, -_TURN_GAIN), _TURN_GAIN)
         pose = pose @ SE2.exp(forward / RATE, 0.0, turn / RATE)
         travelled += forward / RATE
         poses.extend(pose)
     return Trajectory(start_stamp + np.arange(len(poses) // 3) / RATE, np.array(poses).reshape(-1, 3))
 
 
-def _pursued(path: FloatArray, index: int, x: float, y: float) -> int:
-    """Return the first point from `index` on that is farther away than the look-ahead distance."""
+def _pursued_index(path: FloatArray, index: int, x: float, y: float) -> int:
+    """Return the index of the first point from `index` on beyond the look-ahead distance."""
     while index < len(path) - 1 and math.hypot(path[index, 0] - x, path[index, 1] - y) < LOOK_AHEAD:
         index += 1
     return index
@@ -204,14 +204,14 @@ PLANNED_CLEARANCE = 0.42
 """Least distance of planned paths from walls [m]; the robot may cut corners."""
 
 AVERAGE_SPEED = 0.67
-"""Mean speed over a drive, of the largest: turns and doors cost time."""
+"""Mean speed of a drive as a share of the largest speed; turns and doors cost time."""
 
 
 _MOST_ROBOTS = 1000
-"""All of them are simulated before the first is written."""
+"""Limit of memory: all robots are simulated before the first is written."""
 
 COST_PER_METRE = 1.2
-"""What a metre driven costs in a road map, about."""
+"""Approximate cost of a metre in a road map."""
 
 
 def plan_drives(
@@ -224,24 +224,24 @@ def plan_drives(
     speed: float = 0.65,
     seed: int = 0,
 ) -> list[Trajectory]:
-    """Let robots drive through a world.
+    """Plan the drives of robots through a world.
 
-    All places of the world are put in a short closed tour. Each robot drives a stretch of it, neighbours sharing the
-    fraction `overlap` of theirs; every other robot drives the other way round, and each on lines of its own.
+    A short closed tour visits all places of the world. Each robot drives a section of it, and neighbouring sections
+    share the fraction `overlap`. Every second robot drives in the opposite direction, and each prefers other paths.
 
     Parameters
     ----------
     robots
         The number of robots.
     length, duration
-        Where a drive ends, after so many metres or seconds, whichever comes first. With neither the stretches
-        together cover the tour: a single robot comes back to where it began.
+        Length [m] and duration [s] at which a drive ends, whichever comes first. With neither, the sections cover the
+        tour, and a single robot returns to its start.
     overlap
-        Shared part of neighbouring stretches, in [0, 0.9].
+        Shared part of neighbouring sections, in [0, 0.9].
     speed
         Largest speed [m/s].
     seed
-        Seed of the begin of the tour and of all random choices.
+        Seed of the start of the tour and of all random choices.
 
     Returns
     -------
@@ -257,7 +257,7 @@ def plan_drives(
     tour = short_tour(costs, start=int(rng.integers(len(stops))))
     around = np.concatenate(([0.0], np.cumsum(costs[tour, np.roll(tour, -1)])))
     stretch = _stretch(float(around[-1]), robots, length, duration, overlap, speed)
-    # What ends after a length or time needs a path that certainly is longer.
+    # A drive that ends at a length or duration needs a longer path.
     reserve = 0.0 if length is None and duration is None else 0.6 * stretch + 10.0
     drives = []
     for robot, robot_rng in enumerate(rng.spawn(robots)):
@@ -280,14 +280,14 @@ def plan_drives(
 
 
 def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
-    """Return an order (K,) of all places as a short closed tour: the nearest next, then improved by 2-opt.
+    """Return an order (K,) of all places as a short closed tour: nearest neighbours, improved by 2-opt.
 
     Parameters
     ----------
     costs
         Symmetric cost (K, K) of going from one place to another.
     start
-        The place that comes first.
+        The first place.
     """
     left = set(range(len(costs))) - {start}
     tour = [start]
@@ -310,7 +310,7 @@ def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
 
 
 def _stops(roads: RoadMap, places: FloatArray) -> npt.NDArray[np.int64]:
-    """Return the nodes where robots call, near the places; those that have none near are left out."""
+    """Return the nodes nearest to the places; places without a node nearby are left out."""
     nodes = roads.nearest(places)
     away = np.hypot(*(roads.points[nodes] - places).T)
     _, first = np.unique(nodes, return_index=True)
@@ -330,7 +330,7 @@ def _stretch(
 
 
 def _stops_between(tour: npt.NDArray[np.int64], around: FloatArray, begin: float, end: float) -> npt.NDArray[np.int64]:
-    """Return the stops of the tour from `begin` to `end`, going around as often as needed, and at least two."""
+    """Return the stops of the repeated tour from `begin` to `end`, at least two."""
     whole, stops = around[-1], len(tour)
     count = math.ceil((end - begin) / whole + 2) * stops
     index = np.arange(count)
@@ -349,7 +349,7 @@ def _path(roads: RoadMap, stops: npt.NDArray[np.int64], rng: np.random.Generator
 
 
 def _smoothed(path: FloatArray, clearance_map: ClearanceMap) -> FloatArray:
-    """Return the way with its corners rounded, where walls allow it."""
+    """Return the path with rounded corners where walls allow it."""
     for _ in range(60):
         middle = path.copy()
         middle[1:-1] = (path[:-2] + 2.0 * path[1:-1] + path[2:]) / 4.0

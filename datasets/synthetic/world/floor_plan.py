@@ -1,6 +1,6 @@
-"""The plan of a building: rooms and corridors carved out of solid rock, their doors, and their furniture.
+"""The plan of a building: free rooms and corridors in a solid block, doors and furniture.
 
-Furniture is as a laser sees it about 25 cm above the floor.
+Furniture has the outlines that a laser sees about 25 cm above the floor.
 """
 
 import math
@@ -33,20 +33,20 @@ class Rectangle(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """The middle [m]."""
+        """Centre (x, y) [m]."""
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
     def grown(self, margin: float) -> "Rectangle":
-        """Return it with every side moved outwards."""
+        """Return the rectangle with all sides moved outwards."""
         return Rectangle(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
 
     def overlaps(self, other: "Rectangle") -> bool:
-        """Return whether the two share area."""
+        """Return whether the rectangles overlap."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
 
 class FloorPlan:
-    """A building in the making."""
+    """A building to which walls and furniture are added."""
 
     def __init__(self) -> None:
         self._strokes: list[tuple[Rectangle, bool]] = []
@@ -65,26 +65,26 @@ class FloorPlan:
         self._things.append(rectangle)
 
     def add_polygon(self, corners: FloatArray) -> None:
-        """Stand a closed polygon (K, 2) [m] in the building, wherever it lies."""
+        """Add a closed polygon (K, 2) [m] without a check for room."""
         self._polygons.append(corners)
 
     def keep_clear(self, rectangle: Rectangle) -> None:
-        """Let nothing stand in a rectangle: the way through a door."""
+        """Keep a rectangle free of furniture, such as the passage of a door."""
         self._kept_clear.append(rectangle)
 
     def add_place(self, x: float, y: float) -> None:
-        """Name a point worth a visit."""
+        """Add a point that robots visit."""
         self._places.append((x, y))
 
     def has_room_for(self, thing: Rectangle, margin: float = 0.0) -> bool:
-        """Return whether a thing has room, `margin` metres off other things and outside of areas kept clear."""
+        """Return whether a thing fits at a distance `margin` [m] from other things and outside of areas kept clear."""
         grown = thing.grown(margin)
         return not any(grown.overlaps(other) for other in self._things) and not any(
             thing.overlaps(area) for area in self._kept_clear
         )
 
     def try_box(self, rectangle: Rectangle, turn: float = 0.0, margin: float = 0.0) -> bool:
-        """Stand a box there, turned about its middle [rad], if there is room for it; return whether there was."""
+        """Add a box, rotated about its centre [rad], if there is room; return whether it was added."""
         corners = SE2(*rectangle.centre, turn).apply(
             np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [rectangle.width / 2.0, rectangle.height / 2.0]
         )
@@ -96,7 +96,7 @@ class FloorPlan:
         return True
 
     def try_column(self, x: float, y: float, radius: float, margin: float = 0.0) -> bool:
-        """Stand a round thing there, if there is room for it; return whether there was."""
+        """Add a column if there is room; return whether it was added."""
         around = Rectangle(x - radius, y - radius, x + radius, y + radius)
         if not self.has_room_for(around, margin):
             return False
@@ -105,19 +105,19 @@ class FloorPlan:
         return True
 
     def add_post(self, x: float, y: float, radius: float) -> None:
-        """Stand a round thing, a leg perhaps, in the building, wherever it lies."""
+        """Add a round post, such as a leg, without a check for room."""
         angles = np.arange(12) * (np.pi / 6.0)
         self._polygons.append(np.column_stack((x + radius * np.cos(angles), y + radius * np.sin(angles))))
 
     def world(self, name: str, seed: int) -> World:
-        """Return the finished building, shifted off the lattice on which its measures are round numbers."""
+        """Return the finished building, shifted so that its walls do not lie on round numbers."""
         shift = np.random.default_rng([seed, 77]).uniform(-0.5, 0.5, 2)
         outlines = [np.hstack((corners, np.roll(corners, -1, axis=0))) for corners in self._polygons]
         walls = np.vstack([self._outline(), *outlines]) + np.tile(shift, 2)
         return World(name, seed, walls, np.array(self._places) + shift)
 
     def _outline(self) -> FloatArray:
-        """Return the border (N, 4) between solid and free, in the cells that all rectangles' sides make together."""
+        """Return the borders (N, 4) between solid and free, on the grid of all sides of rectangles."""
         sides = np.round(np.array([rectangle for rectangle, _ in self._strokes]), 6)
         xs, ys = np.unique(sides[:, [0, 2]]), np.unique(sides[:, [1, 3]])
         solid = np.ones((len(xs) + 1, len(ys) + 1), dtype=np.bool_)  # cell (i, j) ends at xs[i], ys[j]
@@ -132,7 +132,7 @@ class FloorPlan:
 def _runs(
     lines: FloatArray, is_border: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 ) -> list[tuple[float, int, int]]:
-    """Return, line by line, where border cells follow one another: line, index of the first and last cell's end."""
+    """Return runs of border cells on each line: the line, and the indices where the run begins and ends."""
     runs = []
     for line, cells in zip(lines, is_border, strict=True):
         changes = np.flatnonzero(np.diff(cells.astype(np.int8)))
@@ -141,61 +141,61 @@ def _runs(
 
 
 TURN = 0.03
-"""Standard deviation of how askew people put things down [rad]."""
+"""Standard deviation of the rotation of furniture [rad]."""
 
 
 def furnish(plan: FloorPlan, room: Rectangle, rng: np.random.Generator, density: float = 1.0) -> None:
-    """Stand cupboards, desks, chairs and boxes in a room; `density` 1 is a usual office."""
+    """Place cupboards, desks, chairs and boxes in a room; `density` 1 is a usual office."""
     around = 2.0 * (room.width + room.height)
     for _ in range(round(density * around / 4.0)):
         piece = rng.random()
         if piece < 0.45:
-            _stand_at_wall(plan, room, rng, rng.uniform(0.6, 1.8), rng.uniform(0.35, 0.6))
+            _place_at_wall(plan, room, rng, rng.uniform(0.6, 1.8), rng.uniform(0.35, 0.6))
         elif piece < 0.9:
-            _stand_desk(plan, room, rng)
+            _place_desk(plan, room, rng)
         else:
-            stand_box(plan, room, rng)
+            place_box(plan, room, rng)
     if min(room.width, room.height) > 3.6 and rng.random() < 0.35 * density:
-        _stand_table(plan, room, rng)
+        _place_table(plan, room, rng)
 
 
-def stand_box(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> bool:
-    """Try to leave a box somewhere in a room, at any angle; return whether there was room."""
+def place_box(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> bool:
+    """Try to place a box at a random pose in a room; return whether there was room."""
     size = rng.uniform(0.3, 0.7, 2)
     x, y = rng.uniform(room.x0 + 0.5, room.x1 - 0.5), rng.uniform(room.y0 + 0.5, room.y1 - 0.5)
     box = Rectangle(x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2)
     return plan.try_box(box, rng.uniform(0.0, math.pi), margin=0.9)
 
 
-def _stand_at_wall(plan: FloorPlan, room: Rectangle, rng: np.random.Generator, width: float, depth: float) -> bool:
-    """Try to stand a cupboard with its back to a wall; return whether there was room."""
+def _place_at_wall(plan: FloorPlan, room: Rectangle, rng: np.random.Generator, width: float, depth: float) -> bool:
+    """Try to place a cupboard with its back to a wall; return whether there was room."""
     thing = _along_wall(room, rng, width, depth, gap=rng.uniform(0.02, 0.08))
     return thing is not None and plan.try_box(thing, rng.normal(0.0, TURN / 3.0), margin=0.02)
 
 
-def _stand_desk(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> None:
-    """Try to stand a desk at a wall: four legs, drawers under one end, a chair before it."""
+def _place_desk(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> None:
+    """Try to place a desk at a wall: four legs, drawers under one end, and a chair."""
     desk = _along_wall(room, rng, rng.uniform(1.2, 1.8), 0.8, gap=0.05)
     if desk is None or not plan.has_room_for(desk, margin=0.05):
         return
     drawers = Rectangle(desk.x0 + 0.05, desk.y0 + 0.05, desk.x0 + 0.5, desk.y0 + 0.5)
     plan.try_box(drawers, rng.normal(0.0, TURN))
-    _stand_legs(plan, desk, 0.03, rng.normal(0.0, TURN))
+    _place_legs(plan, desk, 0.03, rng.normal(0.0, TURN))
     middle_x, middle_y = desk.centre
     to_room_x, to_room_y = room.centre[0] - middle_x, room.centre[1] - middle_y
     away = 0.55 / max(math.hypot(to_room_x, to_room_y), 0.1)
     plan.try_column(middle_x + away * to_room_x, middle_y + away * to_room_y, rng.uniform(0.05, 0.2))
 
 
-def _stand_table(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> None:
-    """Try to stand a table with chairs near the middle of a room."""
+def _place_table(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> None:
+    """Try to place a table with chairs near the centre of a room."""
     x, y = np.array(room.centre) + rng.uniform(-0.5, 0.5, 2)
     length, width = rng.uniform(1.4, 2.4), rng.uniform(0.8, 1.2)
     half_x, half_y = (length / 2, width / 2) if room.width > room.height else (width / 2, length / 2)
     table = Rectangle(x - half_x, y - half_y, x + half_x, y + half_y)
     if not plan.has_room_for(table, margin=0.6):
         return
-    _stand_legs(plan, table, 0.035, rng.normal(0.0, TURN))
+    _place_legs(plan, table, 0.035, rng.normal(0.0, TURN))
     for side in (-1.0, 1.0):
         for along in (-0.5, 0.5):
             chair = SE2(
@@ -206,7 +206,7 @@ def _stand_table(plan: FloorPlan, room: Rectangle, rng: np.random.Generator) -> 
     plan.keep_clear(table.grown(0.45))
 
 
-def _stand_legs(plan: FloorPlan, table: Rectangle, radius: float, turn: float) -> None:
+def _place_legs(plan: FloorPlan, table: Rectangle, radius: float, turn: float) -> None:
     half_x, half_y = table.width / 2.0 - 0.06, table.height / 2.0 - 0.06
     corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
     for x, y in SE2(*table.centre, turn).apply(corners):
@@ -231,21 +231,21 @@ def _along_wall(room: Rectangle, rng: np.random.Generator, width: float, depth: 
 
 @dataclass(frozen=True)
 class CorridorSide:
-    """One wall of a corridor: u runs along it, v away from the corridor into the rooms [m].
+    """One wall of a corridor: u is along it, v from the corridor into the rooms [m].
 
     Parameters
     ----------
     direction
-        On which side of the corridor the rooms lie.
+        Side of the corridor with the rooms.
     line
-        The wall's y (north, south) or x (east, west) on the corridor's side [m].
+        y (north, south) or x (east, west) of the wall's surface in the corridor [m].
     """
 
     direction: Literal["north", "south", "east", "west"]
     line: float
 
     def points(self, uv: FloatArray) -> FloatArray:
-        """Carry points (..., 2) from u, v to x, y."""
+        """Return points (..., 2) in u, v as x, y."""
         u, v = uv[..., 0], uv[..., 1]
         out = self.line + v if self.direction in {"north", "east"} else self.line - v
         return np.stack((u, out) if self.direction in {"north", "south"} else (out, u), axis=-1)
@@ -270,49 +270,49 @@ def add_rooms(
     Parameters
     ----------
     extent
-        Where along the corridor the rooms begin and end, u [m].
+        Begin and end of the rooms along the corridor, u [m].
     depth
-        From the corridor's wall to the rooms' back [m].
+        Distance from the corridor's wall to the rear wall of the rooms [m].
     corridor
-        Where the corridor begins and ends, when rooms stand beyond its ends: a room that shares too little of it for
-        a door is left out.
+        Begin and end of the corridor, if rooms extend beyond it. A room without enough common length for a door is
+        left out.
     visited
-        Share of the rooms that are worth a visit.
+        Share of the rooms that robots visit.
     """
     wall = float(rng.uniform(0.1, 0.2))
     for start, end in _split(*extent, wall, rng):
-        fate = rng.random()
+        kind = rng.random()
         width = float(rng.uniform(1.02, 1.15))
         first, last = max(start, corridor[0]) + 0.15, min(end, corridor[1]) - 0.15 - width
         if last < first:
             continue
         at = float(rng.uniform(first, last))
-        if fate < 0.12:  # a closed door: only its recess shows
+        if kind < 0.12:  # a closed door: only its recess is visible
             plan.carve(side.rectangle(at, 0.0, at + width, wall * 0.6))
             continue
         room = side.rectangle(start, wall, end, depth - float(rng.uniform(0.0, 0.3)))
         plan.carve(room)
-        if fate < 0.25 and last - first > 2.0:  # no door, a wide opening
+        if kind < 0.25 and last - first > 2.0:  # no door, a wide opening
             width, at = 0.7 * (last - first), first + 0.2 * (last - first)
             add_opening(plan, side, at, width, wall)
         else:
             add_opening(plan, side, at, width, wall)
-            _add_leaf(plan, side, at, width, wall, rng)
+            _add_door_leaf(plan, side, at, width, wall, rng)
         furnish(plan, room, rng, density=float(rng.uniform(0.5, 1.3)))
         if visited >= 1.0 or rng.random() < visited:
             plan.add_place(*room.centre)
 
 
 def add_opening(plan: FloorPlan, side: CorridorSide, at: float, width: float, wall: float) -> None:
-    """Break through a wall and keep the way free on both sides."""
+    """Make an opening in a wall and keep both sides of it clear."""
     plan.carve(side.rectangle(at, 0.0, at + width, wall))
     plan.keep_clear(side.rectangle(at - 0.1, -1.0, at + width + 0.1, wall + 1.2))
 
 
-def _add_leaf(
+def _add_door_leaf(
     plan: FloorPlan, side: CorridorSide, at: float, width: float, wall: float, rng: np.random.Generator
 ) -> None:
-    """Hang an open door leaf into the room, hinged at either jamb."""
+    """Add an open door leaf in the room, hinged at either jamb."""
     angle = math.radians(float(rng.uniform(88.0, 125.0)))
     leaf = np.array([[0.0, 0.0], [width, 0.0], [width, 0.04], [0.0, 0.04]])
     hinged = SE2(0.0, wall, angle).apply(leaf)
@@ -321,7 +321,7 @@ def _add_leaf(
 
 
 def _split(start: float, end: float, wall: float, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Cut a length into rooms of 2.6 to 6.5 m with walls between them."""
+    """Divide a length into rooms of 2.6 to 6.5 m with walls between them."""
     rooms = []
     while end - start > 9.0:
         width = float(rng.uniform(2.6, 6.0))

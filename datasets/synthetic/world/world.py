@@ -37,7 +37,7 @@ class World:
     walls
         Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture.
     places
-        Points (M, 2) [m] worth a visit: rooms, stretches of corridor. A few may be under furniture; what connects most
+        Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; what connects most
         of them is the inside.
     """
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datasets.synthetic.robot.drives import ClearanceMap
-from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish, stand_box
+from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish, place_box
 
 sides = st.tuples(st.integers(0, 8), st.integers(0, 8), st.integers(1, 6), st.integers(1, 6))
 strokes = st.lists(st.tuples(sides, st.booleans()), min_size=1, max_size=12)
@@ -89,8 +89,8 @@ def test_a_box_needs_room():
     plan = FloorPlan()
     room = Rectangle(0, 0, 2, 2)
     rng = np.random.default_rng(0)
-    assert stand_box(plan, room, rng)
-    assert not any(stand_box(plan, room, rng) for _ in range(20))
+    assert place_box(plan, room, rng)
+    assert not any(place_box(plan, room, rng) for _ in range(20))
 
 
 @pytest.mark.parametrize(
