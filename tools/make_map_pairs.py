@@ -96,7 +96,7 @@ def _write(args: argparse.Namespace) -> None:
         buildings = [variant for building in buildings for variant in variants_of(building, args.parts)]
     count = 0
     overlaps = [percent / 100.0 for percent in args.overlap]
-    draw = Distortion.draw if args.bend is None else partial(Distortion.of_another_year, bend_m=args.bend)
+    draw = Distortion.draw if args.bend is None else partial(Distortion.of_another_time, deformation_m=args.bend)
     for pair in pairs_of(buildings, 1, overlaps, draw):
         if pair.known_m2 <= args.largest:
             pair.save(args.out)

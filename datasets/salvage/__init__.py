@@ -1,1 +1,1 @@
-"""Broken bags, read without their index."""
+"""Recovery of messages from damaged bags without their index."""

@@ -1,4 +1,4 @@
-"""ROS 1 bags (format 2.0) whose index is missing or wrong: every message is found again by its own record.
+"""ROS 1 bags (format 2.0) with a missing or wrong index: messages are found by their own records.
 
 The format: http://wiki.ros.org/Bags/Format/2.0. A record is the length of its header, the header, the length of its
 data, the data; a header is a row of fields, each the length of ``name=value`` and that text.
@@ -23,8 +23,8 @@ Buffer: TypeAlias = bytes | mmap.mmap
 
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 
-_LONGEST_HEADER = 4096  # topics have names; nothing else in a header is long
-_MARK = b"\x04\0\0\0op="  # stands in every header
+_LONGEST_HEADER = 4096  # the name of a topic is the longest field
+_MARK = b"\x04\0\0\0op="  # part of every header
 _NEEDED: dict[int, dict[bytes, int | None]] = {
     MESSAGE: {b"conn": 4, b"time": 8},
     BAG_HEADER: {b"index_pos": 8},
@@ -40,7 +40,7 @@ _LARGEST_CHUNK = 1 << 30
 
 
 class Record(NamedTuple):
-    """One record; its data lie from `start` to `end`, which may be beyond the end of the file."""
+    """A record with its data from `start` to `end`, which may be beyond the end of the file."""
 
     op: int
     fields: dict[bytes, bytes]
@@ -48,11 +48,11 @@ class Record(NamedTuple):
     end: int
 
     def number(self, name: bytes) -> int:
-        """Return a field that holds an unsigned number."""
+        """Return a field as an unsigned number."""
         return int.from_bytes(self.fields[name], "little")
 
     def time_ns(self) -> int:
-        """Return when a message was recorded [ns]."""
+        """Return the time of recording of a message [ns]."""
         seconds, nanoseconds = struct.unpack("<LL", self.fields[b"time"])
         return int(seconds * 10**9 + nanoseconds)
 
@@ -103,7 +103,7 @@ def _short_lengths(buffer: Buffer, first: int, last: int) -> Iterator[int]:
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes] | None:
-    """Return the fields of a header; None if it is not made of fields."""
+    """Return the fields of a header; None if it is invalid."""
     fields: dict[bytes, bytes] = {}
     position = 0
     while position < len(header):
@@ -153,7 +153,7 @@ def _uint32(buffer: Buffer, position: int) -> int | None:
         return None
 
 
-_FILE = -1  # number of the block that is the file itself
+_FILE = -1  # number of the block for the file itself
 _MOST_MISSING = 1000  # a bag whose header states more missing parts has a damaged header
 
 
@@ -197,7 +197,7 @@ class _Scan:
             record = record_at(buffer, position)
             if record is None:
                 found = next_record(buffer, position + 1)
-                if not 0 < self.index_place <= position or block != _FILE:  # an index loses no messages
+                if not 0 < self.index_place <= position or block != _FILE:  # damage of an index loses no messages
                     self.holes.append(Hole(len(self), found - position))
                 position = found
             else:
@@ -205,7 +205,7 @@ class _Scan:
 
     @property
     def has_whole(self) -> bool:
-        """Whether any message or chunk was read to its end, so that losses can be estimated."""
+        """Whether any message or chunk is complete, so that losses can be estimated."""
         return self._read_whole[0] > 0
 
     def missing(self, sizes: npt.NDArray[np.int64]) -> int:
@@ -236,11 +236,11 @@ class _Scan:
             self._connect(record, bytes(buffer[record.start : record.end]))
         elif record.op == BAG_HEADER:
             self.index_place = record.number(b"index_pos")
-        # The length of what is no message may be wrong, as in bags of 2010, and still no message be lost.
+        # Records of other kinds may have wrong lengths, as in bags of 2010, without a loss of messages.
         return record.end if _fits(buffer, record.end) else next_record(buffer, record.start)
 
     def _enter(self, buffer: Buffer, chunk: Record, position: int) -> int:
-        """Read a chunk; return where to go on, which is its inside where that is not compressed."""
+        """Read a chunk; return the position of the next record, which is inside of an uncompressed chunk."""
         if chunk.fields[b"compression"] == b"none":
             return chunk.start
         content = decompressed(bytes(buffer[chunk.start : chunk.end]), chunk.fields[b"compression"])
@@ -250,7 +250,7 @@ class _Scan:
             self.holes.append(Hole(len(self), stated - len(content)))
         else:
             self._read_whole = (chunk.end, len(self))
-        # An apparent message in compressed data is the inside of a chunk.
+        # Compressed data contain no messages.
         return chunk.end if _fits(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
     def _connect(self, record: Record, data: bytes) -> None:

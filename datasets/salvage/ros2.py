@@ -28,13 +28,13 @@ _WANTED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _CHUNK = re.compile(rb"\x06(.{8}).{24}.{4}(\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
 _NOT_COMPRESSED = b"\0\0\0\0"
 _LARGEST_CHUNK = 1 << 30
-_INDEX_HEAD = 15  # of the index of a channel's messages in a chunk [bytes]
-_INDEX_ENTRY = 16  # for each message [bytes]
+_INDEX_HEAD = 15  # size of the index of a channel's messages in a chunk [bytes]
+_INDEX_ENTRY = 16  # size for each message [bytes]
 _LATEST = (1 << 63) - 1  # [ns]
 
 
 def has_full_index(path: Path) -> bool:
-    """Return whether the index of an MCAP file leads to each of its messages, so that rosbags reads all of them."""
+    """Return whether the index of an MCAP file holds all of its messages, so that rosbags reads them."""
     with path.open("rb") as file:
         reader = make_reader(file)
         profile, summary = reader.get_header().profile, reader.get_summary()
@@ -54,7 +54,7 @@ def _names_all(statistics: Statistics, summary: Summary) -> bool:
 
 
 def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
-    """Read the records of an MCAP file one after another, without its index; of damaged chunks the readable part."""
+    """Read the records of an MCAP file without its index, with the readable parts of damaged chunks."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         scan = _Scan(buffer)
         scan.read()
@@ -94,7 +94,7 @@ class _Scan:
             if 0 < opcode < Opcode.DATA_END and following <= end and self._take(opcode, position):
                 position = following
             elif inside is not None and inside[2] == _NOT_COMPRESSED:
-                position = inside.end()  # its records can be read one by one, up to the damage
+                position = inside.end()  # so that its records are read up to the damage
             else:
                 following = self._next_chunk(position + 1)
                 self.holes.append(Hole(len(self.entries) // 5, following - position))
@@ -115,7 +115,7 @@ class _Scan:
                 self.channels[record.id] = record
             elif isinstance(record, Message):
                 size = len(record.data)
-                if record.log_time > _LATEST:  # a number of 64 bits may be twice as large as any that is kept
+                if record.log_time > _LATEST:  # the numbers of the file are unsigned
                     self.holes.append(Hole(len(self.entries) // 5, size))
                     place += size
                     continue
@@ -124,7 +124,7 @@ class _Scan:
         return True
 
     def _next_chunk(self, position: int) -> int:
-        """Return where the next chunk begins; the end of the file without any."""
+        """Return the position of the next chunk; the end of the file if there is none."""
         for found in _CHUNK.finditer(self._buffer, position):
             length, records = (int.from_bytes(found[group], "little") for group in (1, 3))
             if found.start() + _HEAD.size + length == found.end() + records <= len(self._buffer):
@@ -160,14 +160,14 @@ def _records_at(buffer: mmap.mmap, position: int) -> list[McapRecord] | None:
         return None
 
 
-_LEAF = 13  # kind of a page that holds rows of a table
-_HEADER = 100  # bytes of the file's header, before the first page's own
-_WIDTHS = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # bytes of the values whose kinds are 0 to 9
+_LEAF = 13  # kind of the pages with rows of a table
+_HEADER = 100  # bytes of the file's header
+_WIDTHS = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # bytes of values of the kinds 0 to 9
 _LONGEST = 1 << 26  # of a row [bytes]
 
 
 def salvage_sqlite(path: Path, reason: str) -> SalvagedBag:
-    """Read the messages of a ROS 2 database from its pages, in the order of their numbers."""
+    """Read the messages of a ROS 2 database from its pages in the order of their numbers."""
     rows, topics = array("q"), {}
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         pages = _Pages(buffer)
@@ -186,7 +186,7 @@ def salvage_sqlite(path: Path, reason: str) -> SalvagedBag:
 
 
 def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float) -> tuple[Hole, ...]:
-    """Return where numbers of rows are missing, and the share of the file that is cut off."""
+    """Return the gaps in the numbers of rows, and the share of the file that is cut off."""
     after = (np.flatnonzero(np.diff(rows[:, 5]) > 1) + 1).tolist()
     holes = [Hole(place, 0) for place in after]
     if missing > 0.0:
@@ -195,7 +195,7 @@ def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float
 
 
 class _Rows:
-    """Blocks of a database: the message in the row at a place of the file."""
+    """Blocks of a database: messages by the positions of their rows in the file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -213,7 +213,7 @@ class _Pages:
     Attributes
     ----------
     missing
-        Size of what was cut off, over the size of what is there.
+        Size of the missing part divided by that of the file.
     """
 
     def __init__(self, buffer: mmap.mmap) -> None:
@@ -229,7 +229,7 @@ class _Pages:
         self.missing = max(stated - len(buffer), 0) / len(buffer) if stated < 1000 * len(buffer) else 0.0
 
     def rows(self) -> Iterator[tuple[int, int, list[object]]]:
-        """Yield number, place and values of every readable row."""
+        """Yield number, position and values of every readable row."""
         for page in range(0, len(self._buffer), self._size):
             head = page + (_HEADER if page == 0 else 0)
             if self._buffer[head] != _LEAF:
@@ -242,7 +242,7 @@ class _Pages:
                     yield row[0], place, row[1]
 
     def row_at(self, place: int) -> tuple[int, list[object]] | None:
-        """Return number and values of the row at a place; None if it is damaged."""
+        """Return number and values of the row at a position; None if it is damaged."""
         try:
             length, start = _varint(self._buffer, place)
             number, start = _varint(self._buffer, start)
@@ -278,7 +278,7 @@ class _Pages:
 
 
 def _values(payload: bytes) -> list[object]:
-    """Return a row's values; floating point numbers, which neither table has, as their bytes."""
+    """Return a row's values. Floating point numbers, which the tables do not have, stay bytes."""
     header, position = _varint(payload, 0)
     values: list[object] = []
     place = header

@@ -17,7 +17,7 @@ _KEPT_BLOCKS = 6
 
 
 class BagConnection(NamedTuple):
-    """The messages of one publisher of a topic."""
+    """The messages of a publisher of a topic."""
 
     id: int
     topic: str
@@ -34,7 +34,7 @@ class Hole(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """A lost part of a topic: begin, duration [s] and number of messages, estimated from the rest."""
+    """A lost part of a topic: estimated begin, duration [s] and number of messages."""
 
     since: float
     seconds: float
@@ -50,15 +50,15 @@ class SalvagedBag:
     path
         The file.
     reason
-        What is wrong with it.
+        The damage.
     connections
         All topics found.
     entries
         (N, 5) in the order of writing: time [ns], connection, block, place in the block and size [bytes].
     holes
-        Where something is missing.
+        The missing parts.
     block
-        Returns a block's bytes by its number.
+        Function that returns a block's bytes by its number.
     """
 
     path: Path
@@ -70,7 +70,7 @@ class SalvagedBag:
     _kept: Callable[[int], bytes] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Remember the last blocks: where topics lie in blocks of their own, reading by time jumps between them."""
+        """Cache the last blocks: if topics are in different blocks, reading by time alternates between them."""
         object.__setattr__(self, "_kept", lru_cache(_KEPT_BLOCKS)(self.block))
 
     def messages(
@@ -85,13 +85,13 @@ class SalvagedBag:
             yield wanted[connection], time, bytes(self._kept(block)[place : place + size])
 
     def times(self, topic: str) -> npt.NDArray[np.int64]:
-        """Return when messages of a topic were recorded [ns], in the order of writing."""
+        """Return the times of recording of a topic's messages [ns] in the order of writing."""
         return np.asarray(self.entries[self._is_of(topic), 0])
 
     def losses(self, topic: str) -> list[Loss]:
-        """Estimate the losses of a topic from the pauses at the holes, and from the bytes of a hole at an end.
+        """Estimate the losses of a topic from the pauses at missing parts, and from the bytes missing at an end.
 
-        From a single message nothing can be estimated: the loss then has no messages.
+        A single message allows no estimate; then the loss has no messages.
         """
         places = np.flatnonzero(self._is_of(topic))
         times = self.entries[places, 0] * 1e-9
@@ -117,12 +117,12 @@ class SalvagedBag:
         return np.asarray(np.isin(self.entries[:, 1], ids))
 
 
-_LARGEST = 10_000_000  # of a description [bytes]
+_LARGEST = 10_000_000  # largest description [bytes]
 
 
 @dataclass(frozen=True)
 class BagAnnouncement:
-    """Files and messages that a description names.
+    """Files and messages by the description of a ROS 2 bag.
 
     Parameters
     ----------
@@ -140,11 +140,11 @@ class BagAnnouncement:
     seconds: float = 0.0
 
     def missing_files(self, folder: Path) -> list[str]:
-        """Return the names of files that are not there."""
+        """Return the names of missing files."""
         return [name for name in self.files if not (folder / name).is_file()]
 
     def loss(self, topic: str, found: int) -> Loss | None:
-        """Return the loss of a topic, given the number of messages that are found or otherwise known to be lost."""
+        """Return the loss of a topic, given the number of its messages that are found or known to be lost."""
         announced = self.messages.get(topic, 0)
         if announced <= found:
             return None
@@ -153,7 +153,7 @@ class BagAnnouncement:
 
 
 def announced_by(folder: Path) -> BagAnnouncement:
-    """Read the description of a ROS 2 bag; where it cannot be read, nothing is announced."""
+    """Read the description of a ROS 2 bag; if it cannot be read, the result is empty."""
     path = folder / "metadata.yaml"
     try:
         if why_unreadable(path) or path.stat().st_size > _LARGEST:

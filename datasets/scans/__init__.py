@@ -1,1 +1,1 @@
-"""Scans as a recording holds them: cleaned, counted, with their clock."""
+"""Cleaning, counting and clocks of recorded scans."""

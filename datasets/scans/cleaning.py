@@ -1,4 +1,4 @@
-"""Translates the range codes of sensors: hit, no return, or unknown."""
+"""Cleaning of ranges: hits, codes for no return, and unknown values."""
 
 import math
 from collections.abc import Iterable
@@ -11,29 +11,29 @@ import numpy.typing as npt
 from datasets.counts import is_like_a_code
 from tbmslam.geometry.se2 import FloatArray
 
-# Values by which SICK, Hokuyo and their drivers mean no return: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
+# Codes of SICK, Hokuyo and their drivers for no return: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
 KNOWN_CODES = (81.83, 81.87, 81.88, 81.89, 81.90, 81.91, 65.53, 65.533, 65.535)
 CODE_TOLERANCE = 5e-4
 FATES = ("nan", "no_return", "zero", "too_close", "hit")
-"""What can become of a beam."""
+"""Possible results of a beam."""
 FARTHEST = 1000.0
-"""No laser of a robot measures as far [m]: a larger stated limit is no limit, and longer ranges are codes."""
+"""Limit of all lasers of robots [m]: larger stated limits are ignored, and longer ranges are codes."""
 
 
 @dataclass(frozen=True)
 class RangeRules:
-    """The rules of cleaning for one laser.
+    """The rules of cleaning for a laser.
 
     Parameters
     ----------
     range_min, range_max
-        Limits [m] instead of those the scan states; None: the scan's own.
+        Limits [m] that replace those of the scan; None for those of the scan.
     no_return_codes
-        Values [m] that mean no return, whatever the limits.
+        Ranges [m] that mean no return, also within the limits.
     no_return
         "free" turns such a beam into +inf, "drop" into nan.
     offset
-        Added to every range that was measured, and so to the limits, too [m].
+        Correction that is added to all measured ranges and to the limits [m].
     """
 
     range_min: float | None
@@ -51,7 +51,7 @@ class RangeRules:
         return longer, max(low + self.offset, 0.0), max(high + self.offset, 0.0)
 
     def limits(self, range_min: float, range_max: float) -> tuple[float, float]:
-        """Return the limits in force for a scan that states these; those at odds with each other do not count."""
+        """Return the limits for a scan that states these; contradicting limits are ignored."""
         contradictory = 0.0 < range_max <= range_min
         low, high = self.range_min, self.range_max
         if low is None:
@@ -62,7 +62,7 @@ class RangeRules:
 
 
 class CleanRanges(NamedTuple):
-    """Clean ranges of scans, and the number of beams by fate of each scan.
+    """Clean ranges of scans, and the number of beams by result for each scan.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class CleanRanges(NamedTuple):
 
 
 def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:
-    """Translate raw ranges to those of `LaserScan` and count the beams by fate.
+    """Convert raw ranges to those of `LaserScan` and count the beams by result.
 
     Many scans at once take hardly longer than one.
 
@@ -86,16 +86,16 @@ def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rule
     ranges
         Raw values of scans (S, N) [m]; not changed.
     range_min, range_max
-        Limits in force [m], see `RangeRules.limits`.
+        Limits [m], see `RangeRules.limits`.
     rules
-        What the codes of this laser mean.
+        Rules of the laser.
     """
     cleaned = np.array(ranges, dtype=np.float64)
     no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)
     beams = np.zeros((len(cleaned), len(FATES)), dtype=np.intp)
     beams[:, 0] = np.count_nonzero(np.isnan(cleaned), axis=1)
     beams[:, 1] = np.count_nonzero(no_return, axis=1)
-    if (cleaned <= max(range_min, 0.0)).any():  # mostly no beam is
+    if (cleaned <= max(range_min, 0.0)).any():  # rarely true
         is_zero = cleaned == 0.0
         too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
         too_close |= cleaned < 0.0
@@ -112,7 +112,7 @@ def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[fl
     no_return = np.asarray(ranges >= range_max)  # +inf, too
     below = [code for code in codes if code - CODE_TOLERANCE < range_max]
     if below:
-        # Hardly a beam is as long as a code, so only those that are get compared with each.
+        # Few ranges are as long as a code, so only these are compared with each code.
         long = ranges > min(below) - 2.0 * CODE_TOLERANCE
         if long.any():
             no_return[long] |= (np.abs(ranges[long][:, None] - np.array(below)) < CODE_TOLERANCE).any(axis=1)
@@ -120,7 +120,7 @@ def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[fl
 
 
 def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:
-    """Find the value that means no return, if it is neither known nor above the limit.
+    """Find a code for no return that is neither known nor above the limit.
 
     Such a code is the largest value of all, exact, held by several beams of a scan, and far more frequent than the
     measured values next to it.
@@ -128,9 +128,9 @@ def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] =
     Parameters
     ----------
     scans
-        Raw ranges below the limit, of some scans [m].
+        Raw ranges of some scans below the limit [m].
     known
-        Codes that need not be found [m].
+        Known codes [m].
     """
     arrays = [np.asarray(scan, dtype=np.float64) for scan in scans]
     values = [scan[np.isfinite(scan) & (scan > 0.0)] for scan in arrays]

@@ -1,4 +1,4 @@
-"""Whether the clocks of scans and odometry agree."""
+"""Comparison and correction of the clocks of scans and odometry."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 from datasets.counts import ReadingCounts
 
-# A scan may arrive seconds after its stamp and the stamp still be right; a clock fault is longer than that, and steady.
+# A scan with a correct stamp may arrive seconds later. A fault of a clock is longer and constant.
 LATENCY_LIMIT_S = 5.0
 STEADY_WITHIN_S = 0.5
 _FEWEST = 5
@@ -19,11 +19,11 @@ class ClockFinding(NamedTuple):
     Parameters
     ----------
     offset
-        To be added to a scan's stamp to get the time of the odometry [s].
+        Difference between the clocks, to be added to stamps of scans [s].
     steady_lag
         Usual bag time minus stamp of the scans [s]; None if it varies too much.
     warning
-        One line where something is wrong or was corrected.
+        A warning about an error or a correction.
     """
 
     offset: float
@@ -32,7 +32,7 @@ class ClockFinding(NamedTuple):
 
 
 def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> tuple[float, float]:
-    """Return the lags of scans and odometry behind the bag's clock, with estimates for unset stamps [s].
+    """Return bag time minus stamp of scans and of odometry, with estimates for unset stamps [s].
 
     A simulation's clock is zero until it is heard of, and then far from the recorder's. Where neither has a stamp the
     bag's clock counts.
@@ -40,7 +40,7 @@ def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) ->
     Parameters
     ----------
     scan_lags, odometry_lags
-        Bag time minus stamp of the first messages that have one [s].
+        Bag time minus stamp of the first messages with a stamp [s].
     """
     scan_lag, odometry_lag = (float(np.median(lags)) if len(lags) else None for lags in (scan_lags, odometry_lags))
     either = next((lag for lag in (scan_lag, odometry_lag) if lag is not None), 0.0)
@@ -48,14 +48,14 @@ def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) ->
 
 
 def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], delay: float = 0.0) -> ClockFinding:
-    """Find a constant fault between the stamps of scans and of odometry, by the bag's own clock.
+    """Find a constant difference between the stamps of scans and of odometry by the bag's clock.
 
     Parameters
     ----------
     scan_lags, odometry_lags
         Bag time minus stamp of the first messages [s].
     delay
-        Known delay from the first beam of a scan to its recording [s], which is no fault of a clock.
+        Known delay from the first beam of a scan to its recording, which is not a fault of a clock [s].
     """
     if len(scan_lags) < _FEWEST:
         return ClockFinding(0.0, None, None)
@@ -84,14 +84,14 @@ _REGULAR_S = 0.5
 
 
 class ClockSteps:
-    """Follows the stamps of the scans beside the bag's own time, and takes steps out of them.
+    """Compares the stamps of the scans with the bag's time, and removes steps.
 
     Parameters
     ----------
     steady_lag
         Usual bag time minus stamp [s]; None if it varies too much to detect steps.
     counts
-        Gets the steps.
+        Counts of the pass, which receive the steps.
     """
 
     def __init__(self, steady_lag: float | None, counts: ReadingCounts) -> None:
@@ -101,9 +101,10 @@ class ClockSteps:
         self._is_off = False
 
     def corrected(self, stamp: float, bag_time: float) -> float:
-        """Return a scan's stamp [s] by the clock that it had at first.
+        """Return a scan's stamp by the initial clock [s].
 
-        A step is one of the stamps alone: where bag times jump, the recorder was busy, and the stamps are right.
+        Only a step of the stamps without one of the bag times counts: after a jump of the bag times, the recorder was
+        busy, and the stamps are right.
         """
         last, self._last = self._last, (stamp, bag_time)
         if self._steady_lag is None:

@@ -15,13 +15,13 @@ from tbmslam.sensing.laser_scan import LaserScan
 
 _ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
 _MORE_THAN_A_TURN_DEG = 360.5
-"""From the first beam to the last; the last one of some lasers is the first one again."""
+"""Angle from the first beam to the last; for some lasers both have the same direction."""
 _LEAST_FAN = 30.0
-"""Nearly five turns, or the least that a laser sees in degrees."""
+"""Nearly five turns, or the smallest field of view of a laser in degrees."""
 
 
 def are_degrees(beams: int, angle_increment: float) -> bool:
-    """Return whether angles that should be in radians are in degrees: as radians they would go round many times.
+    """Return whether angles are in degrees instead of radians: as radians they would be several turns.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
 
 _REMEMBERED_STAMPS = 64
 _LARGEST_ANGLE = 4.0 * math.pi
-"""Of a first beam, or between the first and the last: beyond it a message is damaged [rad]."""
+"""Largest plausible angle of the first beam, or from the first to the last [rad]."""
 _SMALLEST_FAN = 1e-3
-"""Between the first beam and the last: no laser spans less; a smaller fan is a step in a wrong unit [rad]."""
+"""Smallest field of view of a laser; a smaller angle has a wrong unit [rad]."""
 
 
 class RawScan(NamedTuple):
-    """A scan as it was recorded; stamps in seconds, angles in what should be radians, ranges (N,) in metres."""
+    """A recorded scan: stamps in seconds, angles nominally in radians, ranges (N,) in metres."""
 
     stamp: float
     angle_min: float
@@ -88,7 +88,7 @@ class RawScan(NamedTuple):
     time_increment: float = 0.0
 
     def in_radians(self) -> "RawScan":
-        """Return the same with angles in radians where they were stated in degrees."""
+        """Return the scan with angles in radians if they were in degrees."""
         if not are_degrees(len(self.ranges), self.angle_increment):
             return self
         return self._replace(angle_min=math.radians(self.angle_min), angle_increment=math.radians(self.angle_increment))
@@ -102,13 +102,13 @@ class CleanScan(NamedTuple):
     ranges
         As in `LaserScan`, (N,) [m]; a copy of its own.
     range_min, range_max
-        Limits in force [m].
+        Limits [m].
     farthest_m
-        Longest range that counts as a hit, 0 if none does [m]; as it was recorded, without an offset.
+        Longest recorded range of a hit without offset [m]; 0 without hits.
     says_nothing
         Whether all ranges are nan.
     beams
-        Numbers of beams that met each of the `FATES`.
+        Numbers of beams by result, in the order of `FATES`.
     """
 
     ranges: FloatArray
@@ -125,15 +125,15 @@ class ScanIntake:
     Parameters
     ----------
     rules
-        How ranges are read.
+        Rules for ranges.
     angle_step
-        Angle between beams [rad] instead of the recorded one.
+        Angle between beams that replaces the recorded angle [rad].
     gap_s
         Longer pauses are counted as gaps [s].
     counts
-        The counts, filled with each scan.
+        Counts of the pass.
     longest_sweep
-        Time from first to last beam [s] beyond which the stated time between beams is not believed.
+        Time from first to last beam beyond which the stated time between beams is ignored [s].
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Two maps of one floor, each bent by itself, as a floor is mapped in two years."""
+"""Two maps of one floor with different deformations, as from different years."""
 
 from functools import cache
 
@@ -18,11 +18,11 @@ def bent_maps(kind: str, bend_m: float = 0.6) -> tuple[TbmMap, TbmMap, SE2]:
     made, frames = list[TbmMap](), list[SE2]()
     for number in range(2):
         distortion = Distortion(
-            turn=0.4 + 1.1 * number, bend_m=bend_m, bend_wave_m=40.0, raggedness=0.3, missing=0.05, moved=1.0,
+            turn=0.4 + 1.1 * number, deformation_m=bend_m, wavelength_m=40.0, raggedness=0.3, missing=0.05, moved=1.0,
             clutter=2.0, blobs=1.0, speckle=0.001,
         )  # fmt: skip
-        spoilt = distortion.spoil(floor.occupancy, floor.resolution, np.random.default_rng(number))
+        distorted = distortion.distort(floor.occupancy, floor.resolution, np.random.default_rng(number))
         origin = (5.0 * number, -3.0 * number)
-        made.append(TbmMap(grid_of_occupancy(spoilt.occupancy, floor.resolution, origin)))
-        frames.append(SE2(*origin, 0.0) @ spoilt.T_map_building)
+        made.append(TbmMap(grid_of_occupancy(distorted.occupancy, floor.resolution, origin)))
+        frames.append(SE2(*origin, 0.0) @ distorted.T_map_building)
     return made[0], made[1], frames[0] @ frames[1].inverse()

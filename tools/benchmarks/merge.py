@@ -142,7 +142,7 @@ def run_crew(robots: int, workers: int) -> CrewRun:
     for robot in range(robots):
         part = room_of(building, inside / 3.0, robot)
         rng = np.random.default_rng([robot, 5])
-        occupancy = Distortion.draw(rng).spoil(part.occupancy, part.resolution, rng).occupancy
+        occupancy = Distortion.draw(rng).distort(part.occupancy, part.resolution, rng).occupancy
         maps[f"robot_{robot}"] = TbmMap(grid_of(occupancy, part.resolution))
     begin = time.perf_counter()
     merged = merge(maps, workers=workers)

@@ -7,11 +7,11 @@ import numpy as np
 from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectangle, add_rooms, furnish
 
 PITCH = 4.0
-"""Distance from one door to the next [m]."""
+"""Distance between doors [m]."""
 
 
 def draw_corridor(rng: np.random.Generator) -> FloorPlan:
-    """Draw a straight corridor of 60 to 84 m with identical closed doors, opposite one another."""
+    """Draw a straight corridor of 60 to 84 m with identical closed doors on opposite sides."""
     plan = FloorPlan()
     doors = int(rng.integers(15, 22))
     width, door, recess = float(rng.uniform(2.0, 2.6)), float(rng.uniform(0.9, 1.0)), float(rng.uniform(0.12, 0.2))
@@ -26,7 +26,7 @@ def draw_corridor(rng: np.random.Generator) -> FloorPlan:
 
 
 def draw_wings(rng: np.random.Generator) -> FloorPlan:
-    """Draw a main corridor of about 40 m and one or two wings, rooms along all of them."""
+    """Draw a main corridor of about 40 m and one or two wings, all with rooms."""
     plan = FloorPlan()
     length, width = float(rng.uniform(34.0, 44.0)), float(rng.uniform(1.8, 2.6))
     plan.carve(Rectangle(0.0, 0.0, length, width))
@@ -43,7 +43,7 @@ def draw_wings(rng: np.random.Generator) -> FloorPlan:
 
 
 def _add_wing(plan: FloorPlan, side: CorridorSide, middle: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Add a wing with rooms left and right; return how much of the main corridor it takes."""
+    """Add a wing with rooms on both sides; return its extent along the main corridor."""
     width, length = float(rng.uniform(1.7, 2.3)), float(rng.uniform(12.0, 19.0))
     start, end = middle - width / 2.0, middle + width / 2.0
     corridor = side.rectangle(start, 0.0, end, length)
@@ -70,7 +70,7 @@ def _add_main_rooms(
 
 
 def draw_office(rng: np.random.Generator) -> FloorPlan:
-    """Draw an office; sizes, corridors across the core, rooms and furniture come from `rng`."""
+    """Draw an office with random sizes, corridors across the core, rooms and furniture."""
     plan = FloorPlan()
     width, height = float(rng.uniform(37.0, 43.0)), float(rng.uniform(23.0, 27.0))
     south, north, west, east = rng.uniform(4.0, 5.8, 4).tolist()
@@ -107,7 +107,7 @@ def _carve_loop(plan: FloorPlan, outer: Rectangle, core: Rectangle) -> None:
 
 
 def _carve_crossings(plan: FloorPlan, core: Rectangle, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Cut up to two corridors across the core; return the blocks (x0, x1) left between them."""
+    """Add up to two corridors across the core; return the blocks (x0, x1) between them."""
     count = int(rng.integers(0, 3))
     blocks, start = [], core.x0
     for index in range(count):
@@ -136,7 +136,7 @@ def _fill_block(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> 
 
 
 def _place_in_corridors(plan: FloorPlan, outer: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
-    """Stand pilasters, cabinets and plants along the corridors' walls, where no door is."""
+    """Place pilasters, cabinets and plants along the corridors' walls, but not at doors."""
     for _ in range(60):
         deep = float(rng.choice([0.1, 0.2, 0.35]))
         wide = float(rng.uniform(0.3, 0.9))
@@ -155,13 +155,13 @@ def _place_in_corridors(plan: FloorPlan, outer: Rectangle, core: Rectangle, rng:
 
 _WALL = 0.2
 _VISITED = 0.12
-"""Share of the rooms a robot looks into: it is the long ways between them that make a large building hard."""
+"""Share of the rooms that robots visit. The long corridors between them make a large building difficult."""
 _STEP = 7.0
-"""Between places along a corridor [m]."""
+"""Distance between visited places along a corridor [m]."""
 
 
 def draw_hospital(rng: np.random.Generator) -> FloorPlan:
-    """Draw two or three corridors of 90 to 220 m, crossed by four to six others of 35 to 100 m.
+    """Draw two or three corridors of 90 to 220 m, and four to six others of 35 to 100 m across them.
 
     The corridors run around blocks of rooms with a court inside; to come back around the outermost ones takes some
     300 to 600 m. The blocks resemble one another, as they do in hospitals.
@@ -181,7 +181,7 @@ def draw_hospital(rng: np.random.Generator) -> FloorPlan:
 
 
 def _corridors(count: int, apart: tuple[float, float], rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Return where parallel corridors begin and end across [m]."""
+    """Return begin and end across each of some parallel corridors [m]."""
     corridors, at = [], 0.0
     for _ in range(count):
         width = float(rng.uniform(2.0, 3.2))
@@ -191,7 +191,7 @@ def _corridors(count: int, apart: tuple[float, float], rng: np.random.Generator)
 
 
 def _add_block(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> None:
-    """Line the four corridors around a block with rooms that face them."""
+    """Add rooms along the four corridors around a block."""
     depths = rng.uniform(4.0, 6.5, 4).tolist()
     across = (block.x0 + _WALL, block.x1 - _WALL)
     along = (block.y0 + depths[0] + _WALL, block.y1 - depths[1] - _WALL)
@@ -202,7 +202,7 @@ def _add_block(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> N
 
 
 def _add_corridor_places(plan: FloorPlan, xs: list[tuple[float, float]], ys: list[tuple[float, float]]) -> None:
-    """Name places along the middle of every corridor."""
+    """Add visited places along the centre lines of all corridors."""
     for x0, x1 in xs:
         for y in np.arange(ys[0][0] + 1.0, ys[-1][1], _STEP):
             plan.add_place((x0 + x1) / 2.0, float(y))

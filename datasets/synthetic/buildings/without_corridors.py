@@ -8,7 +8,7 @@ from datasets.synthetic.world.floor_plan import CorridorSide, FloorPlan, Rectang
 
 
 def draw_open_plan(rng: np.random.Generator) -> FloorPlan:
-    """Draw one room of about 34 x 20 m, cubicles in it, and meeting rooms to the north."""
+    """Draw a room of about 34 x 20 m with cubicles, and meeting rooms to the north."""
     plan = FloorPlan()
     floor = Rectangle(0.0, 0.0, float(rng.uniform(30.0, 38.0)), float(rng.uniform(17.0, 22.0)))
     plan.carve(floor)
@@ -25,7 +25,7 @@ def draw_open_plan(rng: np.random.Generator) -> FloorPlan:
 
 
 def _place_cubicles(plan: FloorPlan, floor: Rectangle, core: Rectangle, rng: np.random.Generator) -> None:
-    """Set cubicles in blocks; where the core is in the way there is none. Aisles are places."""
+    """Place cubicles in blocks, but not on the core. Robots visit the aisles."""
     columns, rows = round((floor.width - 2.0) / 5.5), round((floor.height - 3.0) / 5.0)
     pitch_x, pitch_y = (floor.width - 2.0) / columns, (floor.height - 3.0) / rows
     for i in range(columns):
@@ -40,7 +40,7 @@ def _place_cubicles(plan: FloorPlan, floor: Rectangle, core: Rectangle, rng: np.
 
 
 def _place_cross(plan: FloorPlan, block: Rectangle, rng: np.random.Generator) -> None:
-    """Stand partitions as a cross: four desks back to back, or one screen with returns."""
+    """Place partitions as a cross: four desks back to back, or a screen with side panels."""
     x, y = block.centre
     half = 0.03
     plan.fill(Rectangle(x - half, block.y0, x + half, block.y1))
@@ -72,7 +72,7 @@ def draw_store(rng: np.random.Generator) -> FloorPlan:
 
 
 def _place_shelves(plan: FloorPlan, sales: Rectangle, rng: np.random.Generator) -> None:
-    """Stand blocks of shelves, with places at both ends and in the middle of each aisle."""
+    """Place blocks of shelves. Robots visit both ends and the middle of each aisle."""
     x = sales.x0 + 2.2
     while x + 1.1 < sales.x1 - 1.8:
         deep, aisle = float(rng.uniform(0.8, 1.1)), float(rng.uniform(1.7, 2.3))
@@ -90,7 +90,7 @@ def _place_shelves(plan: FloorPlan, sales: Rectangle, rng: np.random.Generator) 
 
 
 def _place_shelf(plan: FloorPlan, shelf: Rectangle, rng: np.random.Generator) -> None:
-    """Stand one block, its sides uneven as goods make them."""
+    """Place a block of shelves, whose goods make its sides uneven."""
     start = shelf.y0
     while start < shelf.y1 - 0.2:
         end = min(start + float(rng.uniform(0.8, 1.3)), shelf.y1)
@@ -104,7 +104,7 @@ def _place_shelf(plan: FloorPlan, shelf: Rectangle, rng: np.random.Generator) ->
 
 
 def cut(area: Rectangle, largest: float, wall: float, rng: np.random.Generator) -> list[Rectangle]:
-    """Cut an area into rooms until none is longer than about `largest` metres, `wall` metres apart."""
+    """Divide an area into rooms that are at most about `largest` metres long and `wall` metres apart."""
     longest = max(area.width, area.height)
     if longest < largest * float(rng.uniform(0.85, 1.15)):
         return [area]
@@ -121,7 +121,7 @@ def cut(area: Rectangle, largest: float, wall: float, rng: np.random.Generator) 
 def join(
     plan: FloorPlan, rooms: list[Rectangle], wall: float, openings: tuple[float, float], rng: np.random.Generator
 ) -> None:
-    """Open the walls between neighbours so that every room is reached, and some more for loops.
+    """Make openings between neighbours so that every room is connected, and a few more for loops.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def join(
 def _opening(
     first: Rectangle, second: Rectangle, wall: float, width: float, rng: np.random.Generator
 ) -> Rectangle | None:
-    """Return a way through the wall between two rooms, or None if they share too little of one."""
+    """Return an opening in the wall between two rooms; None if the common wall is too short."""
     x0, x1 = max(first.x0, second.x0), min(first.x1, second.x1)
     y0, y1 = max(first.y0, second.y0), min(first.y1, second.y1)
     if abs(x0 - x1 - wall) < 1e-6 and y1 - y0 > width + 0.2:
@@ -172,7 +172,7 @@ def draw_apartment(rng: np.random.Generator) -> FloorPlan:
 
 
 def draw_halls(rng: np.random.Generator) -> FloorPlan:
-    """Draw halls of 10 to 20 m, each with pillars of its own kind."""
+    """Draw halls of 10 to 20 m, each with another kind of pillars."""
     plan = FloorPlan()
     area = Rectangle(0.0, 0.0, float(rng.uniform(44.0, 56.0)), float(rng.uniform(26.0, 34.0)))
     wall = float(rng.uniform(0.3, 0.5))
@@ -189,7 +189,7 @@ def draw_halls(rng: np.random.Generator) -> FloorPlan:
 
 
 def _place_pillars(plan: FloorPlan, hall: Rectangle, rng: np.random.Generator) -> None:
-    """Stand pillars in rows, round or square, with small errors of their places."""
+    """Place round or square pillars in rows, with small random offsets."""
     size = float(rng.uniform(0.25, 0.45))
     is_round = rng.random() < 0.5
     columns, rows = (max(1, round(length / float(rng.uniform(4.5, 6.5)))) for length in (hall.width, hall.height))

@@ -1,4 +1,4 @@
-"""Distortions of a map by its making: deformation, ragged walls, missing parts, clutter."""
+"""Distortions of maps: deformation, ragged walls, missing parts and clutter."""
 
 import math
 from collections.abc import Callable
@@ -15,19 +15,19 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 Occupancy = npt.NDArray[np.int8]
 
 Marks = npt.NDArray[np.uint8]
-"""Cells as 0 unknown, 1 free, 2 wall."""
+"""States of cells: 0 unknown, 1 free, 2 wall."""
 
 _FREE, _WALL = 1, 2
 _SMALL_M = 1.5
-"""What is shorter than this may be moved [m]."""
+"""Largest length of a movable object [m]."""
 _FARTHEST_M = 0.5
-"""What is farther from everything known is not bent into it [m]."""
+"""Distance from the known cells beyond which other cells are left out [m]."""
 _MARGIN = 12
-"""Unknown cells around a spoilt map."""
+"""Margin of unknown cells around a distorted map."""
 _STEPS = 8
-"""In which it is found where a point comes to lie; each leaves a tenth of the error."""
-_MOST_BENDS = 4.0
-"""No point is displaced by more root mean squares than this."""
+"""Iterations that invert the displacement of a point; each leaves a tenth of the error."""
+_MOST_RMS = 4.0
+"""Largest displacement in units of its root mean square."""
 
 
 Field = Callable[[FloatArray], FloatArray]
@@ -35,17 +35,17 @@ Field = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Spoilt:
-    """A map of a part of a building, spoilt.
+class DistortedMap:
+    """A distorted map of a part of a building.
 
     Parameters
     ----------
     occupancy
         Occupancy (rows, cols) in percent, -1 unknown.
     T_map_building
-        Pose of the building's frame before any bending.
+        Pose of the building's frame before the deformation.
     displacements
-        How much farther in the building than that says a point of the map was read.
+        Displacements that are added to points of the map to find their places in the building.
     """
 
     occupancy: Occupancy
@@ -53,7 +53,7 @@ class Spoilt:
     displacements: Field
 
     def laid(self, points: FloatArray) -> FloatArray:
-        """Return where points (N, 2) of the building lie in the map [m]."""
+        """Return points (N, 2) of the building in the map [m]."""
         read = points
         for _ in range(_STEPS):
             read = points - self.displacements(read)
@@ -67,26 +67,26 @@ class Distortion:
     Parameters
     ----------
     turn
-        Of the map's frame against the building's [rad].
-    bend_m
-        Root mean square of a smooth displacement [m].
-    bend_wave_m
+        Rotation of the map's frame relative to the building's [rad].
+    deformation_m
+        Root mean square of the smooth displacement [m].
+    wavelength_m
         Distance over which the displacement changes [m].
     raggedness
         Share of wall cells with a change of the thickness, 0 to 1.
     missing
-        Share of the walls that are unknown.
+        Share of the walls that becomes unknown.
     moved
-        Share of the small objects that were moved.
+        Share of the small objects that is moved.
     clutter, blobs
-        New things, and unknown areas, for 100 m2.
+        New objects, and unknown areas, for 100 m2.
     speckle
-        Share of the free cells that read as occupied.
+        Share of the free cells that becomes occupied.
     """
 
     turn: float
-    bend_m: float
-    bend_wave_m: float
+    deformation_m: float
+    wavelength_m: float
     raggedness: float
     missing: float
     moved: float
@@ -96,11 +96,11 @@ class Distortion:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Distortion":
-        """Return a usual distortion: 2 to 6 cm of bending, some of all the rest."""
+        """Return a usual distortion: a deformation of 2 to 6 cm, and a little of all others."""
         return cls(
             turn=float(rng.uniform(-math.pi, math.pi)),
-            bend_m=float(rng.uniform(0.02, 0.06)),
-            bend_wave_m=float(rng.uniform(4.0, 15.0)),
+            deformation_m=float(rng.uniform(0.02, 0.06)),
+            wavelength_m=float(rng.uniform(4.0, 15.0)),
             raggedness=float(rng.uniform(0.1, 0.6)),
             missing=float(rng.uniform(0.02, 0.12)),
             moved=float(rng.uniform(0.2, 0.7)),
@@ -110,13 +110,13 @@ class Distortion:
         )
 
     @classmethod
-    def of_another_year(cls, rng: np.random.Generator, bend_m: float) -> "Distortion":
-        """Return one for maps made long after each other, or by other means: bent over rooms, and all things moved."""
+    def of_another_time(cls, rng: np.random.Generator, deformation_m: float) -> "Distortion":
+        """Return the distortion of maps of different times or programs: deformed over rooms, all objects moved."""
         usual = cls.draw(rng)
-        return replace(usual, bend_m=bend_m, bend_wave_m=float(rng.uniform(20.0, 50.0)), moved=1.0)
+        return replace(usual, deformation_m=deformation_m, wavelength_m=float(rng.uniform(20.0, 50.0)), moved=1.0)
 
-    def spoil(self, part: Occupancy, resolution: float, rng: np.random.Generator) -> Spoilt:
-        """Return a map of a part of a building as a robot might have made it.
+    def distort(self, part: Occupancy, resolution: float, rng: np.random.Generator) -> DistortedMap:
+        """Return a distorted map of a part of a building.
 
         Parameters
         ----------
@@ -127,15 +127,15 @@ class Distortion:
         """
         marks = np.where(part < 0, 0, np.where(part > 50, _WALL, _FREE)).astype(np.uint8)
         marks = self._refurnished(marks, resolution, rng)
-        marks = self._worn(marks, resolution, rng)
-        marks, T_map_building, displacements = self._bent(marks, resolution, rng)
+        marks = self._degraded(marks, resolution, rng)
+        marks, T_map_building, displacements = self._deformed(marks, resolution, rng)
         free = marks == 1
         marks[free & (rng.random(marks.shape) < self.speckle)] = 2
         occupancy = np.full(marks.shape, -1, dtype=np.int8)
         sure_free, sure_wall = rng.integers(0, 7, marks.shape) * 5, 70 + rng.integers(0, 7, marks.shape) * 5
         occupancy[marks == 1] = sure_free[marks == 1]
         occupancy[marks == 2] = sure_wall[marks == 2]
-        return Spoilt(occupancy, T_map_building, displacements)
+        return DistortedMap(occupancy, T_map_building, displacements)
 
     def _refurnished(self, marks: Marks, resolution: float, rng: np.random.Generator) -> Marks:
         """Remove small objects and add others."""
@@ -153,12 +153,12 @@ class Distortion:
             inside = marks[window]
             box = (np.abs(u) <= half[0]) & (np.abs(v) <= half[1]) & (inside > 0)
             inside[box] = _WALL
-            if rng.random() < 0.6:  # most things are opaque, but a table is a frame of legs and edges
+            if rng.random() < 0.6:  # most objects are solid; a table is a frame of legs and edges
                 inside[box & ndimage.binary_erosion(box)] = _FREE
         return marks
 
-    def _worn(self, marks: Marks, resolution: float, rng: np.random.Generator) -> Marks:
-        """Make walls ragged, drop pieces of them, and leave areas unseen."""
+    def _degraded(self, marks: Marks, resolution: float, rng: np.random.Generator) -> Marks:
+        """Make walls ragged, remove parts of them, and make areas unknown."""
         wall, known = marks == _WALL, marks > 0
         roughness = _smooth_noise(marks.shape, 1.5, rng)
         grown = ndimage.binary_dilation(wall) & (roughness > _normal_quantile(1.0 - 0.5 * self.raggedness))
@@ -174,14 +174,14 @@ class Distortion:
             marks[window][(u / half[0]) ** 2 + (v / half[1]) ** 2 <= 1.0] = 0
         return marks
 
-    def _bent(self, marks: Marks, resolution: float, rng: np.random.Generator) -> tuple[Marks, SE2, Field]:
-        """Turn and bend; the bending carries no motion of the whole."""
+    def _deformed(self, marks: Marks, resolution: float, rng: np.random.Generator) -> tuple[Marks, SE2, Field]:
+        """Rotate and deform; the deformation contains no rigid motion."""
         rows, cols = np.nonzero(marks)
         points = np.asarray(np.column_stack((cols, rows)) + 0.5, dtype=np.float64) * resolution
         turn = SE2(0.0, 0.0, self.turn)
         moved = turn.apply(points)
-        farthest_m = max(_FARTHEST_M, _MOST_BENDS * self.bend_m)
-        margin = max(_MARGIN, math.ceil(_MOST_BENDS * self.bend_m / resolution))
+        farthest_m = max(_FARTHEST_M, _MOST_RMS * self.deformation_m)
+        margin = max(_MARGIN, math.ceil(_MOST_RMS * self.deformation_m / resolution))
         low = moved.min(axis=0) - margin * resolution
         shape = np.ceil((moved.max(axis=0) - low) / resolution).astype(int) + margin
         T_map_building = SE2(-float(low[0]), -float(low[1]), 0.0) @ turn
@@ -192,13 +192,13 @@ class Distortion:
         near = np.flatnonzero(_read(_widened(marks > 0, reach), read / resolution + reach))
         displacements = self._displacements(points, rng)
         read = read[near] + displacements(read[near])
-        bent = np.zeros(len(centres), dtype=np.uint8)
-        bent[near] = _read(marks, read / resolution)
-        return bent.reshape(shape[1], shape[0]), T_map_building, displacements
+        deformed = np.zeros(len(centres), dtype=np.uint8)
+        deformed[near] = _read(marks, read / resolution)
+        return deformed.reshape(shape[1], shape[0]), T_map_building, displacements
 
     def _displacements(self, known: FloatArray, rng: np.random.Generator) -> Field:
-        """Return smooth displacements; over the known points they have the wanted size and mean zero."""
-        waves = 2.0 * math.pi / (self.bend_wave_m * rng.uniform(0.7, 2.0, 6))
+        """Return smooth displacements; over the known points they have the stated size and mean zero."""
+        waves = 2.0 * math.pi / (self.wavelength_m * rng.uniform(0.7, 2.0, 6))
         angles, phases = rng.uniform(0.0, math.pi, 6), rng.uniform(0.0, 2.0 * math.pi, 6)
         weights = rng.normal(size=(6, 2))
 
@@ -209,11 +209,11 @@ class Distortion:
         there = field(known)
         mean = there.mean(axis=0)
         size = float(np.sqrt(((there - mean) ** 2).sum(axis=1).mean()))
-        return lambda points: np.asarray((field(points) - mean) * (self.bend_m / max(size, 1e-9)))
+        return lambda points: np.asarray((field(points) - mean) * (self.deformation_m / max(size, 1e-9)))
 
 
 Draw = Callable[[np.random.Generator], Distortion]
-"""How a map is spoilt, drawn separately for each."""
+"""Draws the distortion of each map."""
 
 
 def _read(image: Marks, points: FloatArray) -> Marks:
@@ -226,7 +226,7 @@ def _read(image: Marks, points: FloatArray) -> Marks:
 
 
 def _widened(known: npt.NDArray[np.bool_], cells: int) -> Marks:
-    """Return an image, larger by so many cells on each side, of what lies no farther than that from the known."""
+    """Return which cells are within some cells of the known ones, in an image with a margin of as many cells."""
     kernel = np.ones((2 * cells + 1, 2 * cells + 1), dtype=np.uint8)
     return cv2.dilate(np.pad(known.astype(np.uint8), cells), kernel).astype(np.uint8)
 
@@ -244,7 +244,7 @@ def _smooth_noise(shape: tuple[int, ...], sigma: float, rng: np.random.Generator
 def _around(
     shape: tuple[int, ...], centre: tuple[int, int], half: FloatArray, angle: float
 ) -> tuple[tuple[slice, slice], FloatArray, FloatArray]:
-    """Return the window that holds a turned thing, and the cells' offsets along and across it [cells]."""
+    """Return the window of a rotated object, and the offsets of its cells along and across the object [cells]."""
     reach = math.ceil(float(np.hypot(*half))) + 1
     row, col = int(centre[0]), int(centre[1])
     window = (

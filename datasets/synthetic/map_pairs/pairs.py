@@ -10,7 +10,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.map_pairs.distortion import Distortion, Draw, Spoilt
+from datasets.synthetic.map_pairs.distortion import DistortedMap, Distortion, Draw
 from datasets.synthetic.world.world import CorridorLattice, World
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.evaluation.trajectory_errors import fit_rigid
@@ -20,22 +20,22 @@ from tbmslam.io.atomic_file import replacing
 Occupancy = npt.NDArray[np.int8]
 
 OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
-"""Shares of the smaller map's free cells that both maps know."""
+"""Overlaps to draw from, as shares of the smaller map's free cells that both maps know."""
 
 _STRAIGHT_M = 0.1
-"""Of maps that bend more it matters where a rigid motion is to fit: where both saw the building [m]."""
+"""Deformation beyond which the relative pose is fitted in the overlap of two maps [m]."""
 _COARSE = 4
 """Side of the blocks in which distances through a building are measured [cells]."""
 
 
 @dataclass(frozen=True)
 class Building:
-    """A floor to cut maps from.
+    """A floor whose parts become maps.
 
     Parameters
     ----------
     name
-        What it is called; pairs of one building share it, so that a building can be held out.
+        Name of the building; its pairs share the name, so that a building can be held out.
     occupancy
         Occupancy (rows, cols) in percent, -1 unknown; row grows with y, column with x.
     resolution
@@ -54,7 +54,7 @@ class MapPair:
     Parameters
     ----------
     name
-        Unique; begins with `crop` for one place, `neg` for two.
+        Unique name; begins with `crop` for maps of one place, with `neg` for maps of two.
     occ_a, occ_b
         Occupancies (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
     resolution
@@ -74,11 +74,11 @@ class MapPair:
 
     @property
     def known_m2(self) -> float:
-        """What both maps know, together [m^2]."""
+        """Area that both maps know [m^2]."""
         return float(sum(np.count_nonzero(cells >= 0) for cells in (self.occ_a, self.occ_b)) * self.resolution**2)
 
     def save(self, folder: Path) -> Path:
-        """Write `<name>.npz`, whole or not at all, and return its path.
+        """Write `<name>.npz` atomically, and return its path.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class MapPair:
 
 
 def building_of_world(kind: str, seed: int, resolution: float = 0.05) -> Building:
-    """Return the floor of a made-up building; see `datasets.synthetic.buildings.make_world`."""
+    """Return the floor of a simulated building; see `datasets.synthetic.buildings.make_world`."""
     return _building(f"{kind}{seed}", make_world(kind, seed), resolution)
 
 
@@ -124,7 +124,7 @@ def _building(name: str, world: World, resolution: float) -> Building:
 
 
 def mirrored(building: Building) -> Building:
-    """Return the building as a mirror shows it: alike in style and size, and another."""
+    """Return the mirror image of a building: another building of the same style and size."""
     return Building(f"{building.name}mir", building.occupancy[:, ::-1].copy(), building.resolution)
 
 
@@ -136,15 +136,15 @@ def cut_pairs(
         rng = np.random.default_rng([seed, round(1000 * overlap)])
         part_a, part_b = explored_parts(building, overlap, rng)
         name = f"crop_{building.name}_{seed}_{round(100 * overlap):03d}"
-        yield _spoilt_pair(name, building, (part_a, part_b), overlap, rng, draw)
+        yield _distorted_pair(name, building, (part_a, part_b), overlap, rng, draw)
 
 
 def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
-    """Return maps of two ends of a building that share nothing: alike in style, and not the same place."""
+    """Return maps of two disjoint ends of a building: different places of the same style."""
     rng = np.random.default_rng([seed, 1])
     part_a, part_b = explored_parts(building, 0.0, rng)
     name = f"negs_{building.name}_{seed}"
-    pair = _spoilt_pair(name, building, (part_a, part_b), 0.0, rng, draw)
+    pair = _distorted_pair(name, building, (part_a, part_b), 0.0, rng, draw)
     return MapPair(name, pair.occ_a, pair.occ_b, pair.resolution, None, 0.0)
 
 
@@ -154,18 +154,18 @@ def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Dist
     Raises
     ------
     ValueError
-        If their cells differ in size.
+        The sizes of their cells differ.
     """
     if first.resolution != second.resolution:
         raise ValueError(f"buildings must have one resolution, got {first.resolution} and {second.resolution}")
     rng = np.random.default_rng([seed, 2])
     part_a, _ = explored_parts(first, float(rng.choice(OVERLAPS)), rng)
     part_b, _ = explored_parts(second, float(rng.choice(OVERLAPS)), rng)
-    a, b = (draw(rng).spoil(part, first.resolution, rng) for part in (part_a, part_b))
+    a, b = (draw(rng).distort(part, first.resolution, rng) for part in (part_a, part_b))
     return MapPair(f"negd_{first.name}_{second.name}_{seed}", a.occupancy, b.occupancy, first.resolution, None, 0.0)
 
 
-def _spoilt_pair(
+def _distorted_pair(
     name: str,
     building: Building,
     parts: tuple[Occupancy, Occupancy],
@@ -173,16 +173,16 @@ def _spoilt_pair(
     rng: np.random.Generator,
     draw: Draw,
 ) -> MapPair:
-    """Turn and spoil two parts given in the building's frame."""
+    """Rotate and distort two parts of a building."""
     distortions = list[Distortion]()
-    spoilt = list[Spoilt]()
+    distorted = list[DistortedMap]()
     for part in parts:
         distortions.append(draw(rng))
-        spoilt.append(distortions[-1].spoil(part, building.resolution, rng))
-    a, b = spoilt
+        distorted.append(distortions[-1].distort(part, building.resolution, rng))
+    a, b = distorted
     T_a_b = a.T_map_building @ b.T_map_building.inverse()
     common = np.argwhere((parts[0] >= 0) & (parts[1] >= 0))
-    if max(distortion.bend_m for distortion in distortions) > _STRAIGHT_M and len(common):
+    if max(distortion.deformation_m for distortion in distortions) > _STRAIGHT_M and len(common):
         points = (common[:, ::-1].astype(np.float64) + 0.5) * building.resolution
         T_a_b = fit_rigid(a.laid(points), b.laid(points))[0]
     return MapPair(name, a.occupancy, b.occupancy, building.resolution, T_a_b, overlap)
@@ -191,7 +191,7 @@ def _spoilt_pair(
 def explored_parts(building: Building, overlap: float, rng: np.random.Generator) -> tuple[Occupancy, Occupancy]:
     """Return the maps of two robots that drove equally far and share a part of their free cells."""
     distances_a, distances_b = _distances_from_far_ends(building.occupancy == 0, rng)
-    free = np.isfinite(distances_a)  # where a robot can get to
+    free = np.isfinite(distances_a)  # reachable cells
     lengths = [distances[free] for distances in (distances_a, distances_b)]
     ranked = [np.sort(values) for values in lengths]
     low, high = 0.0, 1.0
@@ -209,14 +209,14 @@ def explored_parts(building: Building, overlap: float, rng: np.random.Generator)
 
 
 def _quantile(ranked: npt.NDArray[np.float64], share: float) -> float:
-    """Return a quantile of sorted numbers; numpy would sort again."""
+    """Return a quantile of sorted numbers; numpy would sort them again."""
     whole, part = divmod(share * (len(ranked) - 1), 1.0)
     low = int(whole)
     return float(ranked[low] + (ranked[min(low + 1, len(ranked) - 1)] - ranked[low]) * part)
 
 
 def _seen(occupancy: Occupancy, free: npt.NDArray[np.bool_]) -> Occupancy:
-    """Return the part of a floor that has some free cells and the walls around them."""
+    """Return the part of a floor with given free cells and the walls around them."""
     near = ndimage.binary_dilation(free, np.ones((3, 3), np.bool_), iterations=3)
     return np.where(free | (near & (occupancy > 50)), occupancy, np.int8(-1)).astype(np.int8)
 
@@ -224,7 +224,7 @@ def _seen(occupancy: Occupancy, free: npt.NDArray[np.bool_]) -> Occupancy:
 def _distances_from_far_ends(
     free: npt.NDArray[np.bool_], rng: np.random.Generator, *, from_anywhere: bool = False
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return from each of two far ends the length of the way to every cell (rows, cols), in blocks; walls are inf.
+    """Return path lengths from two distant ends to all cells (rows, cols), in blocks; inf for walls.
 
     With `from_anywhere` the first end is any place instead.
     """
@@ -251,7 +251,7 @@ def _distances_from_far_ends(
 
 
 def _neighbours(index: npt.NDArray[np.int64]) -> sparse.csr_array:
-    """Return the graph of the blocks (rows, cols) that touch, along edges and corners."""
+    """Return the graph of the blocks (rows, cols) that touch at edges or corners."""
     pairs, lengths = [], []
     for (first, second), length in (
         ((np.s_[:, :-1], np.s_[:, 1:]), 1.0),
@@ -290,18 +290,18 @@ def room_of(building: Building, area_m2: float, seed: int) -> Building:
 
 @dataclass(frozen=True)
 class PlacedMap:
-    """A map, and where it is.
+    """A map and its place.
 
     Parameters
     ----------
     place
-        Maps of one place belong together, others do not.
+        Name of the place; maps of one place belong together.
     occupancy
         Occupancy (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
     resolution
         Side of a cell [m].
     T_map_building
-        Pose of the frame of the place's building in the map's.
+        Pose of the building's frame in the map's.
     """
 
     place: str
@@ -311,17 +311,17 @@ class PlacedMap:
 
 
 def maps_of(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
-    """Yield maps of a building: whole, or as seen from one of two far ends."""
+    """Yield maps of a building: of all of it, or of the part around one of two distant ends."""
     for _ in range(count):
         parts = explored_parts(building, float(rng.choice(OVERLAPS)), rng)
-        yield _spoilt(building.name, building, parts[int(rng.integers(2))], rng)
+        yield _distorted_map(building.name, building, parts[int(rng.integers(2))], rng)
 
 
 def maps_of_far_ends(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
-    """Yield `count` maps of each of two disjoint ends of a building: two places of one style."""
+    """Yield `count` maps of each of two disjoint ends of a building: two places of the same style."""
     for number, part in enumerate(explored_parts(building, 0.0, rng)):
         for _ in range(count):
-            yield _spoilt(f"{building.name} end {number}", building, part, rng)
+            yield _distorted_map(f"{building.name} end {number}", building, part, rng)
 
 
 def maps_of_mirrored(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:
@@ -330,6 +330,6 @@ def maps_of_mirrored(building: Building, count: int, rng: np.random.Generator) -
     yield from maps_of(mirrored(building), count, rng)
 
 
-def _spoilt(place: str, building: Building, part: Occupancy, rng: np.random.Generator) -> PlacedMap:
-    spoilt = Distortion.draw(rng).spoil(part, building.resolution, rng)
-    return PlacedMap(place, spoilt.occupancy, building.resolution, spoilt.T_map_building)
+def _distorted_map(place: str, building: Building, part: Occupancy, rng: np.random.Generator) -> PlacedMap:
+    distorted = Distortion.draw(rng).distort(part, building.resolution, rng)
+    return PlacedMap(place, distorted.occupancy, building.resolution, distorted.T_map_building)

@@ -1,4 +1,4 @@
-"""A drive of any length through a building without end, simulated while it is read."""
+"""A drive of any length through an unbounded building, simulated while it is read."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ Route = Literal["round", "spiral"]
 
 ROUTES: tuple[Route, ...] = ("round", "spiral")
 
-_ARM_SPACING = 5  # blocks between the arms of a spiral: 10 km reach over 1 km2 at a pitch of 20 m
+_ARM_SPACING = 5  # blocks between the arms of a spiral: 10 km cover 1 km2 at a pitch of 20 m
 _CHUNK = 100  # scans simulated at a time
 _SPEED = 0.65  # [m/s]
 
 
 @dataclass(frozen=True)
 class EndlessDrive:
-    """A drive to be simulated.
+    """A simulated drive.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ class EndlessDrive:
         "round": around one block, again and again, so that the map stays as it is; "spiral": outwards, through parts
         never seen before, so that the map grows with every metre.
     length
-        Of the drive [m].
+        Length of the drive [m].
     laser
-        What it is measured with.
+        The simulated laser.
     odometry
-        How wheels err.
+        Noise of the odometry.
     seed
-        Of the building, the drive and all noise.
+        Seed of the building, the drive and all noise.
     """
 
     route: Route
@@ -90,7 +90,7 @@ class EndlessDrive:
 
 
 def _path(route: Route, length: float) -> FloatArray:
-    """Return points (N, 2) every 5 cm along the middles of corridors, at least so long [m]."""
+    """Return points (N, 2) every 5 cm along the centre lines of corridors, up to at least a length [m]."""
     pitch = CorridorLattice().pitch
     corners = [np.zeros(2)]
     direction, driven, leg = np.array([1.0, 0.0]), 0.0, 0

@@ -22,15 +22,15 @@ from datasets.synthetic.world.world import World
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 
-_JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, as the robot sees it
+_JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, in the robot's frame
 _CLOCK_FAULT = 82.2  # as in some recordings of the MIT Stata Center [s]
 _CLOCK_STEP, _STEP_BACK = 3.0, 0.3  # [s]
 _CARRIED_FOR = 2.0  # [s]
 _TOO_LONG = 1.1  # factor
-_TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of angles between beams, and what ranges are too long by [m]
-_ELSEWHERE = SE2(0.0, 0.3, math.radians(10.0))  # of the laser, as seen from where it is
+_TOO_WIDE, _TOO_FAR = 1.03, 0.1  # factor of the angles between beams; error of the ranges [m]
+_ELSEWHERE = SE2(0.0, 0.3, math.radians(10.0))  # of the laser, relative to its true pose
 _KNOCKED = math.radians(10.0)  # to the left
-_COVER = 0.25  # where blocked beams end [m]
+_COVER = 0.25  # range of blocked beams [m]
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Fault:
     name
         One of `FAULTS`.
     at
-        Begin, since the start of the drive [s].
+        Begin after the start of the drive [s].
     seconds
-        How long it lasts, where it ends at all [s].
+        Duration, if it ends [s].
     scale
-        What reversed odometry multiplies lengths by.
+        Factor of the lengths of reversed odometry.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A robot, and the stamps [s] between which the fault is active."""
+    """A robot, and the time in which the fault is active [s]."""
 
     robot: SimulatedRobot
     begin: float
@@ -88,11 +88,11 @@ class _Scene:
     scale: float = 1.0
 
     def scans(self) -> npt.NDArray[np.bool_]:
-        """Return which scans (S,) fall into the time."""
+        """Return which scans (S,) are in this time."""
         return np.asarray((self.robot.truth.stamps >= self.begin) & (self.robot.truth.stamps < self.end))
 
     def odometry(self) -> npt.NDArray[np.bool_]:
-        """Return which samples of the odometry (N,) fall into the time."""
+        """Return which samples of the odometry (N,) are in this time."""
         return np.asarray((self.robot.odometry.stamps >= self.begin) & (self.robot.odometry.stamps < self.end))
 
 
@@ -102,9 +102,9 @@ def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> 
     Parameters
     ----------
     world
-        Where it drove.
+        The world of its drive.
     seed
-        Draws what the fault leaves to chance.
+        Random generator of the fault.
     """
     begin = float(robot.truth.stamps[0]) + fault.at
     scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]), fault.scale)
@@ -112,13 +112,13 @@ def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> 
 
 
 def _odometry_gap(scene: _Scene) -> SimulatedRobot:
-    """Leave odometry out."""
+    """Remove the odometry."""
     odometry, kept = scene.robot.odometry, ~scene.odometry()
     return replace(scene.robot, odometry=Trajectory(odometry.stamps[kept], odometry.poses[kept]))
 
 
 def _odometry_jump(scene: _Scene) -> SimulatedRobot:
-    """Let odometry jump once, and go on from there."""
+    """Let odometry jump once."""
     before = _odometry_at(scene.robot, scene.begin)
     return _odometry_moved(scene.robot, scene.begin, before @ _JUMP @ before.inverse())
 
@@ -129,20 +129,20 @@ def _odometry_reset(scene: _Scene) -> SimulatedRobot:
 
 
 def _odometry_freeze(scene: _Scene) -> SimulatedRobot:
-    """Let odometry stand still while the robot drives, and then catch up at once."""
+    """Stop the odometry while the robot drives; then it jumps to the right pose."""
     poses = scene.robot.odometry.poses.copy()
     poses[scene.odometry()] = _odometry_at(scene.robot, scene.begin)
     return replace(scene.robot, odometry=Trajectory(scene.robot.odometry.stamps, poses))
 
 
 def _odometry_stuck(scene: _Scene) -> SimulatedRobot:
-    """Let odometry stand still while the robot is pushed, and go on from there."""
+    """Stop the odometry while the robot is pushed."""
     before, after = (_odometry_at(scene.robot, stamp) for stamp in (scene.begin, scene.end))
     return _odometry_moved(_odometry_freeze(scene), scene.end, before @ after.inverse())
 
 
 def _odometry_reversed(scene: _Scene) -> SimulatedRobot:
-    """Let odometry report backward motion while the robot drives forward, and forward while it reverses; turns stay."""
+    """Reverse the translations of the odometry; rotations stay."""
     odometry, wrong = scene.robot.odometry, np.flatnonzero(scene.odometry())
     poses = odometry.poses.copy()
     for index in wrong[wrong > 0].tolist():
@@ -157,30 +157,30 @@ def _odometry_reversed(scene: _Scene) -> SimulatedRobot:
 
 
 def _odometry_unit(scene: _Scene) -> SimulatedRobot:
-    """Let lengths of the odometry be in centimetres, all the time."""
+    """State the lengths of the odometry in centimetres, during the whole drive."""
     odometry = scene.robot.odometry
     return replace(scene.robot, odometry=Trajectory(odometry.stamps, odometry.poses * (100.0, 100.0, 1.0)))
 
 
 def _clock_offset(scene: _Scene) -> SimulatedRobot:
-    """Let the stamps of all scans lag behind the clock of the odometry."""
+    """Shift the stamps of all scans relative to the clock of the odometry."""
     return _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_FAULT)
 
 
 def _clock_step(scene: _Scene) -> SimulatedRobot:
-    """Let the clock of the scans be wrong for a while."""
+    """Shift the clock of the scans for a while."""
     robot = _restamped(scene.robot, scene.robot.truth.stamps - _CLOCK_STEP * scene.scans())
-    return replace(robot, truth=scene.robot.truth)  # the reader sets the clock right
+    return replace(robot, truth=scene.robot.truth)  # the reader corrects the clock
 
 
 def _stamps_back(scene: _Scene) -> SimulatedRobot:
-    """Let every tenth stamp of the scans be a little too early."""
+    """Make every tenth stamp of the scans a little too early."""
     early = scene.scans() & (np.arange(len(scene.robot.truth)) % 10 == 0)
     return _restamped(scene.robot, scene.robot.truth.stamps - _STEP_BACK * early)
 
 
 def _stamps_twice(scene: _Scene) -> SimulatedRobot:
-    """Let every other scan bear the stamp of the scan before."""
+    """Give every second scan the stamp of the scan before."""
     stamps = scene.robot.truth.stamps.copy()
     twice = np.flatnonzero(scene.scans() & (np.arange(len(stamps)) % 2 == 1))
     stamps[twice] = stamps[np.maximum(twice - 1, 0)]
@@ -188,7 +188,7 @@ def _stamps_twice(scene: _Scene) -> SimulatedRobot:
 
 
 def _laser_gap(scene: _Scene) -> SimulatedRobot:
-    """Unplug the laser while the robot drives on."""
+    """Remove scans while the robot drives."""
     kept, truth = ~scene.scans(), scene.robot.truth
     readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
     recorded = None if scene.robot.recorded is None else scene.robot.recorded[kept]
@@ -197,7 +197,7 @@ def _laser_gap(scene: _Scene) -> SimulatedRobot:
 
 
 def _beams_blocked(scene: _Scene) -> SimulatedRobot:
-    """Cover half of the beams by something on the robot."""
+    """Block half of the beams by an object on the robot."""
     ranges = ranges_of(scene.robot)
     half = ranges[:, : ranges.shape[1] // 2]
     half[:] = (_COVER + scene.rng.normal(0.0, 0.003, half.shape)).astype(np.float32)
@@ -205,17 +205,17 @@ def _beams_blocked(scene: _Scene) -> SimulatedRobot:
 
 
 def _parts_in_view(scene: _Scene) -> SimulatedRobot:
-    """Stand two posts on the robot before its laser."""
+    """Add two posts to the robot in front of its laser."""
     return _rescanned(scene.robot, scene.scans(), behind_posts(scene.robot, scene.rng))
 
 
 def _range_scale(scene: _Scene) -> SimulatedRobot:
-    """Let all ranges be too long."""
+    """Make all ranges too long by a factor."""
     return _rescanned(scene.robot, scene.scans(), (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32))
 
 
 def _range_offset(scene: _Scene) -> SimulatedRobot:
-    """Let all ranges be too long by as much."""
+    """Make all ranges too long by the same length."""
     return _rescanned(scene.robot, scene.scans(), (ranges_of(scene.robot) + _TOO_FAR).astype(np.float32))
 
 
@@ -231,14 +231,14 @@ def _angle_step(scene: _Scene) -> SimulatedRobot:
 
 
 def _mount(scene: _Scene) -> SimulatedRobot:
-    """State that the laser sits elsewhere on the robot, all the time."""
+    """State a wrong mount of the laser, during the whole drive."""
     stated = scene.robot.laser.T_robot_sensor @ _ELSEWHERE
     readings = tuple(replace(reading, T_robot_sensor=stated) for reading in scene.robot.readings)
     return replace(scene.robot, laser=replace(scene.robot.laser, T_robot_sensor=stated), readings=readings)
 
 
 def _laser_knocked(scene: _Scene) -> SimulatedRobot:
-    """Turn the laser on its robot to the left, so that its last beams, which would now point elsewhere, are nan."""
+    """Turn the laser on the robot to the left by some beams; its last beams become nan."""
     ranges, step = ranges_of(scene.robot), scene.robot.readings[0].scan.angle_increment
     beams = min(round(_KNOCKED / abs(step)), ranges.shape[1])
     turned = np.full_like(ranges, np.nan)
@@ -250,13 +250,13 @@ def _laser_knocked(scene: _Scene) -> SimulatedRobot:
 
 
 def _scans_repeated(scene: _Scene) -> SimulatedRobot:
-    """Let the laser send one scan again and again."""
+    """Let the laser repeat one scan."""
     ranges, those = ranges_of(scene.robot), scene.scans()
     return _rescanned(scene.robot, those, np.repeat(ranges[those.argmax()][None], len(ranges), axis=0))
 
 
 def _glass(scene: _Scene) -> SimulatedRobot:
-    """Make some walls of glass, which most beams pass."""
+    """Make some walls of glass, through which most beams pass."""
     return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
 
 
@@ -266,18 +266,18 @@ def _people(scene: _Scene) -> SimulatedRobot:
 
 
 def _crowd(scene: _Scene) -> SimulatedRobot:
-    """Let people go along with the robot, close to it."""
+    """Let people walk beside the robot."""
     return _rescanned(scene.robot, scene.scans(), within_a_crowd(scene.robot, scene.rng))
 
 
 def _furniture(scene: _Scene) -> SimulatedRobot:
-    """Stand boxes around, and move all of them at once."""
+    """Add boxes, and move all of them at once."""
     ranges = with_moved_boxes(scene.robot, scene.begin, scene.rng)
     return _rescanned(scene.robot, np.ones(len(ranges), dtype=np.bool_), ranges)
 
 
 def _carried(scene: _Scene) -> SimulatedRobot:
-    """Carry the robot to where it would have been later, while its wheels stand still."""
+    """Carry the robot to a later pose of its drive without odometry."""
     begin, end = scene.begin, scene.end
     T_before_after = _odometry_at(scene.robot, begin) @ _odometry_at(scene.robot, end).inverse()
     robot = _laser_gap(replace(scene, robot=_odometry_gap(scene)))
@@ -291,7 +291,7 @@ def _carried(scene: _Scene) -> SimulatedRobot:
 
 
 def _lift(scene: _Scene) -> SimulatedRobot:
-    """Shut the robot up in a cabin, and let it come out, wheels still, where it would have been later."""
+    """Move the robot in a closed cabin to a later pose of its drive, without odometry."""
     robot = scene.robot
     shut, middle = scene.scans(), 0.5 * (scene.begin + scene.end)
     poses = robot.truth.poses.copy()
@@ -330,7 +330,7 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "carried": _carried,
     "lift": _lift,
 }
-"""Everything that can go wrong, by name."""
+"""All faults by name."""
 
 
 def _odometry_at(robot: SimulatedRobot, stamp: float) -> SE2:
@@ -339,7 +339,7 @@ def _odometry_at(robot: SimulatedRobot, stamp: float) -> SE2:
 
 
 def _odometry_moved(robot: SimulatedRobot, since: float, T_new_old: SE2) -> SimulatedRobot:
-    """Return the robot with its odometry in another frame from some moment on."""
+    """Return the robot with its odometry in another frame from a time on."""
     poses = robot.odometry.poses.copy()
     late = robot.odometry.stamps >= since
     poses[late] = Trajectory(robot.odometry.stamps[late], poses[late]).transformed(T_new_old).poses
@@ -347,7 +347,7 @@ def _odometry_moved(robot: SimulatedRobot, since: float, T_new_old: SE2) -> Simu
 
 
 def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
-    """Return the robot with other stamps in its scans, which are still recorded when they were."""
+    """Return the robot with other stamps in its scans; the times of recording stay."""
     stamps = np.round(stamps * 1e6) / 1e6
     readings = tuple(
         replace(reading, scan=replace(reading.scan, stamp=float(stamp)))
@@ -358,7 +358,7 @@ def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
 
 
 def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: FloatArray) -> SimulatedRobot:
-    """Return the robot with other ranges (S, B) in those scans (S,) that change."""
+    """Return the robot with other ranges (S, B) in some scans (S,)."""
     readings = list(robot.readings)
     for index in np.flatnonzero(changed).tolist():
         readings[index] = replace(readings[index], scan=replace(readings[index].scan, ranges=ranges[index]))

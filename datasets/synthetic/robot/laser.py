@@ -16,38 +16,38 @@ _BEAMS_OVER_180_DEG = {180: 1.0, 181: 1.0, 361: 0.5}
 """Usual SICK scanners: beams and their step [deg]."""
 
 
-_MOMENT = 5e-4  # in this time [s] a robot hardly moves
+_MOMENT = 5e-4  # the robot's motion in this time is negligible [s]
 
 _MOST_RATE, _FARTHEST_MOUNT = 10_000.0, 100.0
 
 STATA_MOUNT = SE2(0.275, 0.0, 0.0)
-"""Where a PR2 carries its base laser."""
+"""Mount of the base laser of a PR2."""
 
 
 @dataclass(frozen=True)
 class SimulatedLaser:
-    """What a laser is like; the default is the base laser of MIT's PR2 at the Stata Center.
+    """Properties of a laser; the default is the base laser of MIT's PR2 at the Stata Center.
 
     Parameters
     ----------
     beams, angle_min, angle_increment
         Directions of the beams in the sensor's own frame [rad].
     rate
-        Scans a second [Hz].
+        Rate of the scans [Hz].
     range_min, range_max
-        Limits of what it can measure [m].
+        Shortest and longest range [m].
     noise
         Standard deviation of a range [m].
     dropouts
-        Fraction of beams that return nothing although there is something.
+        Share of the beams without return despite a wall.
     wrong_returns
-        Fraction of beams that return too early, anywhere before the wall.
+        Share of the beams that end at random before the wall.
     T_robot_sensor
-        Where it is mounted.
+        Mount of the laser.
     upside_down
-        Whether it hangs from its mount, so that its beams turn clockwise seen from above.
+        Whether it is upside down, so that its beams are in clockwise order seen from above.
     sweep
-        Time from the first beam to the last [s]; 0: all are sent at one moment.
+        Time from the first beam to the last [s]; 0 if all are simultaneous.
     """
 
     beams: int = 1040
@@ -101,11 +101,11 @@ class SimulatedLaser:
         return usual.angle_min, usual.angle_increment * usual.beams / max(beams, 1)
 
     def time_increment(self) -> float:
-        """Return the time between two beams [s] as a message holds it."""
+        """Return the time between two beams for messages [s]."""
         return float(np.float32(self.sweep / max(self.beams - 1, 1)))
 
     def moments(self, stamps: FloatArray) -> FloatArray:
-        """Return the times (S, M) [s] for which scans at stamps (S,) need the robot's pose: one for each few beams."""
+        """Return the times (S, M) [s] at which scans at stamps (S,) need the robot's pose, one for several beams."""
         beams = self._beams_of_a_moment()
         first = np.arange(0, self.beams, beams) if self.sweep > 0.0 else np.zeros(1)
         return np.asarray(stamps[:, None] + (first + (beams - 1) / 2.0) * self.time_increment())
@@ -133,11 +133,11 @@ class SimulatedLaser:
         angle_min, increment = (turn * float(np.float32(angle)) for angle in (self.angle_min, self.angle_increment))
         robots = robot_poses.reshape(len(stamps), -1, 3)
         beams = self._beams_of_a_moment() if robots.shape[1] > 1 else self.beams
-        # The beams of each moment begin where those of the one before ended: the laser is turned on by so much.
+        # Each group of beams begins where the group before ended, so the laser is rotated by their angle.
         mounts = [self.T_robot_sensor @ SE2(0.0, 0.0, moment * beams * increment) for moment in range(robots.shape[1])]
         sensors = [SE2.from_array(pose) @ mount for each in robots for pose, mount in zip(each, mounts, strict=True)]
         ranges = np.empty((len(sensors), beams))
-        # A wall just beyond reach may be measured within it.
+        # Noise may shorten the range to a wall beyond the longest range.
         reach = self.range_max + 5.0 * self.noise
         cast_rays(world.walls, np.array(sensors).reshape(-1, 3), angle_min, increment, reach, ranges)
         ranges = ranges.reshape(len(stamps), robots.shape[1] * beams)[:, : self.beams]
@@ -160,7 +160,7 @@ class SimulatedLaser:
 
 
 class LidarPoints(NamedTuple):
-    """Points (N, 3) in the sensor's frame [m], and when each was measured after the first (N,) [s], as float32."""
+    """Points (N, 3) in the sensor's frame [m], and their times after the first (N,) [s], as float32."""
 
     points: npt.NDArray[np.float32]
     times: npt.NDArray[np.float32]
@@ -175,9 +175,9 @@ class RingLidar:
     rings
         Number of beams.
     lowest, highest
-        Their elevations, evenly spaced [rad].
+        Elevations of the rings, evenly spaced [rad].
     height
-        Of the sensor above the floor [m].
+        Height of the sensor above the floor [m].
     ceiling
         Height of the ceiling [m].
     """
@@ -189,14 +189,14 @@ class RingLidar:
     ceiling: float = 2.5
 
     def __post_init__(self) -> None:
-        """Check that it looks between floor and ceiling."""
+        """Check that the sensor is between floor and ceiling."""
         if self.rings < 1 or not -math.pi / 2.0 < self.lowest <= self.highest < math.pi / 2.0:
             raise ValueError(f"rings must be at least 1, from low to high, got {self.rings} rings")
         if not 0.0 < self.height < self.ceiling:
             raise ValueError(f"height must be between 0 and the ceiling's {self.ceiling} m, got {self.height}")
 
     def points(self, scan: LaserScan, noise: float, rng: np.random.Generator, *, upside_down: bool) -> LidarPoints:
-        """Return the points of all rings at the place of a scan by a level laser.
+        """Return the points of all rings for a scan of a level laser.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class RingLidar:
         x, y = level * np.cos(angles), level * np.sin(angles)
         z = level * np.tan(elevations)[:, None]
         turn = -1.0 if upside_down else 1.0
-        seen = np.isfinite(level).T  # a spinning lidar sends all rings of a direction together
+        seen = np.isfinite(level).T  # a spinning lidar measures all rings of a direction together
         points = np.stack([x.T[seen], turn * y.T[seen], turn * z.T[seen]], axis=-1)
         times = np.repeat(seconds, self.rings).reshape(seen.shape)[seen]
         return LidarPoints(points.astype(np.float32), times.astype(np.float32))

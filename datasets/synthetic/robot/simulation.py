@@ -53,7 +53,7 @@ class OdometryNoise:
 
     @classmethod
     def preset(cls, name: str) -> "OdometryNoise":
-        """Return noise by name: `none`, `good` (some 0.5 m after 140 m indoors) or `poor` (some 3 m).
+        """Return noise by name: `none`, `good` (about 0.5 m after 140 m indoors) or `poor` (about 3 m).
 
         Raises
         ------
@@ -72,7 +72,7 @@ class OdometryNoise:
     def odometry(self, drive: Trajectory, rng: np.random.Generator) -> Trajectory:
         """Return the odometry of a drive, in an odometry frame that begins at the drive's first pose."""
         turn_before, forward, turn_after = _motions(drive.poses)
-        # Table 5.6, lines 5 to 7; a normal error is subtracted there, which is the same as adding one.
+        # Table 5.6, lines 5 to 7. The table subtracts a normal error, which has the same distribution as its sum.
         spread_before = np.sqrt(self.alpha1 * turn_before**2 + self.alpha2 * forward**2)
         spread_forward = np.sqrt(self.alpha3 * forward**2 + self.alpha4 * (turn_before**2 + turn_after**2))
         spread_after = np.sqrt(self.alpha1 * turn_after**2 + self.alpha2 * forward**2)
@@ -80,7 +80,7 @@ class OdometryNoise:
         turn_before = turn_before + errors[0] * spread_before
         forward = forward + errors[1] * spread_forward
         turn_after = turn_after + errors[2] * spread_after
-        # Lines 8 to 10, all steps at once: headings add up, and so do the translations along them.
+        # Lines 8 to 10 for all steps: sums of the rotations, and of the translations along the headings.
         headings = np.concatenate(([0.0], np.cumsum(turn_before + turn_after)))
         along = headings[:-1] + turn_before
         poses = np.zeros_like(drive.poses)
@@ -119,13 +119,13 @@ class SimulatedRobot:
     name
         `robot_K`.
     laser
-        What it measured with.
+        Its laser.
     readings
         Scans with odometry at their stamps, as a reader of its bag finds them.
     odometry
         All odometry (50 Hz), in an odometry frame that begins at the robot's first pose.
     truth
-        The robot's true pose in the world's frame at the time of every scan, which is its stamp unless that is wrong.
+        The robot's true pose in the world's frame at the true time of every scan.
     recorded
         When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong.
     """
@@ -146,14 +146,14 @@ def simulate(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> list[SimulatedRobot]:
-    """Let robots measure while they drive.
+    """Simulate the measurements of robots.
 
     Parameters
     ----------
     drives
-        One true drive a robot in the world's frame, as `plan_drives` returns them.
+        True drives of the robots in the world's frame, as `plan_drives` returns them.
     seed
-        Draws every error of lasers and wheels.
+        Random generator of all errors of lasers and wheels.
     progress
         Receives the progress.
     """
@@ -172,7 +172,7 @@ def _simulate_robot(
     odometry = noise.odometry(drive, wheel_rng)
     first = drive.stamps[0] + FIRST_SCAN_AFTER
     stamps = first + np.arange(int((drive.stamps[-1] - laser.sweep - first) * laser.rate) + 1) / laser.rate
-    # A stamp is a whole number of microseconds, so that a bag's nanoseconds hold it.
+    # Stamps are whole microseconds, so that the nanoseconds of a bag represent them exactly.
     stamps = np.round(stamps * 1e6) / 1e6
     poses = poses_at(drive, stamps)
     scans = laser.scans(world, stamps, _between(drive, laser.moments(stamps)), laser_rng)
@@ -185,7 +185,7 @@ def _simulate_robot(
 
 
 def _between(drive: Trajectory, moments: FloatArray) -> FloatArray:
-    """Return the poses (S, M, 3) of a drive at many moments (S, M), quickly."""
+    """Return the poses (S, M, 3) of a drive at many times (S, M)."""
     if moments.shape[1] == 1:
         return poses_at(drive, moments[:, 0])[:, None]
     x, y, theta = drive.poses[:, 0], drive.poses[:, 1], np.unwrap(drive.poses[:, 2])
@@ -205,20 +205,20 @@ def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
 
 
 _SOURCE = "the simulated world, ground truth"
-"""What the file is, and those of build_maps, which have the same name, are not."""
+"""Kind of the file; truth files of build_maps have the same name."""
 
 
 def write_truth(
     folder: Path, world: World, robots: Sequence[SimulatedRobot], bags: Sequence[str], run: Mapping[str, object]
 ) -> None:
-    """Write `world.npz`, `<bag stem>.truth.tum` a robot and `truth.json` into a folder, each whole or not at all.
+    """Write `world.npz`, `<bag stem>.truth.tum` for each robot, and `truth.json` to a folder, each atomically.
 
     Parameters
     ----------
     bags
-        Name of each robot's bag in the folder.
+        Names of the robots' bags in the folder.
     run
-        What made the recording: seed, odometry noise and the like; anything that JSON can hold.
+        Settings of the recording, such as seed and odometry noise, for JSON.
     """
     world.save(folder / "world.npz")
     entries = []
@@ -248,7 +248,7 @@ def write_truth(
 
 
 def tum_text(trajectory: Trajectory) -> str:
-    """Return a trajectory as TUM text: stamp x y z qx qy qz qw a line."""
+    """Return a trajectory as TUM text with a line for each pose: stamp x y z qx qy qz qw."""
     lines = (
         f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2.0):.9f} {math.cos(theta / 2.0):.9f}\n"
         for stamp, (x, y, theta) in zip(trajectory.stamps, trajectory.poses, strict=True)

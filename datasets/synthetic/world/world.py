@@ -1,4 +1,4 @@
-"""A building known exactly: walls as segments, their free and occupied cells; and a building without end."""
+"""A simulated building: its walls as segments, and its free and occupied cells; and an unbounded building."""
 
 import math
 import zipfile
@@ -28,12 +28,12 @@ class WorldError(TbmSlamError):
 
 @dataclass(frozen=True)
 class World:
-    """Everything a simulated laser can meet.
+    """The walls that a simulated laser measures.
 
     Parameters
     ----------
     name, seed
-        What made it.
+        Name and seed of the building.
     walls
         Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture.
     places
@@ -47,7 +47,7 @@ class World:
     places: FloatArray
 
     def __post_init__(self) -> None:
-        """Check the arrays' shapes, and that places are some."""
+        """Check the arrays' shapes, and that there are places."""
         if self.walls.ndim != 2 or self.walls.shape[1] != 4 or not len(self.walls):
             raise ValueError(f"walls must be segments (N, 4), N > 0, got shape {self.walls.shape}")
         if self.places.ndim != 2 or self.places.shape[1] != 2 or not len(self.places):
@@ -62,7 +62,7 @@ class World:
         return float(min_x), float(min_y), float(max_x), float(max_y)
 
     def grid(self, resolution: float = 0.05, margin: float = 0.5) -> GridGeometry:
-        """Return a grid that holds the whole world, `margin` metres wider on each side."""
+        """Return a grid of the whole world with a margin [m] on each side."""
         return _covering(self.bounds(), GridGeometry(resolution, 0.0, 0.0, 0, 0), margin)
 
     def occupancy(self, geometry: GridGeometry, T_world_grid: SE2 | None = None) -> Labels:
@@ -91,7 +91,7 @@ class World:
         places = T_grid_world.apply(self.places)
         ends = walls.reshape(-1, 2)
         (min_x, min_y), (max_x, max_y) = ends.min(axis=0), ends.max(axis=0)
-        # Free space may be connected through parts that the asked cells do not show.
+        # Free space may be connected outside of these cells.
         whole = _covering((float(min_x), float(min_y), float(max_x), float(max_y)), geometry, geometry.resolution)
         if whole.rows * whole.cols > MAX_CELLS:
             raise WorldError(
@@ -109,7 +109,7 @@ class World:
         return _window(labels, whole, geometry)
 
     def save(self, path: Path) -> None:
-        """Write the world as .npz, whole or not at all; the same world gives the same bytes."""
+        """Write the world atomically as .npz; equal worlds give equal bytes."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, name=np.array(self.name), seed=np.array(self.seed), walls=self.walls, places=self.places)
 
@@ -120,12 +120,12 @@ def load_world(path: Path) -> World:
     Parameters
     ----------
     path
-        The .npz file, or the folder that holds it as `world.npz`.
+        The .npz file, or a folder with `world.npz`.
 
     Raises
     ------
     WorldError
-        When there is no such file or it holds something else.
+        There is no such file, or it holds something else.
     """
     file = path / "world.npz" if path.is_dir() else path
     try:
@@ -140,7 +140,7 @@ def load_world(path: Path) -> World:
 
 
 def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:
-    """Return a grid on the same lattice as `cells` that holds both it and `bounds`."""
+    """Return a grid on the lattice of `cells` that contains both it and `bounds`."""
     min_x, min_y, max_x, max_y = bounds
     bottom, left = cells.cell_at(min_x - margin, min_y - margin)
     top, right = cells.cell_at(max_x + margin, max_y + margin)
@@ -163,7 +163,7 @@ def _window(labels: Labels, whole: GridGeometry, part: GridGeometry) -> Labels:
 
 
 def _cells_with_walls(walls: FloatArray, geometry: GridGeometry) -> npt.NDArray[np.bool_]:
-    """Return which cells any segment touches: between two crossings of grid lines a segment stays in one cell."""
+    """Return which cells touch a segment. Between two crossings of grid lines, a segment is in one cell."""
     occupied = np.zeros((geometry.rows, geometry.cols), dtype=np.bool_)
     scaled = (walls - [geometry.origin_x, geometry.origin_y] * 2) / geometry.resolution
     for x0, y0, x1, y1 in scaled:
@@ -177,7 +177,7 @@ def _cells_with_walls(walls: FloatArray, geometry: GridGeometry) -> npt.NDArray[
 
 
 def _crossings(start: float, end: float) -> FloatArray:
-    """Return where, as fractions of the way from start to end, whole numbers are crossed."""
+    """Return the fractions of the interval from start to end at which whole numbers are crossed."""
     low, high = min(start, end), max(start, end)
     lines = np.arange(np.floor(low) + 1.0, np.ceil(high))
     return (lines - start) / (end - start) if len(lines) else np.zeros(0)
@@ -185,16 +185,16 @@ def _crossings(start: float, end: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CorridorLattice:
-    """Corridors whose middles lie at the multiples of a pitch, in x and in y.
+    """Corridors with centre lines at the multiples of a pitch in x and in y.
 
     Parameters
     ----------
     seed
-        Another seed is another building.
+        Seed of the building.
     pitch
-        From corridor to corridor [m].
+        Distance between corridors [m].
     width
-        Of a corridor [m].
+        Width of a corridor [m].
     """
 
     seed: int = 0
@@ -218,7 +218,7 @@ class CorridorLattice:
 @lru_cache(maxsize=256)
 def _block(lattice: CorridorLattice, column: int, row: int) -> FloatArray:
     """Return the outline (N, 4) of the block right of and above the crossing (column, row)."""
-    # A seed must not be negative, and blocks lie on both sides of zero.
+    # Seeds must not be negative, but numbers of blocks may be.
     rng = np.random.default_rng([lattice.seed, 31, 2 * abs(column) + (column < 0), 2 * abs(row) + (row < 0)])
     side = lattice.pitch - lattice.width
     outline = np.vstack([_side(side, rng) @ _quarter_turn(turn) for turn in range(4)])
@@ -227,9 +227,9 @@ def _block(lattice: CorridorLattice, column: int, row: int) -> FloatArray:
 
 
 def _side(side: float, rng: np.random.Generator) -> FloatArray:
-    """Return the corners (N, 2) of a block's lower side from left to right, about its middle, without the last."""
+    """Return the corners (N, 2) of a block's lower side from left to right without the last, relative to its centre."""
     left, bottom = -side / 2.0, -side / 2.0
-    deepest = side / 3.0  # niches of two sides may not meet: they keep to the middle half
+    deepest = side / 3.0  # so that niches of two sides, which are in the middle half, do not meet
     points = [(left, bottom)]
     x = left + side / 4.0 + float(rng.uniform(0.0, 1.0))
     while x < side / 4.0:
@@ -242,6 +242,6 @@ def _side(side: float, rng: np.random.Generator) -> FloatArray:
 
 
 def _quarter_turn(times: int) -> FloatArray:
-    """Return the matrix that turns row vectors counter-clockwise by so many quarters."""
+    """Return the matrix that rotates row vectors counter-clockwise by a number of quarter turns."""
     cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[times]
     return np.array([[cosine, sine], [-sine, cosine]])
