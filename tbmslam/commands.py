@@ -4,7 +4,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from tools.command_line.interruption import hear_interruption
+from tools.command_line.interruption import handle_interruption
 
 PROGRAMS = {
     "map": ("build_maps", "turn recordings into one belief map per robot"),
@@ -36,7 +36,7 @@ WRONG_USAGE = 2
 def run() -> int:
     """Run the command that the process was started with, and return its exit code."""
     words = sys.argv[1:]
-    hear_interruption(f"tbmslam {words[0]}" if words and words[0] in PROGRAMS else "tbmslam")
+    handle_interruption(f"tbmslam {words[0]}" if words and words[0] in PROGRAMS else "tbmslam")
     return main(words)
 
 
@@ -79,5 +79,5 @@ def version() -> str:
         return "of a source tree that is not installed"
 
 
-_TOOLS = hear_interruption.__module__.rpartition(".command_line")[0]
+_TOOLS = handle_interruption.__module__.rpartition(".command_line")[0]
 """The package of the programs; a wheel has it elsewhere."""

@@ -1,1 +1,1 @@
-"""Programs: they parse, call, report and end with an exit code; no algorithm lives here."""
+"""Programs: command lines, reports and exit codes, without algorithms."""

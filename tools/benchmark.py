@@ -9,9 +9,9 @@ of different places are merged. `limits` maps a recording of 24 hours and a buil
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("benchmark")
+    handle_interruption("benchmark")
 
 import argparse
 import re

@@ -5,9 +5,9 @@ a frame that no other robot knows.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("build_maps")
+    handle_interruption("build_maps")
 
 import argparse
 import os
@@ -165,7 +165,7 @@ def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Na
 
 
 def _configuration(args: argparse.Namespace) -> "Configuration":
-    """Return preset, file, settings and options, the later the stronger."""
+    """Return the configuration by preset, file, settings and options, in increasing priority."""
     from tbmslam.configuration.parameters import changed
     from tools.command_line.configuration import read_configuration
 

@@ -6,9 +6,9 @@ left out.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("calibrate_merging")
+    handle_interruption("calibrate_merging")
 
 import argparse
 import sys
@@ -32,13 +32,13 @@ EXAMPLES = """examples:
       what the model is worth on pairs that had no part in it; nothing is written but the picture
 """
 WHOLE = 3.0
-"""Weight of a pair of whole buildings; a part has 1, since its border is no border of a building."""
+"""Weight of a pair of whole buildings; a pair of parts, whose borders are not those of buildings, has 1."""
 SIMULATED = 0.3
 """Weight of a pair of simulated buildings; real buildings have 1."""
 
 
 STRANGERS_SEED = 1
-"""A run of `benchmark strangers` with this seed is no test of the fitted model."""
+"""Seed of `benchmark strangers` that the fit uses, and that cannot test the model."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -110,12 +110,12 @@ def _run(args: argparse.Namespace) -> None:
 def trials_of(
     folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0, *, bent: bool = False
 ) -> "list[Trial]":
-    """Return the trials of all pairs in a folder, with a weight each; `bent` deforms one map of each pair.
+    """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair.
 
     Raises
     ------
     PairFileError
-        If a file is no pair of maps, or the folder has none.
+        A file is not a pair of maps, or the folder has none.
     """
     from tools.map_pairs import PairFileError
 

@@ -84,7 +84,7 @@ def acceptance_table(judged: Sequence[Judgement]) -> str:
 
 
 def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
-    """Return the share of right answers in bins of confidence, as a table."""
+    """Return a table of the share of right answers in bins of confidence."""
     rows = []
     for low, high in itertools.pairwise(edges):
         inside = [item for item in judged if low <= item.confidence < high or high == item.confidence == edges[-1]]
@@ -182,7 +182,7 @@ class Trial:
         )
         if target is None or source is None:
             return None
-        turned = source.structure.wall_m > target.structure.wall_m  # as the aligner does
+        turned = source.structure.wall_m > target.structure.wall_m  # as in the alignment
         staying, moving = (source, target) if turned else (target, source)
         found = find_candidates(staying.structure, moving.structure, config)
         decoys = find_decoys(staying.structure, moving.structure, config)
@@ -196,7 +196,7 @@ class Trial:
         structures = [WallMap.from_grid(item.grid, config.structure) for item in (pair.target, pair.source)]
         if not all(item.grid.is_known().any() for item in (pair.target, pair.source)) or without_walls(*structures):
             return None
-        moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as the aligner does
+        moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as in the alignment
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
         source = DeformableMap.of(grid, config, structures[moving])
         proposals = propose(target, source.structure, config.correlation).motions

@@ -1,9 +1,9 @@
-"""Print what completes the commands and options of `tbmslam` in a shell."""
+"""Print a script that completes the commands and options of `tbmslam` in a shell."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("completion")
+    handle_interruption("completion")
 
 import argparse
 import importlib

@@ -4,9 +4,9 @@ The name of the output chooses the format. Beliefs survive in map folders, .npz 
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("convert")
+    handle_interruption("convert")
 
 import argparse
 import sys
@@ -44,7 +44,7 @@ _PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg")
 
 
 class ConversionError(TbmSlamError):
-    """A map cannot be converted so."""
+    """A map cannot be converted."""
 
 
 def parser(program: str = "convert") -> argparse.ArgumentParser:
@@ -101,7 +101,7 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
 
 
 def _writer(out: Path) -> "Callable[[Path, TbmMap], None]":
-    """Return what writes the format that a name has."""
+    """Return the writer of the format by the name of a file."""
     writers = {
         "": _write_folder,
         ".npz": _write_npz,

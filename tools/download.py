@@ -4,9 +4,9 @@ An interrupted download is continued. A complete file is checked, and not downlo
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("download")
+    handle_interruption("download")
 
 import argparse
 import shlex
@@ -101,7 +101,7 @@ def _download(recording: "KnownRecording", out: Path, program: str) -> None:
         print(f"{path}: {'arrived' if fetched else 'is there already'}, SHA-256 in {path.name}.sha256")
         paths.append(path)
     print(f"  licence: {recording.license}; cite: {recording.citation}; see {recording.page}")
-    mapping = "tbmslam map" if " " in program else "python tools/build_maps.py"  # as this program was called
+    mapping = "tbmslam map" if " " in program else "python tools/build_maps.py"  # the form of this call
     command = f"{mapping} {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
     print(f"  next: {command} -o out/{paths[0].stem}")
 

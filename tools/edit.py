@@ -4,9 +4,9 @@ Edits are kept as a list, edits.toml beside the map, and can be applied again wh
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("edit")
+    handle_interruption("edit")
 
 import argparse
 import sys
@@ -37,11 +37,11 @@ _CORNERS = ("X0", "Y0", "X1", "Y1")
 
 
 class EditError(TbmSlamError):
-    """A map cannot be edited so."""
+    """An edit of a map is impossible."""
 
 
 class _Append(argparse.Action):
-    """Appends an option and its numbers to one list, which keeps their order."""
+    """Appends an option and its numbers to a common list in their order."""
 
     def __call__(self, _: object, namespace: argparse.Namespace, values: Any, option: str | None = None) -> None:
         kind = (option or "").lstrip("-")
@@ -116,7 +116,7 @@ def _run(args: argparse.Namespace) -> None:
 def _applied(
     tbm_map: "TbmMap", wanted: Sequence[tuple[str, tuple[float, ...]]]
 ) -> "tuple[TbmMap, TbmMap | None, list[tuple[str, tuple[float, ...]]]]":
-    """Return a map with edits, the mask of forbidden areas if there are some, and the edits as they can be repeated."""
+    """Return an edited map, the mask of forbidden areas if there are any, and the edits for a repetition."""
     from tbmslam.map.edits import MapEdit, angle_to_axes, keepout_mask
 
     mask: TbmMap | None = None

@@ -5,9 +5,9 @@ relations of the public SLAM benchmark. A map is compared with another map or a 
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("evaluate")
+    handle_interruption("evaluate")
 
 import argparse
 import math

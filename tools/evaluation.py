@@ -44,12 +44,12 @@ GIVEN = "trajectories given as true"
 
 
 class TruthFileError(TbmSlamError):
-    """A truth.json without poses of the maps: one line with the file, the fact and the remedy."""
+    """A truth.json without poses of the maps. The message states the file, the problem and the remedy."""
 
 
 @dataclass(frozen=True)
 class TruthFile:
-    """Where robots' maps lie.
+    """The poses of robots' maps.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class TruthFile:
     source
         Kind of the reference; empty in older files.
     warnings
-        What went wrong as the reference was made, by time: `at_s` since the recording began [s], `what` and more.
+        Incidents of the reference by time: `at_s` since the begin of the recording [s], `what` and more.
     """
 
     poses: Mapping[str, SE2]
@@ -79,12 +79,12 @@ class TruthFile:
 
 
 def read_truth_file(path: Path) -> TruthFile:
-    """Read where the maps of a folder lie.
+    """Read the poses of the maps of a folder.
 
     Raises
     ------
     TruthFileError
-        If the file cannot be read or is another, such as the truth of a simulated world.
+        The file cannot be read or is of another kind, such as the truth of a simulated world.
     """
     try:
         if why := why_unreadable(path):
@@ -105,15 +105,15 @@ def read_truth_file(path: Path) -> TruthFile:
 logger = logging.getLogger(__name__)
 
 _MOST_TURN = math.radians(20.0)
-"""A map may be turned by this against the stated place that --align searches around."""
+"""Largest rotation of a map relative to the stated pose for --align."""
 
 
 class EvaluationError(TbmSlamError):
-    """Estimate and truth have nothing in common."""
+    """Estimate and truth do not overlap."""
 
 
 def evaluate_trajectory(args: argparse.Namespace) -> dict[str, object]:
-    """Judge a trajectory as the arguments ask; return the figures."""
+    """Evaluate a trajectory as the arguments request; return the figures."""
     estimate = read_tum(args.estimate)
     if args.relations:
         return _against_relations(args, estimate)
@@ -177,7 +177,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
 
 
 def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
-    """Judge a map as the arguments ask; return the figures."""
+    """Evaluate a map as the arguments request; return the figures."""
     grid = load_map(args.map).grid
     truth = _load_truth(args.truth)
     labels = cell_labels(grid, args.min_evidence)
@@ -210,12 +210,12 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, guess: SE2) -> tuple[SE2, float]:
-    """Return where a map lies in the truth near a guess, and how probable that is, by the walls of both.
+    """Return the pose of a map in the truth near a guess, and its probability, by the walls of both.
 
     Raises
     ------
     EvaluationError
-        No place near the guess is probable enough.
+        No pose near the guess is probable enough.
     """
     whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
@@ -233,7 +233,7 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
         else:
             far += probability
     best, probability = max(near, key=lambda candidate: candidate[1], default=(guess, 0.0))
-    confidence = probability / max(1.0 - far, probability, 1e-9)  # the map does not lie in the other places
+    confidence = probability / max(1.0 - far, probability, 1e-9)  # other poses are excluded
     if confidence < MergeConfig().verification.min_confidence:
         x, y, theta = found.T_target_source
         raise EvaluationError(
@@ -252,7 +252,7 @@ def _grid_of(world: World, resolution: float) -> TbmGrid:
 
 
 def print_report(report: Mapping[str, object], *, as_json: bool) -> None:
-    """Print figures for a program or for people."""
+    """Print figures as JSON or as text."""
     if as_json:
         print(json.dumps(report, indent=2))
         return
@@ -294,7 +294,7 @@ def _given_transform(args: argparse.Namespace) -> SE2:
 def _of_robot(
     reference: ReferenceTrajectory, path: Path, estimate: Path, sensor_pose: Sequence[float] | None
 ) -> Trajectory:
-    """Return where the robot truly was; where the laser is mounted is said or in the map beside the estimate."""
+    """Return the true trajectory of the robot; the mount of the laser is given or in the map beside the estimate."""
     if reference.frame == "robot":
         return reference.trajectory
     if sensor_pose is not None:
@@ -340,7 +340,7 @@ def _labels_at(truth: World | TbmGrid, geometry: GridGeometry, T_truth_map: SE2,
 
 
 def _backdrop(path: Path, T_drawn_map: SE2) -> Backdrop:
-    """Return walls to draw a trajectory in; a world lies in the truth's frame already."""
+    """Return walls for the plot of a trajectory; a world is already in the truth's frame."""
     truth = _load_truth(path)
     if isinstance(truth, World):
         return Backdrop(*_own_labels(truth, 0.05, 0.0))
@@ -349,7 +349,7 @@ def _backdrop(path: Path, T_drawn_map: SE2) -> Backdrop:
 
 
 def _covering(geometry: GridGeometry, T_drawn_map: SE2) -> GridGeometry:
-    """Return upright cells that hold a grid turned and shifted."""
+    """Return the geometry, along the axes, that contains a transformed grid."""
     min_x, min_y, max_x, max_y = geometry.bounds()
     corners = T_drawn_map.apply([(min_x, min_y), (min_x, max_y), (max_x, min_y), (max_x, max_y)])
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -1,15 +1,15 @@
 """Measure the figures of README and docs, and fill the pages from the files that hold them.
 
-docs/figures holds one JSON file a benchmark: the commands that measure it, and the tables that they wrote with commit,
-date and machine. A page shows a table between `<!-- table: FILE/TABLE | COLUMN | ... -->` and `<!-- /table -->` (all
+docs/figures holds a JSON file for each benchmark: the commands that measure it, and their tables with commit, date and
+machine. A page shows a table between `<!-- table: FILE/TABLE | COLUMN | ... -->` and `<!-- /table -->` (all
 columns where none is named), and one cell between `<!-- figure: FILE/TABLE/ROW/COLUMN -->` and `<!-- /figure -->`,
 where ROW is the first cell of its row.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("figures")
+    handle_interruption("figures")
 
 import argparse
 import json
@@ -47,7 +47,7 @@ Record = Mapping[str, Any]
 
 
 class FigureError(TbmSlamError):
-    """A page asks for what no file of figures has, or a figure cannot be measured."""
+    """A page names an unknown figure, or a figure cannot be measured."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -95,7 +95,7 @@ def pages(root: Path) -> list[Path]:
 
 
 def read_records(folder: Path) -> dict[str, Record]:
-    """Return what the files of a folder hold, by their names without suffix."""
+    """Return the contents of the files of a folder by their names without suffix."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
 
 

@@ -1,9 +1,9 @@
-"""Write pairs of partial maps of made-up or real buildings, with their true relative pose, and pairs of two places."""
+"""Write pairs of partial maps of simulated or real buildings with their true relative pose, and pairs of two places."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("make_map_pairs")
+    handle_interruption("make_map_pairs")
 
 import argparse
 import re
@@ -30,7 +30,7 @@ KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_pla
 PERCENT = (100, 75, 50, 35, 25, 15)
 _MOST_M2, _MOST_PARTS = 1e5, 1000
 _MOST_BEND_M = 2.0
-"""Largest distortion over 20 m [m]; with more the inverse is not exact to a cell, and floors fold."""
+"""Largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell."""
 
 
 def main(argv: list[str] | None = None) -> int:

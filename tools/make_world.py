@@ -1,13 +1,13 @@
-"""Write bags of simulated robots that drive through a made-up building, and the truth beside them.
+"""Write bags of simulated robots that drive through a simulated building, and the truth beside them.
 
 Into the output folder go robot_0.bag, robot_1.bag, ... (or folders robot_0, ... in ROS 2's mcap), the true trajectory
 of each as robot_0.truth.tum, truth.json, the building as world.npz and a picture of it all, world.png.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("make_world")
+    handle_interruption("make_world")
 
 import argparse
 import math
@@ -160,7 +160,7 @@ def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 
 
 def make(args: argparse.Namespace) -> None:
-    """Simulate what the arguments ask for and write it."""
+    """Simulate and write the requested recordings."""
     from datasets.synthetic.buildings import make_world
     from datasets.synthetic.robot.drives import plan_drives
     from datasets.synthetic.robot.faults import Fault, inject
@@ -224,7 +224,7 @@ def laser_of(args: argparse.Namespace) -> "SimulatedLaser":
     from tbmslam.geometry.se2 import SE2
 
     angle_min, angle_increment = SimulatedLaser.field_of(args.beams)
-    if args.rings:  # a lidar turns
+    if args.rings:  # a rotating lidar
         angle_min, angle_increment = -math.pi, 2.0 * math.pi / max(args.beams, 1)
     return SimulatedLaser(
         beams=args.beams,

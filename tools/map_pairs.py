@@ -49,11 +49,11 @@ class KnownPair:
     Parameters
     ----------
     name
-        The file's name without its ending.
+        The file's name without its suffix.
     target, source
         The maps.
     T_target_source
-        The truth; None where the maps show different places.
+        The true pose; None if the maps show different places.
     overlap
         Share of the smaller map's free cells that both know.
     """
@@ -71,7 +71,7 @@ class KnownPair:
         return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
     def errors(self, found: SE2) -> tuple[float, float]:
-        """Return the errors of an alignment at the middle of the known part of the source [m], [deg].
+        """Return the errors of an alignment at the centre of the known part of the source [m], [deg].
 
         Raises
         ------
@@ -94,7 +94,7 @@ class KnownPair:
         return metres <= _RIGHT_M and degrees <= _RIGHT_DEG
 
     def is_near(self, found: SE2) -> bool:
-        """Tell whether an alignment names the true place, to 0.5 m and 4 degrees; bent maps may not lie better."""
+        """Return whether an alignment is right within 0.5 m and 4 degrees, the tolerance for deformed maps."""
         if self.T_target_source is None:
             return False
         metres, degrees = self.errors(found)
@@ -142,7 +142,7 @@ def grid_of(occupancy: npt.NDArray[np.int8], resolution: float) -> TbmGrid:
 
 _OF_ONE = re.compile(r"(crop_(?P<building>.+?)(_\d+)?_\d{3})|(negs_(?P<same>[a-z].*?)_\d+)")
 _VARIANT = r"(part\d+)?(mir)*"
-"""A part of a building, and the building as a mirror shows it, are no other building."""
+"""Names of parts and mirror images, which are of the same building."""
 
 
 def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
@@ -162,7 +162,7 @@ def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
 
 
 def shows_part(name: str) -> bool:
-    """Tell whether a pair shows a part of a building, by its name."""
+    """Return whether a pair shows a part of a building, by its name."""
     return re.search(r"part\d+", name) is not None
 
 
@@ -171,9 +171,9 @@ def _plain(name: str) -> str:
 
 
 _SMALL_M = 1.0
-"""Things shorter than this are taken out of a real floor: a distortion puts its own there."""
+"""Objects shorter than this are removed from a real floor, since a distortion adds others."""
 _LEAST_M2, _MOST_M2 = 30.0, 250.0
-"""Sizes of the parts that are cut out of floors."""
+"""Least and largest area of the parts of floors [m^2]."""
 
 
 def floor_of_grid(name: str, grid: TbmGrid) -> Building:
@@ -190,7 +190,7 @@ def floor_of_grid(name: str, grid: TbmGrid) -> Building:
 
 
 def variants_of(floor: Building, parts: int) -> list[Building]:
-    """Return a floor, its mirror image, and `parts` parts of 30 to 250 m^2, every second of which is mirrored."""
+    """Return a floor, its mirror image, and `parts` parts of 30 to 250 m^2, half of which are mirrored."""
     whole_m2 = np.count_nonzero(floor.occupancy == 0) * floor.resolution**2
     most_m2 = min(_MOST_M2, 0.7 * whole_m2)
     found = [floor, mirrored(floor)]
@@ -206,7 +206,7 @@ def variants_of(floor: Building, parts: int) -> list[Building]:
 def pairs_of(
     buildings: Sequence[Building], seed: int, overlaps: Sequence[float] = OVERLAPS, draw: Draw = Distortion.draw
 ) -> Iterator[MapPair]:
-    """Return pairs of every building: cut at overlaps, its two ends, itself mirrored, and two other buildings."""
+    """Return pairs of each building: with overlap, of two ends, with its mirror image, and with two other buildings."""
     for index, building in enumerate(buildings):
         yield from cut_pairs(building, seed + index, overlaps, draw)
         yield disjoint_pair(building, seed + index, draw)
@@ -218,13 +218,13 @@ def pairs_of(
 
 
 def _same_place(first: str, second: str) -> bool:
-    """Return whether two variants, by their names, show the same building and neither it in a mirror."""
+    """Return whether two variants, by their names, show the same building and are equally mirrored."""
     same = re.sub(_VARIANT + "$", "", first) == re.sub(_VARIANT + "$", "", second)
     return same and first.count("mir") % 2 == second.count("mir") % 2
 
 
 def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
-    """Return maps in random order, by names that do not tell their places."""
+    """Return maps in random order by names without their places."""
     return {f"map_{index}": placed[chosen] for index, chosen in enumerate(rng.permutation(len(placed)).tolist())}
 
 

@@ -1,9 +1,9 @@
 """Merge maps with unknown relative poses into one map."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("merge")
+    handle_interruption("merge")
 
 import argparse
 import logging
@@ -38,7 +38,7 @@ logger = logging.getLogger("merge")
 
 NOTHING_MERGED = 3
 
-# Repeated here because asking the library for them would load it, and `--help` must not; a test compares the two.
+# Repeated here so that `--help` need not load the library; a test compares both.
 METHODS = ("correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov")
 RULES = (
     "disjunctive",
@@ -78,11 +78,11 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
         given, options.maps = options.maps, list_maps(options.maps)
         if not options.print_config:
             _check(grammar, options, given)
-    except (OSError, RuntimeError) as error:  # folders that may not be read, links in a circle
+    except (OSError, RuntimeError) as error:  # unreadable folders, circular links
         grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    else:  # warnings about maps are shown without a module name
+    else:  # warnings about maps are printed without the name of a module
         logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return ended(
         program,
@@ -123,7 +123,7 @@ def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given:
 
 
 def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
-    """Return why there are not two maps, and what to do."""
+    """Return the reason why there are not two maps, and the remedy."""
     remedy = "give their folders, such as out/robot_0 out/robot_1"
     if len(given) != 1:
         return f"two maps or more are needed, got {len(maps)}: {remedy}"
@@ -138,7 +138,7 @@ def _lies_in(path: Path, folder: Path) -> bool:
     """Return whether saving into a folder would overwrite a map."""
     if path.is_dir():
         return path.resolve() == folder.resolve()
-    file = Path(os.path.realpath(path))  # a link in a circle is no error here
+    file = Path(os.path.realpath(path))  # a circular link is not an error here
     return file.parent == folder.resolve() and file.stem == "map"
 
 
@@ -231,7 +231,7 @@ def _reliability(text: str) -> tuple[str, float]:
 
 
 def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
-    """Return file, settings and options, the later the stronger."""
+    """Return the configuration by file, settings and options, in increasing priority."""
     from tbmslam.configuration.parameters import ConfigError, changed
     from tools.command_line.configuration import read_configuration
 
@@ -316,7 +316,7 @@ def _check_known_poses(config: "MergeConfig", names: Sequence[str]) -> None:
 
 
 def _check_files(paths: Sequence[Path], out: Path) -> None:
-    """Refuse to write over a picture that a yaml among the maps names, and warn of maps that are given twice."""
+    """Refuse to overwrite the picture of a yaml map, and warn of maps that are given twice."""
     from tbmslam.io.map_folder import FIXED_NAMES, files_of_map
     from tools.command_line.output_folder import OutputError
 
@@ -347,7 +347,7 @@ def _save(
     if result.merged is not None:
         save_map(options.out, result.merged)
     elif (options.out / "report.json").is_file():
-        remove_map(options.out)  # of an older merge, which the new report would belie
+        remove_map(options.out)  # of an older merge, which contradicts the new report
     write_text(options.out / "config.toml", merging_text(config))
     write_extra_files(options.out, result.merged, options)
     write_report(options.out, result, maps, config, making)

@@ -1,9 +1,9 @@
-"""Print all parameters with meaning, unit and value as TOML, as --config takes them."""
+"""Print all parameters with meaning, unit and value as TOML for --config."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("print_config")
+    handle_interruption("print_config")
 
 import argparse
 import sys

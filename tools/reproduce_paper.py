@@ -1,4 +1,4 @@
-"""Repeat the paper's experiments on maps whose true relative poses are known, and write a report.
+"""Repeat the paper's experiments on maps with known relative poses, and write a report.
 
 Every table and figure of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model",
 SEIM 2021, with the paper's values beside those measured here. Into the output folder go report.html, figures.json, and
@@ -6,9 +6,9 @@ the recordings and maps where they are made first.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("reproduce_paper")
+    handle_interruption("reproduce_paper")
 
 import argparse
 import sys

@@ -1,9 +1,9 @@
-"""Take a picture of a report as a browser shows it, for documentation."""
+"""Take a picture of a report in a browser, for documentation."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("screenshot")
+    handle_interruption("screenshot")
 
 import argparse
 import shutil
@@ -77,7 +77,7 @@ def _take(options: argparse.Namespace) -> int:
 
 
 def _save(png: bytes, path: Path) -> None:
-    """Write a picture with 256 colours, which are enough for a page and make a small file."""
+    """Write a picture with 256 colours, which suffice for a page and give a small file."""
     import io
 
     from PIL import Image

@@ -1,9 +1,9 @@
-"""Compile everything that mapping and merging run, so that no later run waits for it."""
+"""Compile all functions of mapping and merging, so that later runs start at once."""
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import hear_interruption
+    from tools.command_line.interruption import handle_interruption
 
-    hear_interruption("warm_up")
+    handle_interruption("warm_up")
 
 import argparse
 import contextlib

@@ -60,7 +60,8 @@ class Drive:
 
     Parameters
     ----------
-    name        Name of the robot.
+    name
+        Name of the robot.
     trajectory
         Poses of the robot in the map, one for every scan that was used.
     keyframes

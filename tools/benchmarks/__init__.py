@@ -1,1 +1,1 @@
-"""What `tools/benchmark.py` measures: a module for each of its commands, and what they share."""
+"""The benchmarks of `tools/benchmark.py`: a module for each command, and common modules."""

@@ -1,1 +1,1 @@
-"""What all programs share on the command line."""
+"""Common parts of the command lines of all programs."""

@@ -17,25 +17,25 @@ _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_map
 
 
 class Configuration(SlamConfig):
-    """Everything that can be chosen: the SLAM's parameters, how recordings are read, and how maps are merged."""
+    """All parameters: of the SLAM, the reading of recordings, and the merge of maps."""
 
     recording: RecordingOptions = RecordingOptions()
     merging: MergeConfig = MergeConfig()
 
     @classmethod
     def of_preset(cls, name: str) -> Self:
-        """Return a preset of the SLAM with the other parts' defaults; `paper` is viny, and the paper's merging."""
+        """Return a preset of the SLAM with defaults for other parts; `paper` is viny with the paper's merging."""
         slam = preset(_PAPER_SLAM if name == _PAPER else name)
         merging = {"merging": PAPER} if name == _PAPER else {}
         return cls.model_validate({key: value for key, value in slam if key in SlamConfig.model_fields} | merging)
 
     @property
     def slam(self) -> SlamConfig:
-        """The SLAM's part."""
+        """The parameters of the SLAM."""
         return SlamConfig.model_validate({key: getattr(self, key) for key in SlamConfig.model_fields})
 
     def with_settings(self, settings: Iterable[str]) -> Self:
-        """Return it with changes like ``map.resolution=0.1``."""
+        """Return the configuration with changes like ``map.resolution=0.1``."""
         config = self
         for setting in settings:
             change = parse_setting(setting)
@@ -51,14 +51,14 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
     Parameters
     ----------
     preset_name
-        The preset; None takes the one that the file names, or the default.
+        The preset; None for that of the file, or the default.
     file
-        TOML, or a folder with a config.toml that a program wrote.
+        A TOML file, or a folder with the config.toml of a program.
 
     Raises
     ------
     ConfigError
-        When the file cannot be read, holds what is no parameter, or began as another preset.
+        The file cannot be read, has an unknown parameter, or is based on another preset.
     """
     if file is None:
         return Configuration.of_preset("default" if preset_name is None else preset_name)
@@ -77,12 +77,12 @@ def whole_text(config: Configuration) -> str:
 
 
 def mapping_text(config: Configuration) -> str:
-    """Return those that a map depends on, as TOML."""
+    """Return the parameters that a map depends on, as TOML."""
     return _text(config, ["merging"])
 
 
 def merging_text(config: MergeConfig) -> str:
-    """Return those that a merge depends on, as TOML."""
+    """Return the parameters that a merge depends on, as TOML."""
     return _text(Configuration(merging=config), [*SlamConfig.model_fields, "recording"])
 
 
@@ -95,6 +95,6 @@ def _read(path: Path) -> Mapping[str, object]:
         raise ConfigError(f"{path}: cannot be read as TOML: it {why}")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:  # among the second are numbers of thousands of digits
+    except (OSError, ValueError, RecursionError) as error:  # ValueError also for numbers of thousands of digits
         reason = (isinstance(error, OSError) and error.strerror) or error
         raise ConfigError(f"{path}: cannot be read as TOML: {reason}") from None

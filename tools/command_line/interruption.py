@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code of a program that Ctrl-C ended, by the convention of shells."""
 
-_HEARD: dict[signal.Signals, tuple[Any, str]] = {
+_SIGNALS: dict[signal.Signals, tuple[Any, str]] = {
     signal.SIGINT: (signal.default_int_handler, "interrupted"),
     signal.SIGTERM: (signal.SIG_DFL, "terminated"),
 }
@@ -27,7 +27,7 @@ _AGAIN_S = 0.05
 
 
 class Interruption:
-    """What a program does when it is to end.
+    """The handler of signals that end a program.
 
     Parameters
     ----------
@@ -37,12 +37,13 @@ class Interruption:
     Attributes
     ----------
     advice
-        The rest of the message.
+        Advice that is added to the message.
     ends_at_once
-        Whether it ends there and then, as is right while there is nothing to tidy: modules that are just being loaded
-        make errors of their own of it, or forget it. Else `KeyboardInterrupt` is raised, and a second signal ends it.
+        Whether a signal ends the program at once, while there is nothing to clean up: modules that are being loaded
+        turn `KeyboardInterrupt` into other errors, or ignore it. Else `KeyboardInterrupt` is raised, and a second
+        signal ends the program.
     came
-        The signal that came.
+        The first signal.
     """
 
     def __init__(self, program: str) -> None:
@@ -54,26 +55,26 @@ class Interruption:
     @property
     def line(self) -> str:
         """The message before the program ends."""
-        what = _HEARD[signal.Signals(self.came or signal.SIGINT)][1]
+        what = _SIGNALS[signal.Signals(self.came or signal.SIGINT)][1]
         return f"{self.program}: {what}" + (f": {self.advice}" if self.advice else "")
 
     @property
     def code(self) -> int:
-        """Its exit code."""
+        """Exit code of the program."""
         return 128 + (self.came or signal.SIGINT)
 
     def __call__(self, number: int, _: object) -> None:
-        """Hear a signal."""
+        """Handle a signal."""
         is_first, self.came = self.came is None, self.came or number
         if self.ends_at_once or not is_first:
-            os.write(2, f"{self.line}\n".encode())  # the stream of that name may be in the midst of a line
+            os.write(2, f"{self.line}\n".encode())  # sys.stderr may be in use
             os._exit(self.code)
         raise KeyboardInterrupt
 
     def end_at_last(self) -> None:
-        """End a program that was interrupted when all is tidied, before Python takes itself apart.
+        """End an interrupted program after the cleanup and before the finalisation of Python.
 
-        Threads of compiled code may still run then, and crash where what they use is gone.
+        Threads of compiled code may still run, and would crash during the finalisation.
         """
         if self.came is not None:
             for stream in (sys.stdout, sys.stderr):
@@ -81,13 +82,13 @@ class Interruption:
                     stream.flush()
             os._exit(self.code)
 
-    def hear_what_is_dropped(self, drop: "Callable[[sys.UnraisableHookArgs], object]") -> None:
-        """Hear it a little later once more where it is dropped, as by what compiled code calls back.
+    def repeat_dropped_interrupts(self, drop: "Callable[[sys.UnraisableHookArgs], object]") -> None:
+        """Repeat an interrupt that Python dropped, for example in a callback of compiled code.
 
         Parameters
         ----------
         drop
-            What is done with all else that is dropped.
+            Handles all other dropped exceptions.
         """
 
         def dropped(what: "sys.UnraisableHookArgs") -> None:
@@ -100,29 +101,29 @@ class Interruption:
         sys.unraisablehook = dropped
 
 
-def heard_interruption() -> Interruption | None:
-    """Return how this program hears what ends it; None if it does as Python does."""
-    hearing = (signal.getsignal(number) for number in _HEARD)
+def installed_interruption() -> Interruption | None:
+    """Return the installed handler; None for those of Python."""
+    hearing = (signal.getsignal(number) for number in _SIGNALS)
     return next((handler for handler in hearing if isinstance(handler, Interruption)), None)
 
 
-def hear_interruption(program: str) -> Interruption:
-    """Install the handling of signals that end a program, and return it; it is kept if it is installed already.
+def handle_interruption(program: str) -> Interruption:
+    """Install and return the handler of signals that end a program, or return the installed handler.
 
-    A shell that begins a program in the background has it hear no Ctrl-C, and only a main thread can.
+    A program in the background of a shell ignores Ctrl-C, and only the main thread can handle signals.
     """
-    interruption = heard_interruption() or Interruption(program)
-    atexit.register(interruption.end_at_last)  # what is registered first is called last
+    interruption = installed_interruption() or Interruption(program)
+    atexit.register(interruption.end_at_last)  # the first registered function is called last
     if threading.current_thread() is threading.main_thread():
-        for number, (usual, _) in _HEARD.items():
+        for number, (usual, _) in _SIGNALS.items():
             if signal.getsignal(number) is usual:
                 signal.signal(number, interruption)
     return interruption
 
 
-def forget_interruption(interruption: Interruption) -> None:
-    """Have the signals do again what they usually do."""
+def restore_handlers(interruption: Interruption) -> None:
+    """Restore Python's handlers of the signals."""
     atexit.unregister(interruption.end_at_last)
-    for number, (usual, _) in _HEARD.items():
+    for number, (usual, _) in _SIGNALS.items():
         if signal.getsignal(number) is interruption:
             signal.signal(number, usual)

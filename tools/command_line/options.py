@@ -97,26 +97,26 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
 
 
 def options_from(args: argparse.Namespace) -> "RecordingOptions":
-    """Return the options about recordings among parsed arguments, the others as the library has them.
+    """Return the options about recordings from parsed arguments, with the defaults of the library for the others.
 
     Parameters
     ----------
     args
-        Result of a parser that `add_recording_options` was used on.
+        Arguments of a parser with `add_recording_options`.
 
     Raises
     ------
     ValueError
-        A value cannot be meant, such as a negative range.
+        A value is impossible, such as a negative range.
     """
-    # Only a program that does something needs the rest: --help must be quick.
+    # Loaded here because --help must be quick.
     from datasets.options import RecordingOptions
 
     return RecordingOptions(**given_options(args))
 
 
 def scan_topics_of_recordings(args: argparse.Namespace) -> dict[str, str]:
-    """Return the topics of scans that were asked for of single recordings, by the name given for the recording."""
+    """Return the topics of scans for single recordings, by the given name of the recording."""
     return {name: topic for name, topic in _scan_topics(args).items() if name}
 
 
@@ -126,7 +126,7 @@ def _scan_topics(args: argparse.Namespace) -> dict[str, str]:
 
 
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what was asked for about recordings, by the names that `RecordingOptions` has."""
+    """Return the given options about recordings by their names in `RecordingOptions`."""
     from tbmslam.geometry.se2 import SE2
 
     pose = args.sensor_pose
@@ -164,9 +164,9 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, 
     parser
         Parser of the program.
     example
-        A setting that makes sense there.
+        An example of a setting.
     printing
-        Whether the program may print them instead of doing its work.
+        Whether to add an option that prints the parameters.
     """
     group = parser.add_argument_group("parameters")
     group.add_argument(

@@ -1,4 +1,4 @@
-"""A folder for results, which one run uses at a time."""
+"""A folder for the results of one run at a time."""
 
 import hashlib
 from collections.abc import Iterator
@@ -18,12 +18,12 @@ _TRIES = 100
 
 
 class OutputError(TbmSlamError):
-    """The folder to write into cannot be used."""
+    """The output folder cannot be used."""
 
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[None]:
-    """Keep a folder, made if need be, for oneself while a block runs; what was made in vain is removed.
+    """Create and lock a folder for a block; new folders that stay empty are removed.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def output_folder(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # It is removed while it is held, so that no other lock is removed: another run that has opened it finds that it
-        # has no name any more, and does not take it. On a disk without locks releasing removes the name.
+        # The file is removed before the release, so that the lock of another run is never removed: another run that has
+        # already opened the file notices that it was removed. On a disk without locks, the release removes the file.
         if not isinstance(lock, SoftFileLock):
             with suppress(OSError):
                 (folder / _LOCK).unlink()
@@ -56,7 +56,7 @@ def output_folder(folder: Path) -> Iterator[None]:
 
 
 def _take(lock: FileLock, folder: Path, made: list[Path]) -> None:
-    """Lock a folder, noting which folders were not there; another run may remove an empty one just as it is made."""
+    """Create and lock a folder, and list the new folders; another run may remove an empty folder meanwhile."""
     for attempt in range(_TRIES):
         made[:] = [path for path in (folder, *folder.parents) if not path.exists()]
         try:
@@ -80,11 +80,11 @@ def _remove_empty(folders: list[Path]) -> None:
 
 NAME = "SHA256SUMS"
 _BESIDE_THE_MAP = (*("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png"), *EXTRA_FILES)
-"""The files that programs write besides the map, without the pages, which hold times."""
+"""Files of a result besides the map, without the pages, which contain times."""
 
 
 def write_checksums(folder: Path) -> None:
-    """Write the digest of every file of a result, which must all be there.
+    """Write the digests of all files of a result, which must exist.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def write_checksums(folder: Path) -> None:
 
 
 def changed_files(folder: Path) -> list[str] | None:
-    """Return the names of files that are gone or not as they were written; None if there is no list of them."""
+    """Return the names of missing or changed files; None without a list of digests."""
     try:
         if why_unreadable(folder / NAME):
             return None
@@ -112,7 +112,7 @@ def _digest(file: Path) -> str | None:
     try:
         if not file.is_file():
             return None
-        if not file.stat().st_size:  # what passes for empty may have no end
+        if not file.stat().st_size:  # a device has size 0 and may be endless
             return hashlib.sha256().hexdigest()
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

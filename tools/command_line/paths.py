@@ -18,11 +18,11 @@ logger = logging.getLogger(__name__)
 _GEOTIFF = "map.tif"
 _BAGS: "Mapping[Format, str]" = {"ros1": "map.bag", "mcap": "map.mcap"}
 EXTRA_FILES = (_GEOTIFF, *_BAGS.values())
-"""Names of the files beside a map that are written if they are asked for."""
+"""Names of the optional files beside a map."""
 
 
 def add_extra_files(grammar: argparse.ArgumentParser) -> None:
-    """Add the options that ask for them."""
+    """Add the options for optional files."""
     files = grammar.add_argument_group("further files beside each map")
     files.add_argument(
         "--geotiff", action="store_true", help="map.tif for QGIS and others (needs the extra tbmslam[geotiff])"
@@ -37,12 +37,12 @@ def add_extra_files(grammar: argparse.ArgumentParser) -> None:
 
 
 def check_extra_files(options: argparse.Namespace) -> None:
-    """Check that what was asked for can be written.
+    """Check that the requested files can be written.
 
     Raises
     ------
     TbmSlamError
-        If what writes it is not installed.
+        A required library is not installed.
     """
     if options.geotiff:
         from tbmslam.io.geotiff import require_rasterio
@@ -51,14 +51,14 @@ def check_extra_files(options: argparse.Namespace) -> None:
 
 
 def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
-    """Write the files that were asked for now, and write those of an earlier run again, so that all show one map.
+    """Write the requested files, and rewrite those of an earlier run so that all show the same map.
 
     Without a map the files of an earlier run are removed. So is an earlier GeoTIFF where rasterio is not installed.
 
     Raises
     ------
     TbmSlamError
-        If a file cannot be written, or what writes it is not installed.
+        A file cannot be written, or a required library is not installed.
     """
     if tbm_map is None:
         for name in EXTRA_FILES:
@@ -85,11 +85,11 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
 
 
 class MissingFileError(TbmSlamError):
-    """What a command names does not exist."""
+    """A path of the command line does not exist."""
 
 
 def check_exist(paths: Iterable[Path], fact: str) -> None:
-    """Check that files or folders exist, before anything is loaded that reads them.
+    """Check that files or folders exist, before libraries are loaded.
 
     Parameters
     ----------
@@ -113,12 +113,12 @@ def check_exist(paths: Iterable[Path], fact: str) -> None:
 
 
 def path_argument(text: str) -> Path:
-    """Return the path that a word of the command line names, as the `type` of an argument.
+    """Return the path of a word of the command line, for the `type` of an argument.
 
     Raises
     ------
     argparse.ArgumentTypeError
-        If the text is empty, which `Path` takes for the current folder.
+        The text is empty, which `Path` takes for the current folder.
     """
     if not text:
         raise argparse.ArgumentTypeError("the name of a file is empty: is a variable of the shell unset?")
@@ -129,7 +129,7 @@ _MAPS = ("map.npz", "map.yaml")
 
 
 def list_maps(paths: Iterable[Path]) -> list[Path]:
-    """Return maps, and in the place of a folder that is none the map folders in it: robot_0, robot_1, ..."""
+    """Return maps; a folder without a map stands for the map folders in it: robot_0, robot_1, ..."""
     return [
         found
         for path in paths
@@ -143,7 +143,7 @@ def map_folders(path: Path) -> list[Path]:
 
 
 def holds_map(folder: Path) -> bool:
-    """Return whether a folder is a map's."""
+    """Return whether a folder contains a map."""
     return any((folder / name).is_file() for name in _MAPS)
 
 
@@ -153,7 +153,7 @@ def _by_number(folder: Path) -> list[str | tuple[int, str]]:
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
-    """Name maps by their folder or file, with as much of the path as makes them unique."""
+    """Return unique names of maps: their folder or file, with parts of the path where needed."""
     parts = [_naming_parts(path) for path in paths]
     depth, names = 1, [own[-1] for own in parts]
     while len(set(names)) < len(set(parts)):
@@ -170,7 +170,7 @@ def _naming_parts(path: Path) -> tuple[str, ...]:
     """Return the parts of a path that identify its map: `robot_0/map.npz` is robot_0."""
     try:
         full = path.resolve()
-    except RuntimeError:  # links in a circle; loading reports the error
+    except RuntimeError:  # circular links; loading reports the error
         full = path.absolute()
     if full.suffix and not full.is_dir():
         full = full.parent if full.stem == "map" else full.with_suffix("")

@@ -1,4 +1,4 @@
-"""A program on the command line: how it was called, its line for an error, its exit code."""
+"""Common parts of the programs: the name in use, error messages and exit codes."""
 
 import argparse
 import gc
@@ -13,15 +13,15 @@ from contextlib import contextmanager, suppress
 from typing import IO, Any, NoReturn
 
 from tbmslam.errors import TbmSlamError, printable
-from tools.command_line.interruption import Interruption, forget_interruption, hear_interruption, heard_interruption
+from tools.command_line.interruption import Interruption, handle_interruption, installed_interruption, restore_handlers
 
 _LEAST_MB = 2000
-"""With two cores two small maps take 1260 MB of address space to be merged, a small drive 1020; with more cores more.
-With less the libraries end with a segmentation fault, or wait for ever."""
+"""Least address space [MB]. On two cores, a merge of two small maps takes 1260 MB and a small drive 1020 MB; more cores
+take more. With less, libraries crash or hang."""
 
 
 class UnfitEnvironmentError(TbmSlamError):
-    """The program cannot work under what the shell sets."""
+    """The program cannot run with the limits or variables of the shell."""
 
 
 def check_environment() -> None:
@@ -30,7 +30,7 @@ def check_environment() -> None:
     Raises
     ------
     UnfitEnvironmentError
-        With the setting and what to set instead.
+        A setting is impossible; the message states a possible value.
     """
     limit = _memory_limit()
     if limit is not None and limit < _LEAST_MB * 10**6:
@@ -56,7 +56,7 @@ def _memory_limit() -> int | None:
 
 
 def print_anything() -> None:
-    """Let names be printed that are no text, with their bytes written out, and messages that hold line ends or worse.
+    """Print names that are not text with their bytes escaped, and messages without control characters.
 
     Python would fail on the former, and a terminal obey the latter.
     """
@@ -76,25 +76,25 @@ class _Printable(logging.Formatter):
         self._formatter = formatter or logging.Formatter()
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line; the traceback of an exception keeps its own."""
+        """Return the message in one line; tracebacks keep their lines."""
         line, *traceback = self._formatter.format(record).split("\nTraceback", 1)
         return "\nTraceback".join((printable(line), *traceback))
 
 
 def one_line(error: Exception) -> str:
-    """Return the message of an error in one line; errors of the system, such as a too long name, with the name."""
+    """Return the message of an error in one line, with the file name of system errors."""
     if isinstance(error, OSError):
         what = error.strerror or error
         named = f"{error.filename}: {what}: check the name, or choose another"
         message = f"{what}: check the input and the output" if error.filename is None else named
     else:
         message = str(error)
-    return printable(" ".join(message.splitlines()))  # names of files may hold line ends
+    return printable(" ".join(message.splitlines()))  # file names may contain line breaks
 
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
 _NO_ROOM = "failed to map segment"
-"""The system's message if there is no memory to load a library."""
+"""The system's message if memory is too small to load a library."""
 
 
 def ended(
@@ -112,16 +112,16 @@ def ended(
     program
         The name of the program, which starts the line on stderr.
     work
-        What it does after its arguments were understood.
+        Function that does the work and returns the exit code.
     debug
-        Show where a known error came from.
+        Whether to print the traceback of known errors.
     interrupted, out_of_memory
-        What may be done then.
+        Advice after an interruption.
     """
-    heard, dropping = heard_interruption(), sys.unraisablehook
-    interruption = heard or hear_interruption(program)
+    heard, dropping = installed_interruption(), sys.unraisablehook
+    interruption = heard or handle_interruption(program)
     interruption.advice = interrupted
-    interruption.hear_what_is_dropped(dropping)
+    interruption.repeat_dropped_interrupts(dropping)
     try:
         interruption.ends_at_once = False
         print_anything()
@@ -132,7 +132,7 @@ def ended(
         interruption.ends_at_once = True
     except BaseException as error:
         interruption.ends_at_once = True
-        # Libraries make errors of their own of an interrupt.
+        # Libraries turn an interrupt into other errors.
         if isinstance(error, KeyboardInterrupt) or interruption.came is not None:
             say(interruption.line)
             return interruption.code
@@ -146,13 +146,13 @@ def ended(
     finally:
         sys.unraisablehook = dropping
         if heard is None:
-            forget_interruption(interruption)
+            restore_handlers(interruption)
     return code
 
 
 def forget_unprinted() -> None:
-    """Drop buffered output that cannot be printed (full disk, closed pipe): Python would fail on it again."""
-    with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is none of the system's
+    """Discard buffered output that cannot be printed (full disk, closed pipe), on which Python would fail again."""
+    with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is not a file
         try:
             sys.stdout.flush()
         except OSError:
@@ -160,7 +160,7 @@ def forget_unprinted() -> None:
 
 
 def _prints_nothing() -> bool:
-    """Return whether stdout accepts no output, by trying."""
+    """Return whether stdout fails to accept output."""
     try:
         print(flush=True)
     except OSError:
@@ -175,20 +175,20 @@ def say(line: str) -> None:
 
 
 def typed_command(program: str, arguments: Sequence[str] | None) -> str:
-    """Return the command line as a shell takes it.
+    """Return the command line for a shell.
 
     Parameters
     ----------
     program
-        Name of the program, where it was called from Python with its arguments.
+        Name of the program, used for calls from Python.
     arguments
-        These; None if it was started from a shell.
+        Arguments of a call from Python; None for a start from a shell.
     """
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 
 def examples(text: str, program: str) -> str:
-    """Return the examples for the way the program was called: as a file of the source tree, or installed."""
+    """Return the examples for the form of the call: as a file of the source tree, or installed."""
     if " " in program:  # a command of the installed tbmslam
         text = text.replace("python tools/%(prog)s.py", "%(prog)s")
     return text.replace("%(prog)s", program)
@@ -216,8 +216,8 @@ class ProgramParser(argparse.ArgumentParser):
         say(f"{self.prog}: error: {printable(' '.join(message.splitlines()))} ({self.prog} --help lists all options)")
         sys.exit(WRONG_USAGE)
 
-    def print_help(self, file: IO[str] | None = None) -> None:  # type: ignore[override]  # typeshed wants less of a file
-        """Print the help on stdout or into a file; where stdout takes none, end the program with one line."""
+    def print_help(self, file: IO[str] | None = None) -> None:  # type: ignore[override]  # typeshed requires less of a file
+        """Print the help to stdout or a file; if stdout fails, end the program with an error message."""
         if file is not None or sys.stdout is None:
             super().print_help(file)
             return
@@ -232,13 +232,13 @@ class ProgramParser(argparse.ArgumentParser):
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Load modules in a block, and never look for garbage in what they are made of; Ctrl-C ends the program at once.
+    """Load modules in a block without garbage collection; Ctrl-C ends the program at once.
 
-    Compiled code brings hundreds of thousands of objects that live as long as the program; to search them again and
-    again, while they come and later on, takes longer than to read a drive of a quarter of an hour.
+    Compiled code creates hundreds of thousands of permanent objects. Repeated garbage collection of them would take
+    longer than reading a drive of 15 minutes.
     """
     known, was_enabled = len(sys.modules), gc.isenabled()
-    interruption = heard_interruption() or Interruption("")
+    interruption = installed_interruption() or Interruption("")
     ended_at_once = interruption.ends_at_once
     gc.disable()
     try:

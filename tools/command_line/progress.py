@@ -18,29 +18,29 @@ if TYPE_CHECKING:
 
 
 class Compiling(Listener):
-    """Says that something is compiled, where stderr is a terminal, and counts it on the bars that are drawn.
+    """Announces on a terminal that functions are compiled, and counts them on the bars.
 
-    What comes from the cache is not compiled. The time that it takes is left out of a bar's rate and time left.
+    Functions from the cache are not compiled. The time of compilation does not count in the rate of a bar.
     """
 
     def __init__(self) -> None:
-        self._is_said = False
+        self._is_announced = False
         self._count = 0
         self._bars: list[tqdm[Any]] = []
 
     @contextmanager
     def counted_on(self, bar: "tqdm[Any]") -> Iterator[None]:
-        """Count on a bar what is compiled within a block."""
+        """Count the functions that are compiled within a block on a bar."""
         self._bars.append(bar)
         try:
             yield
         finally:
             self._bars.remove(bar)
 
-    def on_start(self, event: Any) -> None:  # noqa: ARG002  # numba names it
-        """Say so, above any bar that is drawn."""
-        if not self._is_said and sys.stderr is not None and sys.stderr.isatty():
-            self._is_said = True
+    def on_start(self, event: Any) -> None:  # noqa: ARG002  # the name is numba's
+        """Announce the first compilation above the bars."""
+        if not self._is_announced and sys.stderr is not None and sys.stderr.isatty():
+            self._is_announced = True
             tqdm.write("compiling for this machine: a minute or two, the first time only", file=sys.stderr)
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002
@@ -58,19 +58,19 @@ class CompiledFunctions(Listener):
         self.count = 0
 
     def on_start(self, event: Any) -> None:
-        """Wait for the end."""
+        """Do nothing."""
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002
         """Count a function that is compiled."""
         self.count += 1
 
     def __enter__(self) -> Self:
-        """Begin to count."""
+        """Start counting."""
         register("numba:compile", self)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Count no more."""
+        """Stop counting."""
         unregister("numba:compile", self)
 
 
@@ -78,7 +78,7 @@ _listeners: list[Compiling] = []
 
 
 def announce_compiling() -> Compiling:
-    """Have a line written when this process first compiles, however often this is called; return what writes it."""
+    """Announce the first compilation of this process; return the listener, which is the same for all calls."""
     if not _listeners:
         _listeners.append(Compiling())
         register("numba:compile", _listeners[0])
@@ -89,11 +89,12 @@ T = TypeVar("T")
 
 
 class ProgressBars(Progress):
-    """Shows a bar with rate and time left for every step of many items; nothing where the output is no terminal.
+    """Shows a bar with rate and remaining time for each step of many items, if the output is a terminal.
 
     Parameters
     ----------
-    viewer        Shows the mapping; None for no viewer.
+    viewer
+        Shows the mapping; None for no viewer.
     """
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:
@@ -102,17 +103,17 @@ class ProgressBars(Progress):
         self._viewer = viewer
 
     def shown(self, items: Iterable[T], label: str, total: int | None, unit: str) -> Iterable[T]:
-        """Return items that draw their bar while they are used."""
+        """Yield items and update their bar."""
         bar = tqdm(items, desc=label, total=total, unit=f" {unit}", disable=None, leave=False)
         with self._compiling.counted_on(bar):
             yield from bar
 
     def saw(self, name: str, reading: "Reading", T_map_robot: "SE2") -> None:
-        """Hand a placed reading on to the viewer."""
+        """Pass a reading with its pose to the viewer."""
         if self._viewer is not None:
             self._viewer.saw(name, reading, T_map_robot)
 
     def finished(self, name: str, tbm_map: "TbmMap") -> None:
-        """Hand a finished map on to the viewer."""
+        """Pass a finished map to the viewer."""
         if self._viewer is not None:
             self._viewer.finished(name, tbm_map)

@@ -21,7 +21,7 @@ def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     head
         Names of the columns.
     rows
-        Cells, as many a row as there are names.
+        Cells, one for each column in each row.
     """
     columns = list(zip(head, *rows, strict=True))
     widths = [max(3, *(len(cell) for cell in column)) for column in columns]
@@ -60,12 +60,12 @@ def describe_machine() -> dict[str, object]:
 
 
 def machine_line(machine: Mapping[str, object]) -> str:
-    """Return a description as a line for people."""
+    """Return a description as a readable line."""
     return ", ".join(f"{key} {value}" for key, value in machine.items())
 
 
 def _processor() -> str:
-    """Return the processor's name: where there is /proc, platform does not know it."""
+    """Return the processor's name; on systems with /proc, `platform` does not know it."""
     listing = Path("/proc/cpuinfo")
     if listing.exists():
         for line in listing.read_text(encoding="utf-8").splitlines():
@@ -75,19 +75,19 @@ def _processor() -> str:
 
 
 _CODE = ("tbmslam", "merging", "datasets", "tools")
-"""Folders whose changes change figures."""
+"""Folders whose code affects the figures."""
 _ROOT = Path(__file__).resolve().parents[2]
 
 
 class ResultTable(NamedTuple):
-    """Names of columns, and rows of as many cells, as they are printed."""
+    """Names of columns, and rows of printed cells."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mapping[str, ResultTable]) -> None:
-    """Write the tables of a benchmark, by their names, with commit, date and machine; `tools/figures.py` reads them.
+    """Write the tables of a benchmark with commit, date and machine for `tools/figures.py`.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
     record = {
         "commit": commit_of_code(_ROOT),
         "date": datetime.now(UTC).date().isoformat(),
-        "machine": {key: value for key, value in machine.items() if key != "system"},  # a private kernel, at times
+        "machine": {key: value for key, value in machine.items() if key != "system"},  # may name a private kernel
         "tables": {
             name: {"columns": [*table.columns], "rows": [[*row] for row in table.rows]}
             for name, table in tables.items()
@@ -114,7 +114,7 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
 
 
 def commit_of_code(root: Path) -> str | None:
-    """Return the commit of a checkout, with `-changed` where its code differs from that; None outside a checkout."""
+    """Return the commit of a checkout, with `-changed` if its code differs; None outside a checkout."""
     try:
         commit, changes = (
             subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603, S607 - fixed words

@@ -1,1 +1,1 @@
-"""What `tools/build_maps.py` runs: robots planned from recordings, and mapped here, in processes or on a cluster."""
+"""Planning and mapping of robots for `tools/build_maps.py`, in this process, in others or on a cluster."""

@@ -1,4 +1,4 @@
-"""From the command line to the robots that are to be mapped."""
+"""The plan of the robots to map, from the command line."""
 
 import argparse
 import dataclasses
@@ -27,7 +27,7 @@ from tools.mapping.task import MappingTask, Shelf, finished
 _ENDINGS = re.compile(r"\.(gz|bz2|xz|zst|zstd|bag|mcap|db3|log|clf|active)$", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w-]+")
 _LONGEST = 60
-"""Characters of a name: file systems allow 255 bytes, and a table should show it."""
+"""Largest length of a name: file systems allow 255 bytes, and names are shown in tables."""
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
 """Names that Windows reserves for devices. (A name that begins with `-` looks like an option.)"""
 
@@ -42,7 +42,7 @@ def robot_names(recordings: Sequence[Path]) -> list[str]:
     Parameters
     ----------
     recordings
-        Their files or folders.
+        Files or folders of the recordings.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def plan_mapping(
     Raises
     ------
     TbmSlamError
-        A recording cannot be read or split so, or `--reference` does not fit.
+        A recording cannot be read or split, or `--reference` does not fit.
     """
     recordings = list_recordings(args.recordings)
     groups = [(path,) for path in recordings] if args.separate else [tuple(recordings)]
@@ -118,7 +118,7 @@ def plan_mapping(
 def _configs(
     args: argparse.Namespace, config: Configuration, recordings: Mapping[str, tuple[Path, ...]]
 ) -> dict[str, Configuration]:
-    """Return each recording's own parameters: its topic of scans may have been given."""
+    """Return the parameters of each recording, since topics of scans may differ."""
     configs = dict.fromkeys(recordings, config)
     for key, topic in scan_topics_of_recordings(args).items():
         meant = [name for name, paths in recordings.items() if key in {name, *(path.name for path in paths)}]
@@ -130,7 +130,7 @@ def _configs(
 
 
 def _shares(args: argparse.Namespace) -> list[Mapping[str, object] | None]:
-    """Return how each robot's part of a recording is chosen; the number of gaps is not known yet."""
+    """Return the choice of each robot's part of a recording; the number of gaps is not known yet."""
     if args.interval:
         return [{"interval": [begin, end]} for begin, end in args.interval]
     if args.split == "gaps":
@@ -144,7 +144,7 @@ def _shares(args: argparse.Namespace) -> list[Mapping[str, object] | None]:
 def _parts(
     args: argparse.Namespace, whole: MappingTask, index: int, shares: Sequence[Mapping[str, object] | None]
 ) -> list[MappingTask]:
-    """Return the robots of a recording: one of its name, or numbered ones where it is cut; `index` of the first."""
+    """Return the robots of a recording: one with its name, or numbered robots for its parts from `index` on."""
     tasks = []
     for number, share in enumerate(shares):
         name = whole.name if share is None else f"{whole.name}_{number}"
@@ -158,7 +158,7 @@ def _parts(
 def _cut(
     args: argparse.Namespace, whole: MappingTask, index: int, shelf: Shelf, progress: Progress
 ) -> list[MappingTask]:
-    """Read a recording and return its robots with the parts that are theirs."""
+    """Read a recording and return its robots with their parts."""
     options = whole.config.recording
     recording = shelf.open(whole.paths, options)
     stamps, poses = [], []

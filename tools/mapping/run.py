@@ -1,4 +1,4 @@
-"""What build_maps does: plan, map each robot that is not mapped yet, and report."""
+"""The run of build_maps: plan, map unfinished robots, and report."""
 
 import argparse
 import logging
@@ -34,7 +34,7 @@ class MappingError(TbmSlamError):
 
 
 def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> Iterator[tuple[MappingTask, Mapped]]:
-    """Map robots and yield each when it is done, in their order.
+    """Map robots and yield their results in order.
 
     What fails does not keep the others from being mapped.
 
@@ -43,19 +43,19 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
     tasks
         The robots.
     shelf
-        Recordings that this process has at hand.
+        Recordings in the memory of this process.
     executor
-        What maps them.
+        Runs the tasks.
 
     Raises
     ------
     TbmSlamError
-        What went wrong where one robot was to be mapped, at the end.
+        The only robot could not be mapped; raised at the end.
     MappingError
-        How many of several robots failed, and the first reason, at the end.
+        Some of several robots could not be mapped; raised at the end with their number and the first reason.
     """
     failures: dict[str, TbmSlamError] = {}
-    step = "" if executor.is_serial(len(tasks)) else "mapping"  # in this process each robot shows its own
+    step = "" if executor.is_serial(len(tasks)) else "mapping"  # each robot shows its own steps in this process
     with closing(executor.outcomes(_calls(tasks, shelf, executor), step, "robots")) as results:
         for task, result in zip(tasks, results, strict=True):
             if not isinstance(result, TbmSlamError):
@@ -85,17 +85,17 @@ def _calls(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> li
 
 
 def _map_elsewhere(task: MappingTask) -> Mapped:
-    """Map a robot in a process of its own; the map itself stays in its folder."""
+    """Map a robot in another process; the map stays in its folder."""
     made = map_robot(task, Shelf(), Progress())
     return Mapped(made.run, made.summary, made.seconds)
 
 
 _MERGE_REPORT = "report.json"
-"""A map folder with this file is a merge's."""
+"""File that marks the folder of a merged map."""
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
-    """Map every robot into its folder, then write a report and the truth beside them; show it where that is wanted."""
+    """Map all robots into their folders, write the report and the truth beside them, and show the report on request."""
     check_extra_files(args)
     with output_folder(args.out):
         if args.viewer is None:
@@ -106,7 +106,7 @@ def build_maps(args: argparse.Namespace, config: Configuration, command: str) ->
 
 
 def _build(args: argparse.Namespace, config: Configuration, command: str, progress: Progress) -> None:
-    for reference in args.reference or []:  # rather now than after hours of mapping
+    for reference in args.reference or []:  # before hours of mapping
         read_reference(reference)
     shelf = Shelf()
     tasks = plan_mapping(args, config, shelf, progress)
@@ -114,7 +114,7 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
     done, failure = _map(args, tasks, shelf, progress)
     made = [(task, done[task.name].tbm_map or load_map(task.folder)) for task in tasks if task.name in done]
     for task, tbm_map in made:
-        if done[task.name].tbm_map is None:  # made elsewhere or earlier
+        if done[task.name].tbm_map is None:  # made in another process or run
             progress.finished(task.name, tbm_map)
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
@@ -153,14 +153,14 @@ def _map(
 
 
 def _warn_of_changes(tasks: Sequence[MappingTask]) -> None:
-    """Warn of files that were changed, since they are written again."""
+    """Warn of changed files, which are overwritten."""
     for task in tasks:
         if names := changed_files(task.folder):
             logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
 
 
 def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
-    """Print the result of a robot, and the counts of its recording once; `printed` are those printed so far."""
+    """Print the result of a robot, and the counts of its recording unless they are in `printed`."""
     result = made.run["result"]
     if not isinstance(result, Mapping):
         return

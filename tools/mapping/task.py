@@ -1,4 +1,4 @@
-"""One robot to map: everything that another process or machine needs to do it."""
+"""A robot to map, with all data that another process or machine needs."""
 
 import dataclasses
 import hashlib
@@ -36,33 +36,33 @@ from tools.command_line.program import loading
 
 
 class EmptyMapError(TbmSlamError):
-    """Nothing that a robot saw can be drawn."""
+    """No scan of a robot can be drawn."""
 
 
 @dataclass(frozen=True)
 class MappingTask:
-    """One robot to map.
+    """A robot to map.
 
     Parameters
     ----------
     name
-        The robot's.
+        Name of the robot.
     paths
-        Files that are its recording.
+        Files of its recording.
     files
-        Name, size and digest of each.
+        Name, size and digest of each file.
     config
-        Every parameter.
+        All parameters.
     share
-        How its part of the recording is chosen, as JSON can hold it; None: all of it.
+        Choice of its part of the recording for JSON; None for the whole recording.
     T_own_start
-        Where it starts in its own frame; None keeps the odometry's frame.
+        Initial pose in its frame; None for that of the odometry.
     folder
-        The folder of the map.
+        Folder of the map.
     segment, counts
-        That part, and what was counted in a pass over the whole recording; None if all of it is the robot's.
+        Its part, and the counts of a pass over the whole recording; None for the whole recording.
     began
-        Stamp of the recording's first reading, the time zero of `--interval` [s]; None if unknown.
+        Stamp of the first reading, at which `--interval` is 0 [s]; None if unknown.
     """
 
     name: str
@@ -77,7 +77,7 @@ class MappingTask:
     began: float | None = None
 
     def fingerprint(self) -> str:
-        """Return a digest of everything that the map depends on: input, parameters, code and versions."""
+        """Return a digest of all that the map depends on: input, parameters, code and versions."""
         inputs = {
             "robot": self.name,
             "files": [dict(file) for file in self.files],
@@ -90,23 +90,23 @@ class MappingTask:
         return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
     def at(self, folder: Path) -> "MappingTask":
-        """Return it with paths that other processes understand, relative ones being meant from a folder."""
+        """Return the task with absolute paths; relative paths start at a folder."""
         paths = tuple(folder / path for path in self.paths)
         return dataclasses.replace(self, paths=paths, folder=folder / self.folder)
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """What became of a task.
+    """The result of a task.
 
     Parameters
     ----------
     run
         The content of run.json.
     summary
-        What was read, for people.
+        Summary of the readings.
     seconds
-        How long it took; None if it was finished before.
+        Wall time; None if it was finished before.
     tbm_map
         The map; None if it is only in its folder.
     """
@@ -118,14 +118,14 @@ class Mapped:
 
 
 class Shelf:
-    """Keeps the last opened recording, so that several robots of one recording decompress it once."""
+    """Keeps the last opened recording, so that its robots decompress it once."""
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[Path, ...], RecordingOptions] | None = None
         self._recording: Recording | None = None
 
     def open(self, paths: tuple[Path, ...], options: RecordingOptions, once: bool = False) -> Recording:
-        """Return a recording, from memory if it was kept; a recording that is read once is not kept."""
+        """Return a recording, from memory if possible; a recording for one robot is not kept."""
         if self._recording is not None and self._kept == (paths, options):
             return self._recording
         recording = open_recording(paths, options)
@@ -146,7 +146,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     length = segment.stop - segment.start if segment else recording.expected_scans
     scans, first, last = 0, math.inf, -math.inf
     for reading in progress.each(read_ahead(_readings(task, recording)), "mapping", length, "scans", task.name):
-        with nullcontext() if scans else loading():  # compiled code is loaded when it is first used
+        with nullcontext() if scans else loading():  # compiled code is loaded at the first use
             T_map_robot = slam.process(reading)
         progress.saw(task.name, reading, T_map_robot)
         scans, first, last = scans + 1, min(first, reading.scan.stamp), max(last, reading.scan.stamp)
@@ -155,7 +155,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
     tbm_map = slam.finish()
     _check_seen(recording, tbm_map, scans)
-    run = _run_record(task, recording) | _noted(recording, span, slam)  # errors of the laser are known at the end only
+    run = _run_record(task, recording) | _noted(recording, span, slam)  # errors of the laser are known only at the end
     tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
     progress.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
@@ -193,7 +193,7 @@ def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
 
 
 def finished(task: MappingTask) -> Mapped | None:
-    """Return what an earlier run made of a task.
+    """Return the result of an earlier run of a task.
 
     None if the map is unfinished, of other inputs, or if its files were changed.
     """
@@ -208,7 +208,7 @@ def finished(task: MappingTask) -> Mapped | None:
 
 
 def _readings(task: MappingTask, recording: Recording) -> Iterable[Reading]:
-    """Yield a robot's own readings, its odometry in its own frame."""
+    """Yield the readings of a robot's part, with the odometry in its frame."""
     start, stop = task.segment or (0, None)
     T_own_odom: SE2 | None = None
     for reading in islice(recording, start, stop):
@@ -218,7 +218,7 @@ def _readings(task: MappingTask, recording: Recording) -> Iterable[Reading]:
 
 
 def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
-    """Return what made a map, without anything that differs between two runs of the same kind, such as paths."""
+    """Return the origin of a map without parts that differ between equal runs, such as paths."""
     description = {key: value for key, value in recording.description.items() if key != "paths"}
     return {
         "program": "build_maps",
@@ -232,12 +232,12 @@ def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
 
 
 def _span(segment: Segment, readings: int, first: float, last: float) -> Span:
-    """Return a part from its first stamp to its last [s], and on where the recording begins or ends there."""
+    """Return the first and last stamp of a part [s], extended at the begin and end of the recording."""
     return Span(first if segment.start else -math.inf, last if segment.stop < readings else math.inf)
 
 
 def _noted(recording: Recording, span: Span | None, slam: Slam) -> dict[str, object]:
-    """Return what is odd about a part of a recording and its drive, in sentences, and when what went wrong."""
+    """Return the warnings about a part of a recording and its drive, and its incidents."""
     incidents = in_order([*recording.counts.incidents_in(span), *slam.incidents])
     return {
         "warnings": recording_warnings(recording, span)

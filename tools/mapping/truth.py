@@ -28,7 +28,7 @@ _WHOLE = "whole recording, for truth.json"
 
 
 class _Reference(NamedTuple):
-    """Where the robot of a recording truly was, as far as known."""
+    """The true trajectory of a recording, if known."""
 
     name: str
     trajectory: Trajectory
@@ -42,7 +42,7 @@ def write_truth(
     shelf: Shelf,
     progress: Progress,
 ) -> None:
-    """Write the pose of each robot's map in its recording's true frame, unless that is written already.
+    """Write the pose of each robot's map in the true frame of its recording, unless it is written already.
 
     The file says what the reference is, and what went wrong as it was made: a map of ours may be torn itself.
     Without a true trajectory, a robot that saw too little to be placed by that is left out with a warning.
@@ -56,7 +56,7 @@ def write_truth(
     references
         True trajectories by recording; without one the default SLAM maps the whole recording as the reference.
     shelf
-        Recordings at hand.
+        Recordings in memory.
     progress
         Receives the progress.
     """
@@ -102,7 +102,7 @@ def _written(path: Path) -> str | None:
         if why_unreadable(path):
             return None
         record = json.loads(path.read_text(encoding="utf-8"))
-        return str(record["fingerprint"]) if record["source"] else None  # older ones do not say what they are
+        return str(record["fingerprint"]) if record["source"] else None  # older files do not state it
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 

@@ -1,1 +1,1 @@
-"""What `tools/reproduce_paper.py` runs and draws: the paper's experiments on maps whose poses are known."""
+"""The paper's experiments on maps with known poses, and their report, for `tools/reproduce_paper.py`."""

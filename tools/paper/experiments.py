@@ -29,15 +29,15 @@ from tools.map_pairs import KnownPair
 logger = logging.getLogger(__name__)
 
 _FLOOR_SHARES = (0.6, 0.5, 0.4, 0.3, 0.2)
-"""Of the canvas that two maps turned against each other need, what the floor itself may take; the first that fits."""
+"""Shares of the canvas of two rotated maps for the floor; the first that fits is used."""
 
 
 class PaperMapsError(TbmSlamError):
-    """There are no maps that the experiments could use."""
+    """There are no maps for the experiments."""
 
 
 def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
-    """Let a robot drive several times through one building, and return the bags.
+    """Simulate several drives of a robot through a building, and return the bags.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
     words
         More options of make_world, the building among them.
     drives
-        How many.
+        Number of drives.
     seed
-        Of the building; drives have this one and the following.
+        Seed of the building; drives have this seed and the following.
 
     Raises
     ------
     PaperMapsError
-        If they cannot be simulated; make_world printed the reason.
+        The drives cannot be simulated; make_world printed the reason.
     """
     bags = []
     for drive in range(drives):
@@ -71,7 +71,7 @@ def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str
     Raises
     ------
     PaperMapsError
-        If they cannot be mapped; build_maps printed the reason.
+        The recordings cannot be mapped; build_maps printed the reason.
     """
     code = build_maps.main([*map(str, recordings), "-o", str(folder), *words])
     if code:
@@ -80,7 +80,7 @@ def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str
 
 
 def map_simulated(bags: Sequence[Path], folder: Path, words: Sequence[str]) -> Path:
-    """Map simulated drives, each on its own, with the truth beside the bags as reference."""
+    """Map simulated drives separately, with the truth beside the bags as reference."""
     truths = [str(bag.with_suffix(".truth.tum")) for bag in bags]
     return map_recordings(bags, folder, ["--separate", "--reference", *truths, *words])
 
@@ -91,11 +91,11 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
     Parameters
     ----------
     folder
-        With a folder for each map and truth.json.
+        Folder with a folder for each map and truth.json.
     most
         Largest number of pairs.
     min_overlap
-        Share of the smaller map that both must know.
+        Least common share of the smaller map.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
 
 
 def pair_of_area(area_m2: float, resolution: float) -> MapPair:
-    """Return a pair cut from a building such that the merged map's rectangle has this area, within half a row.
+    """Return a pair cut from a building whose merged rectangle has an area, within half a row.
 
     The target has rows of unknown cells where the maps themselves need less.
     """
@@ -147,14 +147,14 @@ VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "in
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """What the experiments depend on.
+    """The settings of the experiments.
 
     Parameters
     ----------
     keypoints, ratios
         Rows of table II; the middle ones also serve the other tables.
     default_keypoints, default_ratio
-        What the paper's program takes by default.
+        Default of the paper's program.
     tolerance_m
         Largest distance of a right match from its true position [m].
     areas_m2
@@ -179,7 +179,7 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class PaperResults:
-    """What came out.
+    """The results.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class PaperResults:
     halves
         Figure 2.
     merged
-        Figure 4: the first pair merged by the paper's algorithm 1; None if that found no transform.
+        Figure 4: the first pair merged by the paper's algorithm 1; None without a transform.
     """
 
     detectors: Mapping[str, Mapping[str, DetectorResult]]
@@ -237,7 +237,7 @@ def run_experiments(
 
 
 def record_of(results: PaperResults, settings: PaperSettings, command: str) -> dict[str, object]:
-    """Return every number that was measured, by table; null where there is none."""
+    """Return all measured numbers by table; None where there is none."""
     studies = [
         {
             **variant._asdict(),

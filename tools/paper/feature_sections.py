@@ -101,7 +101,7 @@ _READINGS = {"as written": AS_WRITTEN, "as programmed": AS_PROGRAMMED}
 
 
 def conclusions(results: PaperResults) -> list[str]:
-    """Return the results about the paper's main conclusion, that concatenated descriptors are the best."""
+    """Return the results on the paper's main conclusion that concatenated descriptors are the best."""
     sentences = []
     for name, variant in _READINGS.items():
         study = results.studies[variant]

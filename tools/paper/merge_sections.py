@@ -14,7 +14,7 @@ _NO_VALUE = "–"
 
 
 def map_section(pairs: Sequence[MapPair]) -> Section:
-    """Figure 1 and the maps that everything is measured on."""
+    """Figure 1 and the maps of the experiments."""
     grids = {pair.target_name: pair.target for pair in pairs} | {pair.source_name: pair.source for pair in pairs}
     names = ("a: pignistic", "b: mass on occupied", "c: mass on free", "d: mass on unknown")
     first = next(iter(grids.values()))

@@ -17,17 +17,17 @@ from tbmslam.io.pictures import encode_png
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10
 _LITTLE_KNOWN = 217
-"""Of 255: cells with more than 85 % of their mass on unknown."""
+"""Grey value [of 255] of cells with more than 85 % of their mass on unknown."""
 
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
 
 Curve = dict[float, tuple[float, float]]
-"""Mean and half the interval, by what varies."""
+"""Mean and half of its interval by keypoints or ratio."""
 
 
 def curves_of(study: Study, keypoints: int, ratio: float) -> tuple[dict[str, Curve], dict[str, Curve]]:
-    """Return each modification's curves over the keypoints at one ratio, and over the ratios at one number of them."""
+    """Return the curves of each modification over the keypoints at one ratio, and over the ratios at one number."""
     over_keypoints: dict[str, Curve] = {letter: {} for letter in MODIFICATIONS}
     over_ratios: dict[str, Curve] = {letter: {} for letter in MODIFICATIONS}
     for setting, shares in study.shares.items():
@@ -96,7 +96,7 @@ def draw_curves(studies: Mapping[str, Study], keypoints: int, ratio: float) -> b
 
 
 def window_of(grid: TbmGrid, margin: int = 10) -> Window:
-    """Return the part of a grid's image where much is known: a stray beam makes no part of a picture."""
+    """Return the part of a grid's image with many known cells, without single beams."""
     known = Channels.from_grid(grid).unknown < _LITTLE_KNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
@@ -162,7 +162,7 @@ pre { white-space: pre-wrap; font-size: .8rem; background: #f5f5f5; padding: 1re
 
 @dataclass(frozen=True)
 class PaperTable:
-    """Rows of text; in a cell, lines after the first are what the paper has."""
+    """Rows of text; further lines of a cell are the values of the paper."""
 
     title: str
     heads: Sequence[str]
@@ -194,7 +194,7 @@ class Section:
 
 
 def paper_page(title: str, lead: Sequence[str], sections: Sequence[Section]) -> str:
-    """Return the page; every text is text in it and never markup."""
+    """Return the page with all texts escaped."""
     import jinja2
 
     environment = jinja2.Environment(

@@ -13,7 +13,7 @@ import pytest
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
-from tools.command_line.interruption import Interruption, forget_interruption, hear_interruption
+from tools.command_line.interruption import Interruption, handle_interruption, restore_handlers
 from tools.command_line.program import ended
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -177,7 +177,7 @@ def test_other_dropped_errors_are_reported_as_usual(monkeypatch):
 def test_who_is_not_to_hear_ctrl_c_does_not():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell begins what runs in its background
     try:
-        hear_interruption("merge")
+        handle_interruption("merge")
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
@@ -185,17 +185,17 @@ def test_who_is_not_to_hear_ctrl_c_does_not():
 
 @pytest.mark.usefixtures("on_a_terminal")
 def test_a_second_call_returns_the_first_handler():
-    first = hear_interruption("merge")
+    first = handle_interruption("merge")
     assert isinstance(first, Interruption)
-    assert hear_interruption("another") is first is signal.getsignal(signal.SIGINT)
-    forget_interruption(first)
+    assert handle_interruption("another") is first is signal.getsignal(signal.SIGINT)
+    restore_handlers(first)
 
 
 ENDS_WITH_A_THREAD = """
 import atexit, signal, sys
-from tools.command_line.interruption import hear_interruption
+from tools.command_line.interruption import handle_interruption
 from tools.command_line.program import ended
-hear_interruption("merge")
+handle_interruption("merge")
 atexit.register(lambda: print("tidied"))
 class Late:
     def __del__(self): print("taken apart")
