@@ -51,7 +51,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> object:
-    """Load a name when it is used: programs that want an error's class do not wait for compiled code."""
+    """Load a name at its first use, so that programs that need only an error's class do not load compiled code."""
     if name in _HOMES:
         return getattr(importlib.import_module(f"tbmslam.{_HOMES[name]}"), name)
     if name in ("open_recording", "RecordingOptions"):

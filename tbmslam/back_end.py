@@ -27,13 +27,13 @@ class OptimisedDrive(NamedTuple):
     poses
         (K, 3), of the laser at keyframes.
     motions
-        What odometry and scans measured between keyframes.
+        Motions between keyframes by odometry and scans.
     steps
-        The same, as edges.
+        The motions as edges.
     closures
         The loop closures.
     hits
-        What the keyframes hit.
+        Hits of the keyframes.
     """
 
     poses: FloatArray
@@ -48,12 +48,12 @@ class OptimisedDrive(NamedTuple):
 
 
 class BackEnd:
-    """Closes loops and adjusts.
+    """Closes loops and adjusts poses and walls.
 
     Parameters
     ----------
     config
-        Every parameter.
+        All parameters.
     """
 
     def __init__(self, config: SlamConfig) -> None:
@@ -65,7 +65,7 @@ class BackEnd:
     def closed(
         self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, progress: Progress
     ) -> OptimisedDrive | None:
-        """Return the drive after closing loops; None where loops are not to be closed, or there are none.
+        """Return the drive after closing loops; None if loop closure is disabled or finds none.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The command `tbmslam`: the programs under one name."""
+"""The command `tbmslam`, which runs all programs."""
 
 import importlib
 import sys
@@ -34,7 +34,7 @@ WRONG_USAGE = 2
 
 
 def run() -> int:
-    """Run the command that the process was started with, and return its exit code."""
+    """Run the command of this process, and return its exit code."""
     words = sys.argv[1:]
     handle_interruption(f"tbmslam {words[0]}" if words and words[0] in PROGRAMS else "tbmslam")
     return main(words)
@@ -80,4 +80,4 @@ def version() -> str:
 
 
 _TOOLS = handle_interruption.__module__.rpartition(".command_line")[0]
-"""The package of the programs; a wheel has it elsewhere."""
+"""The package of the programs, which has another name in a wheel."""

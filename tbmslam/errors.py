@@ -2,7 +2,7 @@
 
 
 class TbmSlamError(Exception):
-    """Something outside the program is wrong: the message names the place, the fact and the remedy.
+    """An error outside of the program. The message states the place, the problem and the remedy.
 
     Each module defines its own subclass where it raises it. Wrong arguments from code are `ValueError` instead.
     """

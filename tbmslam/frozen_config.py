@@ -1,4 +1,4 @@
-"""What every part of a configuration is made of."""
+"""The base class of all parts of a configuration."""
 
 from collections.abc import Collection
 from typing import Annotated, ClassVar

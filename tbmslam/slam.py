@@ -1,4 +1,4 @@
-"""One robot: readings in, a map out."""
+"""The SLAM of one robot, from readings to a map."""
 
 import logging
 from array import array
@@ -31,12 +31,12 @@ logger = logging.getLogger(__name__)
 
 
 class Slam:
-    """Maps while it localises.
+    """Builds a map from readings.
 
     Parameters
     ----------
     config
-        Every parameter; see `tbmslam.configuration.slam_config.preset`.
+        All parameters; see `tbmslam.configuration.slam_config.preset`.
     name
         The robot's name in the map.
     progress
@@ -44,12 +44,12 @@ class Slam:
     start_stamp
         Time zero of all messages, such as the start of the whole recording; None for the first reading's stamp [s].
     corrections
-        What was changed in the readings as they were read.
+        Corrections that were applied to the readings.
 
     Attributes
     ----------
     incidents
-        What went wrong, and when.
+        Problems of the drive with their times.
     correction_m
         How far loop closures and adjustment moved the robot at the most; 0 if no loop was closed. Known when the map
         is finished [m].
@@ -74,13 +74,13 @@ class Slam:
         self._front_end = FrontEnd(self.config, self._make_tracker())
         self._back_end = BackEnd(self.config)
         self._buffer = KeyframeBuffer(self.config.forgetting)
-        # Plain numbers, three for each pose: a day has millions.
+        # Plain numbers, three for each pose, since a day has millions of poses.
         self._stamps, self._poses = array("d"), array("d")
         self._frame = LocalFrame()
 
     @property
     def start_stamp(self) -> float:
-        """Time zero of all messages [s]; 0 before the first reading where none was given."""
+        """Time zero of all messages [s]; 0 before the first reading if none was given."""
         if self._start_stamp is not None:
             return self._start_stamp
         return self._stamps[0] if self._stamps else 0.0
@@ -109,9 +109,9 @@ class Slam:
         return self._frame.pose_there(placement.T_map_robot)
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
-        """Close the loops, adjust poses and wall lines, render the map of everything processed so far and return it.
+        """Close loops, adjust poses and wall lines, and render the map of all readings so far.
 
-        The drive may go on after it, and be finished again.
+        The drive may continue and be finished again.
         """
         self._monitor.reopen()
         tracked = self._tracked_poses()
@@ -134,7 +134,7 @@ class Slam:
         return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
-        """Return the drive after loop closures and adjustment; None where neither is wanted."""
+        """Return the drive after loop closures and adjustment; None if both are disabled."""
         drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._progress)
         return None if drive is None else self._back_end.adjusted(drive, self._progress)
 
@@ -144,12 +144,12 @@ class Slam:
             revised = self._front_end.revised_poses()
             return tracked if revised is None else self._buffer.corrected(tracked, revised)
         poses = self._buffer.corrected(tracked, optimised.poses)
-        if optimised.closures:  # without, nothing measured the drift
+        if optimised.closures:  # without closures, the drift is unknown
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         return poses
 
     def _check_laser(self, keyframes: Keyframes, drive: OptimisedDrive) -> None:
-        """Warn where walls fit better if the laser's angles or ranges are others than stated."""
+        """Warn if other angles or ranges of the laser fit the walls better."""
         config = self.config
         if not config.laser_fit.enabled:
             return
@@ -161,16 +161,16 @@ class Slam:
                 self._monitor.warn_of_whole_drive(subject, message, self.start_stamp)
 
     def _review(self, trajectory: Trajectory, keyframes: Keyframes) -> None:
-        """Warn of what only the whole drive shows, with keyframes at their final poses and as they were tracked."""
+        """Check the whole drive, with keyframes at their final poses and as they were tracked, and warn."""
         config, scale = self.config, self._corrections.odometry_scale
         review = DriveReview(config.mount_check, config.odometry_check, self.start_stamp, scale)
         warnings = review.warnings(trajectory, keyframes, self._buffer.keyframes)
-        if "angles" in self._monitor.whole_drive_warnings:  # which turn all of the view, too
+        if "angles" in self._monitor.whole_drive_warnings:  # wrong angles also rotate all of the view
             warnings = [warning for warning in warnings if warning.subject != "mount"]
         self._monitor.warn_at_end(warnings, self.start_stamp)
 
     def _forget_where_full(self) -> None:
-        """Remove redundant keyframes if there are very many."""
+        """Remove redundant keyframes if there are too many."""
         if self._buffer.is_full():
             keyframes = self._packed(self._tracked_poses())
             drive = self._back_end.closed(self._buffer.keyframes, keyframes, Progress())
@@ -182,12 +182,12 @@ class Slam:
         return np.array(self._poses).reshape(-1, 3)
 
     def _packed(self, poses: FloatArray) -> Keyframes:
-        """Return the keyframes with poses (N, 3) of the robot, without beams that are known to be blocked by now."""
+        """Return the keyframes with poses (N, 3) of the robot, without beams that are known to be blocked."""
         kept = self._monitor.cleared_keyframes(self._buffer.keyframes)
         return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
-        """Return the grid of the tracker, or else render one from the keyframes at their final poses."""
+        """Return the grid of the tracker, or a grid of the keyframes at their final poses."""
         grid = self._front_end.grid()
         return render([keyframes], self.config.map) if grid is None else grid
 

@@ -4,27 +4,27 @@ from pathlib import Path
 
 
 def is_device_or_pipe(path: Path) -> bool:
-    """Return whether a path exists that is neither a file nor a folder; reading it might never end.
+    """Return whether a path is neither a file nor a folder; reading it might never end.
 
     Links are followed. A path that does not exist is no device.
 
     Raises
     ------
     OSError
-        If a folder on the way may not be entered.
+        A folder of the path is not accessible.
     """
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
 def why_unreadable(path: Path) -> str | None:
-    """Return why a file cannot be read, as the rest of a sentence; None if it may be readable.
+    """Return the reason why a file cannot be read, as the end of a sentence; None if it may be readable.
 
     Some files of the system, such as /proc/kmsg, appear empty, and reading them might never end.
 
     Raises
     ------
     OSError
-        If a folder on the way may not be entered.
+        A folder of the path is not accessible.
     """
     if is_device_or_pipe(path):
         return "is a device or a pipe"

@@ -37,7 +37,7 @@ class StageClock:
         self.seconds = dict.fromkeys(STAGES, 0.0)
 
     def timed(self, stage: str, call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
-        """Make a call and add the time it took to a stage."""
+        """Make a call and add its time to a stage."""
         began = time.perf_counter()
         try:
             return call(*args, **keywords)
@@ -46,7 +46,7 @@ class StageClock:
 
 
 class TimedSlam(Slam):
-    """Maps as `Slam` does, and notes the time on its `clock`."""
+    """A `Slam` that measures time with its `clock`."""
 
     def __init__(self, config: SlamConfig | None = None, name: str = "robot") -> None:
         self.clock = StageClock()

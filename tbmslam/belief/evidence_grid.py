@@ -1,4 +1,4 @@
-"""The grid a SLAM writes into: cells accumulate evidence, and turn into belief masses when asked.
+"""The grid of a SLAM: its cells accumulate evidence, from which belief masses are computed.
 
 Combining simple observations by the conjunctive rule multiplies their commonalities q(A), the sum of m(B) over B
 containing A (Shafer 1976; Smets 1990). A cell that starts vacuous is therefore known by two numbers that are updated
@@ -23,7 +23,7 @@ from tbmslam.kernels.rays.lattice import Lattice
 
 
 class GridTooLargeError(TbmSlamError):
-    """The map would need more memory than it is allowed."""
+    """The map would need more memory than its limit."""
 
 
 def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
@@ -32,7 +32,7 @@ def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
     Raises
     ------
     GridTooLargeError
-        When it is one.
+        The grid has more cells.
     """
     if rows * cols > max_cells:
         raise GridTooLargeError(
@@ -49,7 +49,7 @@ class EvidenceGrid:
     resolution
         Side of a cell [m].
     max_cells
-        Cells beyond which the grid refuses to grow: each takes 16 bytes.
+        Largest number of cells; a cell takes 16 bytes.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class EvidenceGrid:
     """
 
     GROWTH = 1.2
-    """A side that grows becomes at least this much longer, so that copying stays rare."""
+    """Least growth of a side, so that the grid is copied rarely."""
 
     def __init__(self, resolution: float, max_cells: int = 200_000_000) -> None:
         if not resolution > 0.0:
@@ -73,19 +73,19 @@ class EvidenceGrid:
 
     @property
     def lattice(self) -> Lattice:
-        """Where the cells lie on the endless lattice."""
+        """The cells on the unbounded lattice."""
         return Lattice(self.resolution, self.first_row, self.first_col)
 
     @property
     def geometry(self) -> GridGeometry:
-        """Where the cells lie."""
+        """Geometry of the cells."""
         rows, cols = self.ratios.shape[:2]
         return GridGeometry(
             self.resolution, self.first_col * self.resolution, self.first_row * self.resolution, rows, cols
         )
 
     def grow_to_contain(self, points: FloatArray) -> None:
-        """Grow until points (N, 2) [m] lie inside, with a cell to spare on each side.
+        """Grow until points (N, 2) [m] are inside, with a margin of a cell.
 
         Raises
         ------

@@ -15,11 +15,11 @@ SUM_TOLERANCE = 1e-3
 """Largest deviation of the sum of a cell's masses from one, by rounding in float32."""
 _CELLS_AT_ONCE = 1 << 20
 _SLIVER = 1e-6
-"""Of a cell: what an edge misses it by is rounding."""
+"""Largest rounding error of an edge, as a share of a cell."""
 
 
 class GridGeometry(NamedTuple):
-    """Where the cells of a grid lie: row grows with y, column with x.
+    """The cells of a grid in the plane: rows increase with y, columns with x.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class GridGeometry(NamedTuple):
         return np.clip(rows, 0, self.rows - 1), np.clip(cols, 0, self.cols - 1), inside
 
     def centre_of(self, row: float, col: float) -> tuple[float, float]:
-        """Return the centre (x, y) of a cell [m]; between two cells that lies between theirs."""
+        """Return the centre (x, y) of a cell [m]; fractions are interpolated."""
         return (self.origin_x + (col + 0.5) * self.resolution, self.origin_y + (row + 0.5) * self.resolution)
 
     def centres_of(self, rows: npt.NDArray[np.integer], cols: npt.NDArray[np.integer]) -> FloatArray:
@@ -72,12 +72,12 @@ class GridGeometry(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class TbmGrid:
-    """Cells that hold the masses of the Transferable Belief Model.
+    """A grid of masses of the Transferable Belief Model.
 
     Parameters
     ----------
     geometry
-        Where the cells lie.
+        Geometry of the cells.
     masses
         Masses (rows, cols, 4), float32, ordered CONFLICT, FREE, OCCUPIED, UNKNOWN as in `tbmslam.belief.masses`.
     """
@@ -86,7 +86,7 @@ class TbmGrid:
     masses: Masses
 
     def __post_init__(self) -> None:
-        """Check that geometry and masses belong together."""
+        """Check that geometry and masses match."""
         expected = (self.geometry.rows, self.geometry.cols, 4)
         if self.masses.shape != expected:
             raise ValueError(f"masses must have the shape {expected} of the geometry, got {self.masses.shape}")
@@ -96,11 +96,11 @@ class TbmGrid:
             raise ValueError(f"origin must be finite, got {self.geometry.origin_x}, {self.geometry.origin_y}")
 
     def __repr__(self) -> str:
-        """Return its size in a line."""
+        """Return the size in a line."""
         return f"TbmGrid({self.summary()})"
 
     def summary(self) -> str:
-        """Return its size in words."""
+        """Return the size as text."""
         g = self.geometry
         known_m2 = np.count_nonzero(self.is_known()) * g.resolution**2
         return f"{g.cols} x {g.rows} cells of {g.resolution:g} m, {known_m2:.1f} m2 known"
@@ -114,7 +114,7 @@ class TbmGrid:
 
     @classmethod
     def unknown(cls, geometry: GridGeometry) -> "TbmGrid":
-        """Return a grid about which nothing is known."""
+        """Return a grid of unknown cells."""
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
 
     def fault(self) -> str | None:
@@ -122,7 +122,7 @@ class TbmGrid:
         cells = self.masses.reshape(-1, 4)
         for start in range(0, len(cells), _CELLS_AT_ONCE):
             block = cells[start : start + _CELLS_AT_ONCE]
-            if not block.min() >= 0.0:  # also where it is nan
+            if not block.min() >= 0.0:  # also for nan
                 return f"a mass is {block.min()}, not zero or more"
             error = float(np.abs(block @ np.ones(4, dtype=block.dtype) - 1.0).max())
             if not error <= SUM_TOLERANCE:
@@ -130,7 +130,7 @@ class TbmGrid:
         return None
 
     def is_known(self) -> npt.NDArray[np.bool_]:
-        """Return which cells (rows, cols) hold any evidence at all."""
+        """Return which cells (rows, cols) have any evidence."""
         return np.asarray(self.masses[..., UNKNOWN] < 1.0)
 
     def pignistic(self) -> FloatArray:
@@ -142,7 +142,7 @@ class TbmGrid:
         return self.masses[first:last]
 
     def cropped(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmGrid":
-        """Return the cells that a rectangle [m] touches.
+        """Return the cells that touch a rectangle [m].
 
         Raises
         ------
@@ -159,7 +159,7 @@ class TbmGrid:
         return TbmGrid(part.geometry, np.ascontiguousarray(part.masses))
 
     def known_part(self, margin: int = 0) -> "TbmGrid":
-        """Return a view of the smallest part that holds every known cell; see `cropped_to_known`."""
+        """Return a view of the smallest part with all known cells; see `cropped_to_known`."""
         known = self.is_known()
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if rows.size == 0:
@@ -177,21 +177,21 @@ class TbmGrid:
         return TbmGrid(geometry, self.masses[top:bottom, left:right])
 
     def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
-        """Return the smallest part that holds every known cell, with a margin of `margin` cells where there is room.
+        """Return the smallest part with all known cells, with a margin of cells where the grid has them.
 
-        A grid without any evidence comes back as it is.
+        A grid without evidence is returned unchanged.
         """
         part = self.known_part(margin)
         return self if part is self else TbmGrid(part.geometry, np.ascontiguousarray(part.masses))
 
 
 RELIABILITY = 0.9
-"""Reliability of a map that holds only probabilities, whose certainty is not known."""
+"""Reliability of a map of probabilities, whose certainty is unknown."""
 
 MIN_BALANCE = 0.1
 """Least difference of the masses of free and occupied for a decision; see `occupancy_of`."""
 _BAND = 256
-"""Rows of cells that are decided at once, to limit the memory."""
+"""Rows that are processed together, to limit the memory."""
 
 
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
@@ -203,7 +203,9 @@ def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
     either way, and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
     """
     occupancy = np.full(grid.masses.shape[:2], -1, dtype=np.int8)
-    for first in range(0, len(occupancy), _BAND):  # whole maps of what is computed would take more memory than the map
+    for first in range(
+        0, len(occupancy), _BAND
+    ):  # intermediate arrays of a whole map would take more memory than the map
         masses, decided = grid.masses[first : first + _BAND], occupancy[first : first + _BAND]
         balance = masses[..., OCCUPIED] - masses[..., FREE]
         needed = MIN_BALANCE * (1.0 - masses[..., CONFLICT])

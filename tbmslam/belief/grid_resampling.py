@@ -18,16 +18,16 @@ from tbmslam.kernels.grids import resampling as kernels
 
 @dataclass(frozen=True)
 class PlacedGrid:
-    """A grid that will be read on the cells of another frame, some rows at a time.
+    """A grid that is resampled on the cells of another frame, some rows at a time.
 
     Parameters
     ----------
     grid
-        The source.
+        The source grid.
     T_target_source
         Pose of the source's frame in the target's frame.
     geometry
-        The cells wanted, in the target's frame; resolution, size and origin are free.
+        The target's cells in its frame, with any resolution, size and origin.
     """
 
     grid: TbmGrid
@@ -35,26 +35,26 @@ class PlacedGrid:
     geometry: GridGeometry
 
     def __post_init__(self) -> None:
-        """Check that there are such cells."""
+        """Check transform and geometry."""
         if not np.isfinite([*self.T_target_source, *self.geometry]).all():
             raise ValueError(f"transform and geometry must be finite, got {self.T_target_source} and {self.geometry}")
 
     def masses_of_rows(self, first: int, last: int) -> Masses:
         """Return the masses of the target's rows from `first` up to, and without, `last`."""
         row_of, col_of = _cells_in_source(self.grid.geometry, self.T_target_source, self.geometry)
-        # A sliver over 1 is rounding in the resolution, not a coarser grid.
+        # A ratio slightly above 1 is a rounding error, not a coarser grid.
         samples = max(1, math.ceil(self.geometry.resolution / self.grid.geometry.resolution - 1e-6))
         resampled = np.empty((last - first, self.geometry.cols, 4), dtype=np.float32)
         kernels.resample(np.asarray(self.grid.masses, dtype=np.float32), row_of, col_of, samples, first, resampled)
         return resampled
 
     def drawn(self) -> TbmGrid:
-        """Return the same beliefs on the target's cells; cells outside of the source are unknown."""
+        """Return the beliefs on the target's cells; cells outside of the source are unknown."""
         return TbmGrid(self.geometry, self.masses_of_rows(0, self.geometry.rows))
 
 
 def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:
-    """Read a grid on the cells of another frame; see `PlacedGrid`.
+    """Resample a grid on the cells of another frame; see `PlacedGrid`.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def canvas_of(source: GridGeometry, T_target_source: SE2) -> GridGeometry:
     left, bottom, right, top = source.bounds()
     corners = T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
     low = corners.min(axis=0)
-    # Rounding must not add a row of cells that the grid does not reach.
+    # Rounding must not add a row of cells outside of the grid.
     cols, rows = np.ceil((corners.max(axis=0) - low) / source.resolution - 1e-6).astype(int)
     return GridGeometry(source.resolution, float(low[0]), float(low[1]), int(rows), int(cols))
 

@@ -15,7 +15,7 @@ from tbmslam.geometry.se2 import FloatArray
 
 CONFLICT, FREE, OCCUPIED, UNKNOWN = 0, 1, 2, 3
 VACUOUS: FloatArray = np.array([0.0, 0.0, 0.0, 1.0])
-"""The belief of a source that knows nothing."""
+"""The belief without any knowledge."""
 VACUOUS.flags.writeable = False
 
 

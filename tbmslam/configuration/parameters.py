@@ -1,4 +1,4 @@
-"""Parameters of nested configurations: named by dotted paths, changed a few at a time."""
+"""Parameters of nested configurations: their dotted names and their changes."""
 
 import dataclasses
 import difflib
@@ -26,9 +26,9 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
     Parameters
     ----------
     config
-        What is changed; its tables are pydantic models or dataclasses.
+        The configuration; its tables are pydantic models or dataclasses.
     changes
-        New values in nested tables, as TOML has them.
+        New values in nested tables, as from TOML.
     source
         The source of the changes, for messages.
 
@@ -50,12 +50,12 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
 
 
 def parse_setting(text: str) -> dict[str, object]:
-    """Return the change that a text like ``map.resolution=0.1`` names, its value as in TOML or a bare word.
+    """Return the change of a text like ``map.resolution=0.1``, with a value of TOML or a bare word.
 
     Raises
     ------
     ConfigError
-        When the text is not of that form.
+        The text has another form.
     """
     path, equals, value_text = text.partition("=")
     keys = [key.strip() for key in path.split(".")]
@@ -63,7 +63,7 @@ def parse_setting(text: str) -> dict[str, object]:
         raise ConfigError(f"setting {text!r} must look like map.resolution=0.1")
     try:
         value: object = tomllib.loads(f"value = {value_text}")["value"]
-    except (ValueError, RecursionError):  # no TOML, a number of thousands of digits, lists in lists without end
+    except (ValueError, RecursionError):  # invalid TOML, numbers of thousands of digits, very deep lists
         value = value_text
     change: dict[str, object] = {keys[-1]: value}
     for key in reversed(keys[:-1]):
@@ -133,7 +133,7 @@ def _check_kind(given: object, value: object, place: tuple[str, ...], source: st
 
 
 def _of_kind(table: object, key: str, change: object) -> object:
-    """Return a table's value at a key, or the defaults of the kind of table that a change asks for."""
+    """Return a table's value at a key, or the defaults of the kind of table in a change."""
     value = fields_of(table)[key]
     field = type(table).model_fields[key] if isinstance(table, BaseModel) else None
     if field is None or not isinstance(field.discriminator, str) or not isinstance(change, Mapping):
@@ -161,7 +161,7 @@ def _unknown(key: str, place: tuple[str, ...], siblings: Sequence[str], names: S
 
 
 def _place(config: object, location: Sequence[str | int]) -> str:
-    """Return a validation error's place as a dotted name, without the kinds that the library puts in between."""
+    """Return the place of a validation error as a dotted name, without pydantic's names of types."""
     parts: list[str] = []
     at: object = config
     kind_follows = False

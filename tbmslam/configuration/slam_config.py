@@ -1,4 +1,4 @@
-"""Every parameter of the SLAM, and the presets that people choose by name."""
+"""All parameters of the SLAM, and its presets."""
 
 import difflib
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ _CREDIBILIST_MAP = _VINY_MAP.model_copy(update={"resolution": 0.05, "sensor_mode
 
 
 def _on_grid(name: str, matcher: MonteCarloConfig | HillClimbingConfig, cells: MapConfig = _VINY_MAP) -> SlamConfig:
-    """Return vinySLAM or a relative of it: one hypothesis, every scan written, no loop closed."""
+    """Return vinySLAM or a variant: a single hypothesis, all scans inserted, no loop closures."""
     return SlamConfig(
         preset=name,
         deskew=DeskewConfig(enabled=False),
@@ -102,7 +102,7 @@ PRESETS: Mapping[str, SlamConfig] = {
         loop_closing=LoopClosingConfig(enabled=False),
         adjustment=AdjustmentConfig(enabled=False),
         laser_fit=LaserFitConfig(enabled=False),
-        # Particles are weighted by the cells, so each beam needs more weight.
+        # Cells give the weights of particles, so each beam needs more weight.
         map=MapConfig(
             max_cells=200_000_000,
             sensor_model=SensorModelConfig(
@@ -128,7 +128,7 @@ def preset(name: str) -> SlamConfig:
     Raises
     ------
     ConfigError
-        When there is none of that name.
+        There is no preset of that name.
     """
     if name not in PRESETS:
         near = difflib.get_close_matches(name, PRESETS, n=1)
@@ -143,6 +143,6 @@ def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
     Raises
     ------
     ConfigError
-        If a key is unknown or a value is invalid: one line with the key and the most similar key.
+        A key is unknown or a value is invalid. The message states the key and the most similar key.
     """
     return changed(preset(str(values.get("preset", "default"))), values)

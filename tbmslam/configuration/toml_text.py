@@ -33,10 +33,10 @@ def config_text(
     heading
         Comment at the top.
     leave_out
-        Names at the top that are not wanted.
+        Tables and parameters to leave out.
     reference
         A configuration of the same type. Constants (see `FrozenConfig.PUBLIC`) are left out where they have its values;
-        None leaves nothing out.
+        None for all parameters.
     """
     document = tomlkit.document()
     for line in textwrap.wrap(heading, _WIDTH):
@@ -71,7 +71,7 @@ def _fill(
     for name, value in values.items():
         if is_table(value):
             continue
-        if described.get(name, "") != before:  # one comment for neighbours that are described together
+        if described.get(name, "") != before:  # one comment for parameters with a common description
             _comment(container, described.get(name, ""))
         before = described.get(name, "")
         if value is None:
@@ -109,7 +109,7 @@ def _shown(table: object, reference: object | None) -> dict[str, object]:
 
 
 def _counterpart(reference: object | None, name: str, value: object) -> object | None:
-    """Return the reference's table of a name; where it is of another kind, that kind's defaults, as when it is read."""
+    """Return the reference's table of a name, or the defaults of the table's kind if the kinds differ."""
     if reference is None:
         return None
     below = fields_of(reference)[name]
@@ -122,7 +122,7 @@ def _comment(container: tomlkit.TOMLDocument | Table, text: str) -> None:
 
 
 def _plain(value: object) -> object:
-    """Return a value as TOML has them: tuples and poses are arrays."""
+    """Return a value for TOML: tuples and poses are arrays."""
     if isinstance(value, Mapping):
         table = tomlkit.inline_table()
         table.update(value)

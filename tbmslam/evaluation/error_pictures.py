@@ -1,4 +1,4 @@
-"""Pictures of where an estimate is wrong."""
+"""Pictures of the errors of trajectories and maps."""
 
 from dataclasses import dataclass
 
@@ -15,21 +15,21 @@ _SAME_FREE, _SAME_OCCUPIED = (255, 255, 255), (0, 0, 0)
 _FALSE_WALL, _MISSED_WALL = (40, 40, 230), (230, 120, 20)
 _ONLY_MAP, _ONLY_TRUTH, _UNKNOWN = (205, 225, 205), (225, 205, 205), (160, 160, 160)
 
-_GREYS = np.array([225, 250, 130, 225], dtype=np.uint8)  # of a backdrop, by label
+_GREYS = np.array([225, 250, 130, 225], dtype=np.uint8)  # of the background, by label
 
 _LONGEST_SIDE, _MARGIN, _LEGEND_WIDTH, _LEGEND_HEIGHT = 1600, 20, 300, 46
 
 
 @dataclass(frozen=True)
 class Backdrop:
-    """Walls to see a trajectory in.
+    """Walls behind a trajectory.
 
     Parameters
     ----------
     labels
         What each cell (rows, cols) is.
     geometry
-        Where the cells lie, in the trajectory's frame.
+        Geometry of the cells in the trajectory's frame.
     """
 
     labels: Labels
@@ -39,7 +39,7 @@ class Backdrop:
 def draw_trajectory_errors(
     points: FloatArray, errors: FloatArray, unit: str, backdrop: Backdrop | None = None
 ) -> Picture:
-    """Draw a trajectory coloured by its error, dark blue for none to dark red for the largest.
+    """Draw a trajectory coloured by its error, from dark blue for 0 to dark red for the largest.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ def draw_trajectory_errors(
     errors
         Error (N,) at each.
     unit
-        Of the errors, for the legend.
+        Unit of the errors, for the legend.
     backdrop
-        The map or the truth, drawn beneath in light grey.
+        The map or the truth, drawn in light grey in the background.
 
     Returns
     -------
@@ -75,14 +75,14 @@ def draw_trajectory_errors(
     shades = np.rint(255.0 * errors / largest if largest > 0.0 else np.zeros(len(errors))).astype(np.uint8)
     colours = cv2.applyColorMap(shades[:, None], cv2.COLORMAP_TURBO)[:, 0].tolist()
     pixels = np.rint((points - corner) * (scale, -scale)).astype(int)
-    for index in np.argsort(errors, kind="stable"):  # the largest on top
+    for index in np.argsort(errors, kind="stable"):  # the largest errors on top
         centre = (int(pixels[index, 0]), int(pixels[index, 1]))
         cv2.circle(picture, centre, 3, colours[index], thickness=-1, lineType=cv2.LINE_AA)
     return np.vstack((picture, _colour_scale(width, largest, unit)))
 
 
 def draw_map_errors(labels: Labels, truth: Labels) -> Picture:
-    """Draw where a map and the truth (rows, cols) differ, one pixel a cell and y up.
+    """Draw the differences of a map and the truth (rows, cols), one pixel for each cell, y up.
 
     White and black are free and occupied to both, red is a wall that is not there, blue a wall that the map misses,
     light green (blue) known to the map (the truth) alone, grey unknown to both.
@@ -104,7 +104,7 @@ def draw_map_errors(labels: Labels, truth: Labels) -> Picture:
 
 
 def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, scale: float) -> None:
-    """Lay the walls beneath, each pixel as the cell at its place."""
+    """Draw the walls in the background, each pixel by its cell."""
     labels, geometry = backdrop.labels, backdrop.geometry
     rows, cols = picture.shape[:2]
     x = corner[0] + (np.arange(cols) + 0.5) / scale
@@ -115,7 +115,7 @@ def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, sca
     inside_rows = np.flatnonzero((cell_rows >= 0) & (cell_rows < geometry.rows))
     seen = labels[np.ix_(cell_rows[inside_rows], cell_cols[inside_cols])]
     picture[np.ix_(inside_rows, inside_cols)] = _GREYS[seen][..., None]
-    # A wall may be thinner than a pixel: every occupied cell marks the pixel it lies in.
+    # A wall may be thinner than a pixel, so every occupied cell marks its pixel.
     wall_x, wall_y = geometry.centres_of(*np.nonzero(labels == OCCUPIED)).T
     picture[((corner[1] - wall_y) * scale).astype(int), ((wall_x - corner[0]) * scale).astype(int)] = _GREYS[OCCUPIED]
 

@@ -12,7 +12,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
 
 Labels = npt.NDArray[np.uint8]
-"""What each cell is: FREE, OCCUPIED or UNKNOWN of `tbmslam.belief.masses`."""
+"""Label of each cell: FREE, OCCUPIED or UNKNOWN of `tbmslam.belief.masses`."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class MapAgreement:
     Parameters
     ----------
     known_both, known_map, known_truth
-        Cells known to both, to the map, to the truth.
+        Numbers of known cells: in both, in the map, in the truth.
     agree
-        Share of the cells known to both that both call the same.
+        Share of the cells known in both with equal labels.
     agree_nearby
         The same with neighbours: the map's label is true of the cell or a neighbour, and
         the other way round. Maps whose cells lie across one another put the same thin wall into other cells.
@@ -58,7 +58,7 @@ def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
     grid
         The map.
     min_evidence
-        A cell whose mass of free and occupied, conflict normalised away, is not above this stays UNKNOWN.
+        Largest mass of free and occupied, normalised without conflict, of UNKNOWN cells.
     """
     free, occupied = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
     evidence = free + occupied
@@ -100,7 +100,7 @@ def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
 
 
 def _is_near(labels: Labels, others: Labels) -> npt.NDArray[np.bool_]:
-    """Return whether each cell's label (rows, cols) is found in the other map there or in one of eight neighbours."""
+    """Return which cells (rows, cols) have their label in the other map, there or in one of eight neighbours."""
     near = np.zeros(labels.shape, dtype=np.bool_)
     for label in (FREE, OCCUPIED):
         near |= (labels == label) & ndimage.binary_dilation(others == label, np.ones((3, 3), dtype=np.bool_))
@@ -136,11 +136,11 @@ def refine_map_transform(
     Parameters
     ----------
     labels, geometry
-        What each cell of the map is, and where the cells lie.
+        Labels and geometry of the map.
     truth, truth_geometry
-        The same of the map that stays.
+        Labels and geometry of the truth.
     T_truth_map
-        Guess, good to about a metre and a few degrees.
+        Initial pose, within about a metre and a few degrees.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def refine_map_transform(
     Raises
     ------
     MapRefinementError
-        If a map has no occupied cell.
+        A map has no occupied cell.
     """
     points = _occupied_centres(labels, geometry)
     if not len(points) or not (truth == OCCUPIED).any():
@@ -160,7 +160,7 @@ def refine_map_transform(
     margin = int(np.ceil(REACHES[0] / truth_geometry.resolution)) + 1
     distances = _wall_distances(truth, truth_geometry.resolution, margin)
     origin = np.array([truth_geometry.origin_x, truth_geometry.origin_y]) - margin * truth_geometry.resolution
-    centre = points.mean(axis=0)  # turning about it keeps turn and shift apart
+    centre = points.mean(axis=0)  # decouples rotation and translation
     x, y = T_truth_map.apply(centre)
     parameters = np.array([x, y, T_truth_map.theta])
 

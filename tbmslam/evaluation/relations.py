@@ -1,4 +1,4 @@
-"""True relative poses between moments of a drive, and the errors of a trajectory in them.
+"""True relative poses between times of a drive, and the errors of a trajectory in them.
 
 Poses of two trajectories are matched by their stamps, also where the clock steps back.
 """
@@ -115,12 +115,12 @@ def _traced(
 
 
 class RelationsError(TbmSlamError):
-    """A relations file that cannot be used."""
+    """A file of relations cannot be used."""
 
 
 @dataclass(frozen=True)
 class Relations:
-    """True motions between pairs of moments.
+    """True motions between pairs of times.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class Relations:
 
 @dataclass(frozen=True)
 class RelationErrors:
-    """Errors of estimated motions between the moments of relations.
+    """Errors of estimated motions between the times of relations.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class RelationErrors:
     pairs
         Indices (M, 2) of the estimated poses that each of them was checked at: from, to.
     unmatched
-        Relations without an estimated pose at one of their moments.
+        Relations without an estimated pose at one of their times.
     """
 
     translations_m: FloatArray
@@ -163,12 +163,12 @@ def read_relations(path: Path) -> Relations:
     Raises
     ------
     RelationsError
-        When the file cannot be read or has other columns.
+        The file cannot be read or has other columns.
     """
     if why := why_unreadable(path):
         raise RelationsError(f"{path}: {why}: give a file of relations")
     try:
-        with warnings.catch_warnings(action="ignore"):  # an empty file is an error below
+        with warnings.catch_warnings(action="ignore"):  # the check below refuses an empty file
             values = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)
     except (OSError, ValueError) as error:
         raise RelationsError(f"{path}: cannot be read as relations (t1 t2 x y z roll pitch yaw): {error}") from None
@@ -185,9 +185,9 @@ def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: flo
     Parameters
     ----------
     relations
-        The truth.
+        The true relations.
     trajectory
-        The estimate.
+        The estimated trajectory.
     tolerance
         Largest difference between the stamps of a pose and of a relation [s].
     """

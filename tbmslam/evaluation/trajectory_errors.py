@@ -1,4 +1,4 @@
-"""Errors of an estimated trajectory: as a whole (ATE) and step by step (RPE).
+"""Errors of an estimated trajectory: absolute (ATE) and relative (RPE).
 
 A truth of another point of the robot, or of another clock, causes systematic errors. They are detected and named.
 """
@@ -36,7 +36,7 @@ def fit_rigid(target: npt.ArrayLike, source: npt.ArrayLike) -> tuple[SE2, float]
 
 
 class TrajectoryAlignmentError(TbmSlamError):
-    """The trajectories have too little in common."""
+    """The trajectories have too few common poses."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class TrajectoryAlignment:
     Parameters
     ----------
     T_reference_estimate
-        Carries the estimate's frame to the reference's.
+        Transform from the estimate's frame to the reference's.
     errors_m
         Distance (M,) left at every pose that both have [m].
     """
@@ -56,14 +56,14 @@ class TrajectoryAlignment:
 
     @property
     def ate_m(self) -> float:
-        """Absolute trajectory error: root mean square of the distances left [m]."""
+        """Absolute trajectory error: root mean square of the distances after the alignment [m]."""
         return float(np.sqrt(np.mean(self.errors_m**2)))
 
 
 def align_trajectories(
     reference: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01
 ) -> TrajectoryAlignment:
-    """Lay an estimate onto a reference by the rigid motion that leaves the smallest squared distances.
+    """Align an estimate with a reference by the rigid motion of least squared distances.
 
     Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds, see
     `matching_poses`.
@@ -71,7 +71,7 @@ def align_trajectories(
     Raises
     ------
     TrajectoryAlignmentError
-        When fewer than two poses belong together.
+        Fewer than two poses match.
     """
     i, j = matching_poses(reference.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < 2:
@@ -92,13 +92,13 @@ class AbsoluteErrors:
     Parameters
     ----------
     T_truth_estimate
-        Carries the estimate's frame to the truth's.
+        Transform from the estimate's frame to the truth's.
     points
         Estimated positions (M, 2) in the truth's frame, in the order of the estimate [m].
     errors_m
         Their distances (M,) from the truth.
     unmatched
-        Estimated poses without a true one at their stamp.
+        Number of estimated poses without a true pose at their stamp.
     """
 
     T_truth_estimate: SE2
@@ -125,12 +125,12 @@ class RelativeErrors:
 
 
 def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
-    """Align the estimate with the truth by a rigid motion and measure the remaining distances, eq. 3 there.
+    """Align the estimate with the truth by a rigid motion and compute the remaining distances, eq. 3 there.
 
     Raises
     ------
     TrajectoryAlignmentError
-        When fewer than two poses belong together.
+        Fewer than two poses match.
     """
     alignment = align_trajectories(truth, estimate, max_stamp_difference)
     _, matched = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
@@ -151,14 +151,14 @@ def relative_errors(
     Parameters
     ----------
     truth, estimate
-        Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds.
+        Poses match if their stamps differ by at most `max_stamp_difference` seconds.
     distance, seconds
-        Length of a step: either the true travelled distance [m], or the duration [s].
+        Length of a step: a true travelled distance [m] or a duration [s].
 
     Raises
     ------
     TrajectoryAlignmentError
-        When the trajectories share no whole step.
+        The trajectories have no common step.
     """
     if (distance is None) == (seconds is None):
         raise ValueError(f"one of distance and seconds must be given, got {distance} and {seconds}")
@@ -183,18 +183,18 @@ def relative_errors(
 
 
 def _passed(stamps: FloatArray) -> FloatArray:
-    """Return the time passed since the first stamp; where a recorder steps back no time passes."""
+    """Return the time since the first stamp; steps back count as no time."""
     return np.cumsum(np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0))
 
 
 def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:
-    """Return indices of poses one step apart: each is the first that is at least one step after the previous."""
+    """Return indices of poses one step apart: each is the first at least one step after the previous."""
     ends = [0] if len(progress) else []
     while ends:
         following = int(np.searchsorted(progress, progress[ends[-1]] + step))
         if following >= len(progress):
             break
-        ends.append(max(following, ends[-1] + 1))  # a step may be too short to be a number's last digit
+        ends.append(max(following, ends[-1] + 1))  # a step may be below the resolution of the numbers
         if ends[-1] >= len(progress):
             ends.pop()
             break
@@ -210,14 +210,14 @@ def _motions(poses: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Figures about absolute errors, in the errors' own unit.
+    """Statistics of absolute errors, in their unit.
 
     Parameters
     ----------
     rmse
         Root mean square.
     mean, standard_deviation, median, maximum
-        The usual statistics; the deviation is that of the whole set, not an estimate from a sample.
+        The usual statistics, with the standard deviation of the population.
     """
 
     rmse: float
@@ -228,7 +228,7 @@ class ErrorStatistics:
 
     @classmethod
     def of(cls, errors: FloatArray) -> "ErrorStatistics":
-        """Sum up errors (N,), N > 0."""
+        """Compute the statistics of errors (N,), N > 0."""
         if not len(errors):
             raise ValueError("errors must hold at least one value, got none")
         return cls(
@@ -241,18 +241,18 @@ class ErrorStatistics:
 
 
 _LEAST_M = 0.02
-"""A smaller error needs no explanation, and noise explains it [m]."""
+"""Least error that is explained; smaller errors are noise [m]."""
 _SHARE = 0.5
 """Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
 _FARTHEST_S = 5.0
-"""Clocks that differ by more have hardly a pose in common by their stamps [s]."""
+"""Largest offset of the clocks; beyond it hardly any stamps match [s]."""
 _STEP_S = 0.05
 _LEAST_S = 0.02
-"""Recorders' delays of some hundredths of a second are no fault [s]."""
+"""Least offset that is reported; delays of recorders are some hundredths of a second [s]."""
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
-    """Return which constant explains most of the error, in one line; None if none does.
+    """Return which constant explains most of the error, in one line; None if there is none.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_differen
 
 
 def _left(target: FloatArray, points: FloatArray) -> float:
-    """Return the root mean square of the distances (N,) that a rigid alignment leaves [m]."""
+    """Return the root mean square of the distances (N,) after a rigid alignment [m]."""
     T_target_source, _ = fit_rigid(target, points)
     return float(np.sqrt(((T_target_source.apply(points) - target) ** 2).sum(axis=1).mean()))
 

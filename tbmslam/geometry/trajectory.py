@@ -1,4 +1,4 @@
-"""Where a robot was, and when."""
+"""Poses of a robot over time."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Trajectory:
     poses: FloatArray
 
     def __post_init__(self) -> None:
-        """Check that stamps and poses are numbers and belong together."""
+        """Check that stamps and poses are finite and of equal number."""
         if self.stamps.ndim != 1 or self.poses.shape != (len(self.stamps), 3):
             raise ValueError(
                 f"stamps (N,) and poses (N, 3) must agree in length, got {self.stamps.shape}, {self.poses.shape}"
@@ -41,7 +41,7 @@ class Trajectory:
         return SE2.from_array(self.poses[index])
 
     def transformed(self, T_new_old: SE2) -> "Trajectory":
-        """Return the same drive in another frame."""
+        """Return the trajectory in another frame."""
         moved = np.empty_like(self.poses)
         moved[:, :2] = T_new_old.apply(self.poses[:, :2])
         moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
@@ -68,20 +68,20 @@ class Trajectory:
 
 
 _REST_M = 0.05
-"""The poses of a robot at rest lie this near to each other."""
+"""Largest distance between poses of a robot at rest [m]."""
 _SHORTEST_S, _FASTEST, _FASTEST_TURN = 1e-3, 5.0, 2.0
-"""No two poses lie closer in time, and no robot indoors drives or turns faster [s], [m/s], [rad/s]."""
+"""Least time between poses [s], and largest speed [m/s] and turn rate [rad/s] of a robot indoors."""
 
 
 def drive_speeds(stamps: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return how fast a robot drove ahead (K,) [m/s] at poses (K, 3), two at least; see `turn_rates` for stamps."""
+    """Return the forward speeds (K,) of a robot [m/s] at poses (K, 3), K > 1; see `turn_rates` for stamps."""
     steps = np.gradient(poses[:, :2], axis=0)
     ahead = np.cos(poses[:, 2]) * steps[:, 0] + np.sin(poses[:, 2]) * steps[:, 1]
     return _per_second(ahead, stamps, _FASTEST)
 
 
 def turn_rates(stamps: FloatArray, headings: FloatArray) -> FloatArray:
-    """Return how fast a robot turned (K,) [rad/s] at headings (K,) [rad], two at least.
+    """Return the turn rates (K,) of a robot [rad/s] at headings (K,) [rad], K > 1.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Maps and trajectories in files: ours, and those of other programs."""
+"""Files of maps and trajectories, also in formats of other programs."""

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing: a file appears complete or not at all."""
 
 import os
 import secrets
@@ -12,12 +12,12 @@ from tbmslam.special_file import is_device_or_pipe
 
 
 class FileNotWrittenError(TbmSlamError):
-    """A file could not be written; an earlier file at its place is unchanged."""
+    """A file could not be written; an earlier file of that name is unchanged."""
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | None = None) -> Iterator[Path]:
-    """Yield a temporary path beside `path` to write to, and put the new file in its place when the block ends well.
+    """Yield a temporary path beside `path`, and rename it to `path` if the block succeeds.
 
     The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
     cut leaves the old file or the new one. Missing parent folders are made. A file has one writer at a time.
@@ -25,7 +25,7 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
     Parameters
     ----------
     path
-        The place.
+        The file to write.
     make_way
         Called when the new file is on the disk, where nothing but an interruption can keep it from its name any more:
         removes what would be wrong beside it.
@@ -40,7 +40,7 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
     if not target.name:
         raise FileNotWrittenError(f"{str(path)!r} is no file name: give a file name")
     _check_place(target)
-    # The suffix stays last: some writers choose their format by it.
+    # The suffix stays last, since some writers choose their format by it.
     temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -56,18 +56,18 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
             f"{target}: cannot be written ({error.strerror or error}): choose another place or make room"
         ) from error
     finally:
-        with suppress(OSError):  # there is none, or its folder is no folder
+        with suppress(OSError):  # there is no file or no folder
             temporary.unlink()
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write a file, whole or not at all; see `replacing`."""
+    """Write a file atomically; see `replacing`."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file as UTF-8 with the line ends given, whole or not at all; see `replacing`.
+    """Write a text file atomically as UTF-8 without changes of line ends; see `replacing`.
 
     Names of files that are no text appear with their bytes written out.
     """
@@ -80,7 +80,7 @@ def _check_place(target: Path) -> None:
         is_taken = is_device_or_pipe(target)
     except OSError:  # a folder of the path may not be readable; writing reports it
         return
-    # /dev/stdout may be a link to a file, and be needed all the same.
+    # /dev/stdout may be a link to a file, but must not be replaced.
     if is_taken or target.absolute().parent == Path(os.devnull).parent:
         raise FileNotWrittenError(f"{target}: is a device or a pipe: give the name of a file")
 
@@ -97,7 +97,7 @@ def _flush(path: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Bring a folder's names to the disk, where the system lets a folder be opened."""
+    """Write a folder's names to the disk, if the system can open folders."""
     if os.name != "posix":
         return
     descriptor = os.open(folder, os.O_RDONLY)

@@ -1,4 +1,4 @@
-"""Building maps of the Beesoft programs, such as CMU's Wean Hall, to compare maps with.
+"""Maps of the Beesoft programs, such as CMU's Wean Hall, for comparisons.
 
 A text file, plain or gzipped: lines of settings that end with ``global_map[0]: ROWS COLS``, then a probability of being
 free for each cell, -1 if nothing is known. A line of numbers runs along y and the lines follow each other along x;
@@ -18,7 +18,7 @@ from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry, check_size
 
 DOUBTFUL = (0.2, 0.8)
-"""Probabilities between these count as unknown: such cells lie behind walls, where the program only guessed."""
+"""Probabilities between these are unknown: such cells are behind walls, where the program guessed."""
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _RESOLUTION = re.compile(r"^robot_specifications->resolution\s+(\S+)\s*$", re.MULTILINE)
@@ -33,7 +33,7 @@ def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
     Raises
     ------
     MapFileError
-        If the file is missing, cut off, damaged, or no such map.
+        The file is missing, cut off, damaged, or of another format.
     """
     path = Path(path)
     text = _text(path)

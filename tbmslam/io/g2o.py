@@ -1,4 +1,4 @@
-"""Pose graphs as g2o and GTSAM read them: the keyframes of drives, and the measurements between them."""
+"""Pose graphs in the format of g2o and GTSAM: keyframes of drives, and measurements between them."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -12,7 +12,7 @@ _UPPER = np.triu_indices(3)
 
 
 def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
-    """Write a pose graph, whole or not at all.
+    """Write a pose graph atomically.
 
     A vertex is the pose of the laser at a keyframe, in the map's frame. An edge is the motion to the next keyframe as
     odometry and scans measured it, with its information. Loop closures are comments: what was measured is not kept, and

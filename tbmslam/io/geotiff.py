@@ -14,7 +14,7 @@ from tbmslam.io.atomic_file import replacing
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry
 
 BANDS = ("pignistic", "free", "occupied", "unknown", "conflict")
-"""What the bands hold: the probability of being occupied, and the masses."""
+"""Names of the bands: the probability of being occupied, and the masses."""
 
 _LOCAL = 'LOCAL_CS["map frame",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 
@@ -24,7 +24,7 @@ class GeoTiffError(TbmSlamError):
 
 
 def require_rasterio() -> None:
-    """Check that GeoTIFF can be written, before work is done for it.
+    """Check that GeoTIFF can be written.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def require_rasterio() -> None:
 
 
 def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
-    """Write a grid, whole or not at all: five bands of float32, see `BANDS`; coordinates are metres in its frame.
+    """Write a grid atomically: five bands of float32, see `BANDS`; coordinates are metres in its frame.
 
     The frame lies nowhere on Earth, so the coordinate system is a local one.
 

@@ -1,4 +1,4 @@
-"""A map as a folder: everything in map.npz, and the same for people and other programs beside it."""
+"""A map as a folder: map.npz with all data, and files for people and other programs."""
 
 import os
 import re
@@ -23,11 +23,11 @@ _GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
 _PICTURES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 _LONGEST_NAME = 100
 FIXED_NAMES = ("map.npz", "map.yaml", "map.pgm", *(f"{name}.png" for name in PICTURE_NAMES), "pignistic.pgw")
-"""Files of every map's folder; there are trajectories, too."""
+"""Files of all map folders, besides trajectories."""
 
 
 def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
-    """Write a map's folder, made if need be: map.npz, map.yaml and map.pgm, trajectories, pictures.
+    """Write a map to a folder: map.npz, map.yaml and map.pgm, trajectories, pictures.
 
     Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum; those
     of an older map in the folder are removed before the new map takes its place, so that whenever writing ends, no
@@ -53,19 +53,19 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
 
 
 def map_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files in a folder that are called as `save_map` calls those it wrote there, or would write."""
+    """Return the files in a folder with names of files of `save_map`."""
     names = (*FIXED_NAMES, *sorted(_trajectories_in(Path(folder))))
     return [Path(folder, name) for name in names if os.path.lexists(Path(folder, name))]
 
 
 def remove_map(folder: str | os.PathLike[str]) -> None:
     """Remove the files that `save_map` wrote into a folder; other files stay."""
-    # Last the file that names the trajectories of the map.
+    # The file with the names of the trajectories is removed last.
     _remove(reversed(map_files(folder)))
 
 
 def load_map(path: str | os.PathLike[str]) -> TbmMap:
-    """Read a map of any format known here.
+    """Read a map of any supported format.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
     Raises
     ------
     MapFileError
-        If there is no map of a known format, or it is damaged.
+        There is no map of a supported format, or it is damaged.
     """
     path = Path(path)
     if path.is_dir():
@@ -122,12 +122,12 @@ def _remove(paths: Iterable[Path]) -> None:
 
 
 def _trajectories_in(folder: Path) -> set[str]:
-    """Return the names of the trajectories that belong to the map in a folder; other people's may lie beside them."""
+    """Return the names of the map's trajectories in a folder, which may contain others."""
     return set(_trajectory_files(drive_lengths(folder / "map.npz"))) if (folder / "map.npz").is_file() else set()
 
 
 def _trajectory_files(lengths: Sequence[tuple[str, int]]) -> dict[str, int]:
-    """Return a file name for each drive, given names and poses, and which drive it is for.
+    """Return file names of drives with the index of their drive, from names and poses.
 
     A drive without poses gets none, since evo reads no empty file.
     """
@@ -139,7 +139,7 @@ def _trajectory_files(lengths: Sequence[tuple[str, int]]) -> dict[str, int]:
         plain = re.sub(r"[^\w.-]+", "_", drive)[:_LONGEST_NAME]
         stem = name = "trajectory" if len(lengths) == 1 else f"trajectory_{plain}"
         repeated = 1
-        # Names may differ only in characters that a file name cannot hold, or in case, which some disks ignore.
+        # Names may differ only in characters that file names cannot contain, or in case, which some disks ignore.
         while name.lower() in taken:
             repeated += 1
             name = f"{stem}_{repeated}"

@@ -44,7 +44,7 @@ _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
 def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap, make_way: Callable[[], object] | None = None) -> None:
-    """Write a map, whole or not at all; see `tbmslam.io.atomic_file.replacing`.
+    """Write a map atomically; see `tbmslam.io.atomic_file.replacing`.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:
 
 
 def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
-    """Read a map; nothing in the file is trusted before it is checked, and nothing in it is run.
+    """Read a map. All contents are checked, and none is executed.
 
     Raises
     ------
@@ -178,12 +178,12 @@ def _read_motions(arrays: ArrayZip, number: int) -> DriveMotions | None:
 def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:
     provenance = json.loads(str(arrays.read("provenance", np.str_, ())))
     if not isinstance(provenance, dict):
-        raise ValueError("provenance is no JSON object")  # noqa: TRY004  # the file's fault, not a caller's type
+        raise ValueError("provenance is no JSON object")  # noqa: TRY004  # an error of the file, not of the caller
     return provenance
 
 
 _SAME_POSE = 1e-6
-"""Poses that differ by less [m, rad] are one pose."""
+"""Largest difference of equal poses [m, rad]."""
 
 _MOST_COMPARED = 100
 """Number of poses with one stamp that are compared with a keyframe; all have one stamp if the clock stands still."""

@@ -1,4 +1,4 @@
-"""Arrays in a zip as numpy writes them, with the same bytes every time and with checks of untrusted files."""
+"""Zips of arrays in numpy's format: written reproducibly, and checked when read."""
 
 import math
 import os
@@ -18,22 +18,22 @@ from tbmslam.io.atomic_file import replacing
 
 Array = npt.NDArray[Any]
 _DEFLATE_LIMIT = 1040
-"""Largest compression ratio of deflate; a file that states a larger one has wrong sizes."""
+"""Largest compression ratio of deflate; a file with a larger ratio states wrong sizes."""
 
 _FREE_BYTES, _USUAL_RATIO = 64_000_000, 100
-"""An array of unforeseen length that is larger than this, and packed better than numbers of a drive are, is a bomb."""
+"""Size above which an array of unknown length with a better compression than the numbers of a drive is refused."""
 
 _LONGEST_REASON = 120
 
 
 class NpzError(TbmSlamError):
-    """A file is no zip of arrays, or not of those expected."""
+    """A file is not a zip of the expected arrays."""
 
 
 def write_npz(
     path: str | os.PathLike[str], arrays: dict[str, Array], make_way: Callable[[], object] | None = None
 ) -> None:
-    """Write named arrays, whole or not at all, in the order given; `numpy.load` reads them. See `replacing`.
+    """Write named arrays atomically in the given order for `numpy.load`; see `replacing`.
 
     Raises
     ------
@@ -46,11 +46,11 @@ def write_npz(
             zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         ):
             for name, values in arrays.items():
-                # An entry opened by its name gets no time but the zip epoch: the same arrays give the same bytes.
+                # An entry that is opened by its name gets the zip epoch as its time, so equal arrays give equal bytes.
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
                     np.lib.format.write_array(stream, values, allow_pickle=False)
     except ValueError as error:
-        # An archive that is interrupted while it ends an entry refuses to be closed, which would hide the interruption.
+        # An archive that is interrupted at the end of an entry cannot be closed; the error would hide the interruption.
         if isinstance(error.__context__, KeyboardInterrupt):
             raise KeyboardInterrupt from error
         raise
@@ -82,11 +82,11 @@ class ArrayZip:
         self._archive.close()
 
     def __contains__(self, name: str) -> bool:
-        """Return whether there is an array of this name."""
+        """Return whether the file has an array of this name."""
         return f"{name}.npy" in self._archive.namelist()
 
     def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
-        """Return the shape of an array by its header, after the checks that need no reading.
+        """Return the shape of an array by its header, after checks that do not read the array.
 
         Parameters
         ----------
@@ -104,14 +104,14 @@ class ArrayZip:
     def read(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> Array:
         """Return an array; see `shape` for the arguments and errors.
 
-        Where the expected shape leaves its size open, what unpacks to far more than it should is refused.
+        Implausibly large arrays are refused if the expected shape has an open size.
         """
         self.shape(name, dtype, shape)
         with self._entry(name) as (stream, info):
             if None in shape or np.dtype(dtype).kind == "U":
                 _check_ratio(name, info)
             values = np.lib.format.read_array(stream, allow_pickle=False)
-            stream.read(1)  # at its end an entry is compared with its checksum
+            stream.read(1)  # the checksum is compared at the end of an entry
             # numpy accepts strings with invalid code points, on which Python fails later.
             if values.dtype.kind == "U" and np.any(np.frombuffer(values.tobytes(), dtype=np.uint32) > sys.maxunicode):
                 raise NpzError(f"{name} is damaged text")
@@ -128,7 +128,7 @@ class ArrayZip:
             raise NpzError(f"it has no {name}") from None
         except NpzError:
             raise
-        # Damaged zips and headers raise nearly anything: tokenize.TokenError and SystemError were seen too.
+        # Damaged zips and headers raise many types, also tokenize.TokenError and SystemError.
         except Exception as error:
             raise NpzError(f"{name} cannot be read ({_shortened(error)})") from error
 
@@ -139,7 +139,7 @@ def _check_ratio(name: str, info: zipfile.ZipInfo) -> None:
 
 
 def _shortened(error: Exception) -> str:
-    """Return an error's text, shortened: libraries may quote the rest of the file."""
+    """Return the shortened text of an error, since libraries may quote the rest of the file."""
     return " ".join(str(error).split())[:_LONGEST_REASON]
 
 

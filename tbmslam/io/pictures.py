@@ -12,7 +12,7 @@ from tbmslam.io.atomic_file import write_bytes, write_text
 
 
 def write_world_file(picture: Path, geometry: GridGeometry) -> None:
-    """Write the world file of a PNG picture of a grid, one pixel a cell, y up: `NAME.pgw` beside `NAME.png`.
+    """Write the world file `NAME.pgw` of a PNG picture of a grid, one pixel for each cell, y up.
 
     Coordinates are metres in the map's frame. Source: ESRI's format, "pixel size in x, two rotations, negative pixel
     size in y, centre of the upper left pixel".
@@ -33,7 +33,7 @@ Picture = npt.NDArray[np.uint8]
 
 def encode_png(picture: Picture) -> bytes:
     """Return a picture as a PNG file."""
-    import cv2  # noqa: PLC0415  # slow to load, and reading a map or measuring needs no pictures
+    import cv2  # noqa: PLC0415  # slow to load, and only pictures need it
 
     encoded, content = cv2.imencode(".png", picture)
     if not encoded:
@@ -45,7 +45,7 @@ _MASSES = {"occupied": OCCUPIED, "free": FREE, "unknown": UNKNOWN, "conflict": C
 _ROWS_AT_ONCE = 64
 
 PICTURE_NAMES = ("pignistic", *_MASSES)
-"""Names of the pictures, without their ending."""
+"""Names of the pictures without suffix."""
 
 
 def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:

@@ -41,13 +41,13 @@ class RosMapHeader:
     Parameters
     ----------
     image
-        Where the picture lies.
+        Path of the picture.
     resolution
         Side of a pixel [m].
     T_map_image
         Pose of the picture's lower left corner.
     pixels
-        What they mean.
+        Meaning of the pixels.
     """
 
     image: Path
@@ -62,7 +62,7 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
     Raises
     ------
     MapFileError
-        If it cannot be read, lacks a key, or has an invalid value.
+        The file cannot be read, lacks a key, or has an invalid value.
     """
     values = _parse(path)
     needed = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # as in map_server
@@ -87,7 +87,7 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
         raise MapFileError(f"{path}: negate must be 0 or 1, it is {reprlib.repr(negate)}: correct it")
     if mode not in get_args(Mode):
         raise MapFileError(f"{path}: mode must be trinary, scale or raw, it is {reprlib.repr(mode)}: correct it")
-    alpha = values.get("alpha", "unknown")  # a key of our own, which map_server passes over
+    alpha = values.get("alpha", "unknown")  # a key of this project, which map_server ignores
     if alpha not in get_args(Alpha):
         raise MapFileError(f"{path}: alpha must be unknown or average, it is {reprlib.repr(alpha)}: correct it")
     occupied, free = (_number(path, key, values[key]) for key in ("occupied_thresh", "free_thresh"))
@@ -107,7 +107,7 @@ def _parse(path: Path) -> dict[object, object]:
         check_file(path)
         with path.open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
-        # Yaml can be made to take hours or gigabytes; a map's never is long.
+        # A malicious yaml file may take hours or gigabytes; that of a map is short.
         values = yaml.safe_load(content) if len(content) <= _MAX_BYTES else None
     except OSError as error:
         raise MapFileError(f"{path}: cannot be read: {error.strerror}") from error
@@ -120,7 +120,7 @@ def _parse(path: Path) -> dict[object, object]:
 
 
 def _number(path: Path, key: str, value: object) -> float:
-    """Return a finite number; ROS's yaml library takes 1e-2 for one where Python's reads a text."""
+    """Return a finite number, also for 1e-2, which is a text for Python's yaml library but a number for that of ROS."""
     try:
         number = float(value) if isinstance(value, (int, float, str)) and not isinstance(value, bool) else np.nan
     except (ValueError, OverflowError):
@@ -131,7 +131,7 @@ def _number(path: Path, key: str, value: object) -> float:
 
 
 def _image_path(path: Path, name: object) -> Path:
-    """Return where the picture lies: in the yaml's folder or below, so that a map cannot name any file there is.
+    """Return the path of the picture, which must be in the yaml's folder or below: a map must not name any other file.
 
     If a path does not exist, as one of another machine, the file of that name beside the yaml is used.
     """
@@ -150,11 +150,11 @@ def _image_path(path: Path, name: object) -> Path:
 FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
 _OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
 _MENDED = 0.01
-"""So large a share of a map saver's picture may hold other greys, where a brush was drawn over it."""
+"""Largest share of other greys in a map saver's picture, as from a brush."""
 
 
 def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
-    """Write a grid as `stem`.yaml and `stem`.pgm, or as map.yaml and map.pgm in it where `stem` is a folder.
+    """Write a grid as `stem`.yaml and `stem`.pgm, or as map.yaml and map.pgm if `stem` is a folder.
 
     The yaw is 0 since a grid's cells lie along the axes; that suits costmaps and AMCL, which ignore a yaw.
 
@@ -180,7 +180,7 @@ def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
 
 
 def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
-    """Paint a grid (rows, cols), top row first: 254 free, 0 occupied, 205 unknown; see `occupancy_of`."""
+    """Return a picture (rows, cols) of a grid, top row first: 254 free, 0 occupied, 205 unknown; see `occupancy_of`."""
     occupancy = occupancy_of(grid)[::-1]
     pixels = np.full(occupancy.shape, UNKNOWN_PIXEL, dtype=np.uint8)
     pixels[occupancy == 0] = FREE_PIXEL
@@ -189,7 +189,7 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
 
 
 def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
-    """Read a map of map_server or nav2 as beliefs; a turned map is resampled to lie along the axes.
+    """Read a map of map_server or nav2 as beliefs; a rotated map is resampled along the axes.
 
     `tbmslam.belief.grid` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that
     a map saver wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and
@@ -198,7 +198,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     Raises
     ------
     MapFileError
-        If the yaml or its picture is missing, damaged, too large, or has an invalid value.
+        The yaml or its picture is missing, damaged, too large, or has an invalid value.
     """
     header = read_ros_map_header(Path(path))
     image = read_image(header.image)
@@ -249,7 +249,7 @@ def _warn_of_transparency(path: Path, image: MapImage, rule: PixelRule) -> None:
 
 
 def _frees_the_unknown(image: MapImage, rule: PixelRule) -> bool:
-    """Return whether a picture has the values of map savers, and the thresholds take the unknown for free.
+    """Return whether a picture has the values of map savers, and the thresholds make unknown cells free.
 
     See slam_toolbox issue 587 and nav2 issue 5138. A picture edited by hand has white areas and a few greys.
     """

@@ -1,4 +1,4 @@
-"""The original programs' map dumps, `.tbm_map`, both ways.
+"""Map dumps of the original programs, `.tbm_map`: reading and writing.
 
 vinySLAM writes them, TBMMapMerging reads and writes them. A packed little-endian header (int32 height, int32 width,
 float64 side of a cell [m], int32 origin x, y) is followed by the cells, row by row with y ascending; a cell's masses
@@ -46,7 +46,7 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
     Raises
     ------
     MapFileError
-        If the file is missing, cut off, damaged, or holds numbers that make no map.
+        The file is missing, cut off, damaged, or holds impossible numbers.
     """
     geometry, body = _unpacked(Path(path))
     cell = _SLAM_CELL if len(body) == geometry.rows * geometry.cols * _SLAM_CELL.itemsize else _MERGING_CELL
@@ -57,7 +57,7 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
         )
     cells = np.frombuffer(body, dtype=cell)
     masses = np.empty((len(cells), 4), dtype=np.float32)
-    with np.errstate(over="ignore", invalid="ignore"):  # too large for float32 is infinite and found out below
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow in float32 gives inf, which is refused below
         masses[:, _FILE_ORDER] = cells["masses"]
     grid = TbmGrid(geometry, masses.reshape(geometry.rows, geometry.cols, 4))
     if (fault := grid.fault()) is not None:
@@ -66,7 +66,7 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
 
 
 def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout = "slam") -> None:
-    """Write a grid as the original programs do; whole or not at all.
+    """Write a grid atomically in the format of the original programs.
 
     The format knows origins in whole cells only. A grid whose origin lies between two goes to the nearer one, half a
     cell away at most; the grids of `tbmslam.slam` lie on whole cells.
@@ -111,7 +111,7 @@ def _merging_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
 
 
 def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
-    """Compress in the format of roslz4, the only one that the original program reads."""
+    """Compress in the format of roslz4, which the original program requires."""
     frame = lz4.frame.compress(
         cells.tobytes(),
         block_size=lz4.frame.BLOCKSIZE_MAX4MB,
@@ -132,7 +132,7 @@ def _unpacked(path: Path) -> tuple[GridGeometry, bytes]:
             geometry = _geometry(path, file.read(_HEADER.size))
             limit = geometry.rows * geometry.cols * _SLAM_CELL.itemsize + 1
             magic = file.read(len(_LZ4_MAGIC))
-            # An LZ4 frame of what cannot be compressed is longer than that by little.
+            # An LZ4 frame of incompressible data is slightly longer than the data.
             body = magic + file.read(limit + limit // 100 + 64)
     except OSError as error:
         raise MapFileError(f"{path}: cannot be read: {error.strerror}") from error
@@ -154,7 +154,7 @@ def _lz4_body(path: Path, frame: bytes, limit: int) -> bytes:
     decompressor = lz4.frame.LZ4FrameDecompressor()
     try:
         body = bytes(decompressor.decompress(frame, max_length=limit))
-        if not decompressor.eof:  # all that is left to read may be the end mark and the checksum
+        if not decompressor.eof:  # only the end mark and the checksum may remain
             body += decompressor.decompress(b"", max_length=1)
     except (RuntimeError, EOFError) as error:
         raise MapFileError(f"{path}: its LZ4 frame is damaged ({error}): get the file again") from error

@@ -21,9 +21,9 @@ class TumError(TbmSlamError):
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write a trajectory, whole or not at all; stamps keep nanoseconds."""
+    """Write a trajectory atomically; stamps keep nanoseconds."""
     lines = [
-        # No space may follow the last number: evo refuses the line.
+        # No space after the last number, since evo refuses such a line.
         f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n"
         for stamp, (x, y, theta) in zip(trajectory.stamps.tolist(), trajectory.poses.tolist(), strict=True)
     ]
@@ -56,7 +56,7 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def pose_lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a file that should hold a pose, with their numbers from 1.
+    """Return the lines of a file that should contain a pose, with their numbers from 1.
 
     Raises
     ------
@@ -91,21 +91,21 @@ def _numbers(place: str, line: str) -> list[float]:
 
 
 Frame = Literal["robot", "laser"]
-"""What a trajectory is of."""
+"""Body whose poses a trajectory contains."""
 
 _FIELDS = 4
 
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """Where a robot or its laser truly was.
+    """The true trajectory of a robot or its laser.
 
     Parameters
     ----------
     trajectory
         The poses.
     frame
-        What they are of.
+        Body whose poses they are.
     """
 
     trajectory: Trajectory

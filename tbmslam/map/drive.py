@@ -15,7 +15,7 @@ _EIGENVALUES = 1e-12, 1e12
 
 @dataclass(frozen=True)
 class DriveMotions:
-    """The motion of the laser from each keyframe to the next, as measured by odometry and scans, with its information.
+    """Motions of the laser between successive keyframes by odometry and scans, with their information.
 
     Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
     and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
@@ -32,7 +32,7 @@ class DriveMotions:
     informations: FloatArray
 
     def __post_init__(self) -> None:
-        """Check that the arrays belong together and hold motions and informations."""
+        """Check the shapes and values of the arrays."""
         count = len(self.steps)
         if self.steps.shape != (count, 3) or self.informations.shape != (count, 3, 3):
             raise ValueError(
@@ -56,7 +56,7 @@ class DriveMotions:
 
 @dataclass(frozen=True, repr=False)
 class Drive:
-    """One robot's way through the map.
+    """The drive of a robot through the map.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Drive:
     closures
         Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
     motions
-        What was measured from each keyframe to the next; None where only the poses are known.
+        Measured motions between keyframes; None if only the poses are known.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Drive:
     motions: DriveMotions | None = None
 
     def __post_init__(self) -> None:
-        """Check that keyframes are on the trajectory, and closures and motions between keyframes."""
+        """Check that keyframes are on the trajectory, and that closures and motions are between keyframes."""
         indices, poses = self.keyframes.indices, len(self.trajectory)
         if poses and len(indices) and indices[-1] >= poses:  # they rise
             raise ValueError(f"keyframes must be among the {poses} poses of the trajectory, got index {indices[-1]}")

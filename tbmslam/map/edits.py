@@ -1,4 +1,4 @@
-"""What a person changed in a map: a list that can be applied again when the map is built again."""
+"""Manual changes of a map, which can be repeated on a new version of the map."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ _NUMBERS: dict[str, int] = {"crop": 4, "rotate": 1, "erase": 4, "free": 4, "occu
 _MOST_POINTS = 20_000
 """Largest number of occupied cells that are used to find the rotation of a building."""
 _TURNS_DEG = ((45.0, 0.5), (0.5, 0.05), (0.05, 0.01))
-"""Ranges and steps of the tried rotations, from coarse to fine."""
+"""Ranges and steps of the tested rotations, from coarse to fine."""
 _FARTHEST = 1e5
-"""A coordinate [m] beyond this is a mistake."""
+"""Largest plausible coordinate [m]."""
 
 
 @dataclass(frozen=True)
 class MapEdit:
-    """One change of a map.
+    """A change of a map.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class MapEdit:
 
 
 def without_scans(tbm_map: TbmMap) -> TbmMap:
-    """Return a map whose drives have trajectories only: from keyframes, a merge would render the map unedited."""
+    """Return a map whose drives have only trajectories, since a merge would render keyframes without the edits."""
     nothing = Keyframes.from_scans([], [], [])
     return replace(tbm_map, drives=tuple(Drive(drive.name, drive.trajectory, nothing) for drive in tbm_map.drives))
 
@@ -104,7 +104,7 @@ def _sharpness(points: FloatArray, turn: float) -> float:
     total = 0.0
     for values in (x - x.min(), y - y.min()):
         lower = values.astype(np.int64)
-        share = values - lower  # of the next bin, so that the sum changes smoothly with the turn
+        share = values - lower  # of the next bin, so that the sum is a smooth function of the angle
         counts = np.bincount(lower, 1.0 - share, lower.max() + 2) + np.bincount(lower + 1, share, lower.max() + 2)
         total += float(counts @ counts)
     return total
@@ -116,7 +116,7 @@ def keepout_mask(geometry: GridGeometry) -> TbmMap:
 
 
 def _belief(kind: str) -> npt.NDArray[np.float32]:
-    """Return the masses (4,) of a cell that was drawn: as reliable as a map of another program."""
+    """Return the masses (4,) of a drawn cell, with the reliability of a map of another program."""
     masses = np.zeros(4, dtype=np.float32)
     if kind != "erase":
         masses[FREE if kind == "free" else OCCUPIED] = RELIABILITY
@@ -127,7 +127,7 @@ def _belief(kind: str) -> npt.NDArray[np.float32]:
 def _rectangle(
     geometry: GridGeometry, low: tuple[float, float], high: tuple[float, float]
 ) -> tuple[npt.NDArray[Any], ...]:
-    """Return an index of the cells whose centres lie in a rectangle."""
+    """Return an index of the cells with centres in a rectangle."""
     x = geometry.origin_x + (np.arange(geometry.cols) + 0.5) * geometry.resolution
     y = geometry.origin_y + (np.arange(geometry.rows) + 0.5) * geometry.resolution
     inside_x, inside_y = ((values >= a) & (values < b) for values, a, b in zip((x, y), low, high, strict=True))

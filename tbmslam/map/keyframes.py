@@ -1,4 +1,4 @@
-"""What a map remembers of its drive: scans and where they were taken, so that it can be rendered again."""
+"""Keyframes of a drive: scans with their poses, from which the map can be rendered again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ class Keyframes:
     indices: npt.NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        """Check that the arrays belong together."""
+        """Check the shapes and values of the arrays."""
         count = len(self.stamps)
         arrays = (self.poses, self.sensor_poses, self.beams, self.offsets, self.beam_steps, self.indices)
         shapes = tuple(values.shape for values in arrays)
@@ -54,7 +54,7 @@ class Keyframes:
             raise ValueError(f"offsets must rise from 0 to the {len(self.ranges)} ranges")
         if np.any(self.indices < 0) or np.any(np.diff(self.indices) <= 0):
             raise ValueError("indices into the trajectory must rise from 0 or later, none of them twice")
-        # A laser without a limit has range_max +inf; nothing else may be infinite.
+        # Only range_max may be infinite, for a laser without a limit.
         numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3], self.beam_steps)
         if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
             raise ValueError("stamps, poses and beams must be finite")
@@ -111,7 +111,7 @@ class Keyframes:
         return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
 
     def mounting(self) -> SE2:
-        """Return where the laser is mounted, T_robot_sensor; where that changed, the median by number."""
+        """Return the mount of the laser, T_robot_sensor; if it changed, the median of each coordinate."""
         return SE2.from_array(np.median(self.sensor_poses, axis=0))
 
     def all_sensor_poses(self) -> FloatArray:

@@ -13,7 +13,7 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.sensing.segmentation import in_frame
 
 FAR_M = 1000.0
-"""Up to this distance single precision resolves a tenth of a millimetre [m]."""
+"""Distance up to which single precision resolves a tenth of a millimetre [m]."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class LocalFrame:
     Parameters
     ----------
     T_far_near
-        The identity where the far frame is near, too.
+        Pose of the near frame in the far frame; the identity if the origin of the far frame is near.
     """
 
     T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # immutable
     is_far: bool = field(init=False)
-    """Whether the two frames differ; asked for every scan."""
+    """Whether the two frames differ."""
 
     def __post_init__(self) -> None:
         """Compare the frames."""

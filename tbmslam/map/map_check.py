@@ -24,7 +24,7 @@ def machine_memory() -> int:
 
 
 def _own_limit() -> int:
-    """Return the address space that is available to this program [bytes]."""
+    """Return the available address space of this program [bytes]."""
     try:
         import resource  # noqa: PLC0415 - not every system has it
     except ImportError:
@@ -36,7 +36,7 @@ def _own_limit() -> int:
 def _physical() -> int:
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):  # not on Windows, nor everywhere else
+    except (AttributeError, OSError, ValueError):  # not available on all systems
         return sys.maxsize
 
 
@@ -48,16 +48,16 @@ def _limit(file: Path) -> int:
 
 
 MAX_CELLS = 400_000_000
-"""Cells beyond which a file is not believed: 1 km by 1 km in cells of 5 cm, and 6.4 GB of masses."""
+"""Largest plausible number of cells: 1 km by 1 km in cells of 5 cm, and 6.4 GB of masses."""
 
-_BYTES_A_CELL = 20  # four masses, and what they are made from
+_BYTES_A_CELL = 20  # four masses and their input
 
 SMALLEST_CELL, LARGEST_CELL = 1e-3, 100.0
-"""Cells of other sizes [m] are no map of a building but a wrong resolution, and arithmetic fails on them."""
+"""Least and largest plausible resolution [m]."""
 
 
 class MapFileError(TbmSlamError):
-    """A file holds no valid map: one line with the file, the fact and the remedy."""
+    """A file does not contain a valid map. The message states the file, the problem and the remedy."""
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
@@ -66,14 +66,14 @@ def check_file(path: str | os.PathLike[str]) -> None:
     Raises
     ------
     MapFileError
-        If it is a device, a pipe or an empty file. What does not exist passes.
+        It is a device, a pipe or an empty file. Missing files pass.
     """
     if why := why_unreadable(Path(path)):
         raise MapFileError(f"{path}: {why}: give a map's folder or file")
 
 
 def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None:
-    """Check numbers that a file declares, before memory is taken for them.
+    """Check numbers that a file declares, before memory is allocated.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
     Raises
     ------
     MapFileError
-        If there are no cells, or too many to be believed or for this machine.
+        There are no cells, or too many for a plausible map or for this machine.
     """
     if rows < 1 or cols < 1:
         raise MapFileError(f"{path}: a map of {rows} x {cols} cells is empty: make it again")
@@ -125,14 +125,13 @@ def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
 
 
 MAX_DISTANCE = 10_000.0
-"""Distance [m] at which no robot is believed to have been from its map, nor to have seen anything; it would be walked
-step by step for ever."""
+"""Largest plausible distance of a robot or a hit from the map [m]; algorithms would step over longer ones forever."""
 
 MAX_TURN = 1000.0
-"""Angle [rad] beyond which a file is not believed."""
+"""Largest plausible angle of a file [rad]."""
 
 MAX_LEVER = 1000.0
-"""Distance [m] from its robot at which no laser is believed to be."""
+"""Largest plausible distance of a laser from its robot [m]."""
 
 
 def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
@@ -164,6 +163,6 @@ def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
 
 
 def _first(values: FloatArray, limit: float) -> int | None:
-    """Return the first row of values (N, C) that holds one above a limit."""
+    """Return the first row of values (N, C) with a value above a limit."""
     above = np.flatnonzero((values > limit).any(axis=1))
     return int(above[0]) if len(above) else None

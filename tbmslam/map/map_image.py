@@ -1,4 +1,4 @@
-"""Pictures of maps as map_server reads them: brightness, an alpha channel, and the occupancy that a pixel means."""
+"""Pictures of maps for map_server: brightness, alpha channel, and the occupancy of pixels."""
 
 import os
 import re
@@ -29,7 +29,7 @@ class MapImage:
     pixels
         Unsigned integers (rows, cols, channels), the top row first: grey, or three colours, then perhaps alpha.
     maximum
-        The value of full brightness.
+        Value of full brightness.
     """
 
     pixels: npt.NDArray[Any]
@@ -54,14 +54,14 @@ def read_image(path: Path) -> MapImage:
     Raises
     ------
     MapFileError
-        If the file is missing, damaged, too large, or no picture of 8 or 16 bits.
+        The file is missing, damaged, too large, or not a picture of 8 or 16 bits.
     """
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise MapFileError(f"{path}: the map's image {why}: name a picture")
     try:
         with path.open("rb") as file:
             content = file.read(_HEAD_BYTES)
-            _check_stated_size(path, content)  # before a file with a few bytes and a hole takes all memory
+            _check_stated_size(path, content)  # before a sparse file takes all memory
             if os.fstat(file.fileno()).st_size > _MOST_BYTES:
                 raise MapFileError(f"{path}: the map's image is larger than 1 GB: crop it or save it as PNG")
             content += file.read()
@@ -77,7 +77,7 @@ def encode_pgm(pixels: npt.NDArray[np.uint8]) -> bytes:
 
 
 def _check_stated_size(path: Path, head: bytes) -> None:
-    """Check the size that a picture's first bytes state, where they do."""
+    """Check the size that a picture's header states, if any."""
     header = _PGM_HEADER.match(head)
     if header is not None:
         check_size(path, rows=int(header[3]), cols=int(header[2]))
@@ -115,7 +115,7 @@ def _decode(path: Path, content: bytes) -> MapImage:
         _check_png_chunks(path, content)
     level = cv2.utils.logging.setLogLevel(
         cv2.utils.logging.LOG_LEVEL_SILENT
-    )  # a damaged file gives one error, without OpenCV's own message
+    )  # without a second message of OpenCV for a damaged file
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # empty, or more pixels than OpenCV allows
@@ -153,18 +153,18 @@ FREE_THRESHOLD = 0.196
 
 @dataclass(frozen=True)
 class PixelRule:
-    """What a pixel's value means.
+    """The meaning of the values of pixels.
 
     Parameters
     ----------
     negate
-        Whether white is occupied.
+        Whether white means occupied.
     occupied_threshold, free_threshold
         Occupancies above and below which a pixel counts as occupied and free.
     mode
         Free, occupied or unknown; occupancies in between as well; or the occupancy itself.
     alpha
-        In trinary mode, whether what is not opaque is unknown, or alpha is averaged with the colours.
+        In trinary mode, whether pixels that are not opaque are unknown, or alpha is averaged with the colours.
     """
 
     negate: bool = False
@@ -186,7 +186,7 @@ def occupancy_of_image(image: MapImage, rule: PixelRule) -> npt.NDArray[np.int8]
     (2025). Before, and in ROS 1, alpha was averaged with the colours in trinary mode: `alpha: average` in the yaml.
     """
     sums, white = image.channel_sum(with_alpha=rule.averages_alpha)
-    # A pixel's occupancy depends on the sum of its channels alone: one value for each, looked up afterwards.
+    # A pixel's occupancy depends only on the sum of its channels, so it is looked up in a table.
     occupancy = _occupancies(np.arange(white + 1), white, rule)[sums]
     if image.alpha is not None and rule.mode != "raw" and not rule.averages_alpha:
         occupancy[image.alpha < image.maximum] = -1

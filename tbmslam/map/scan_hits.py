@@ -16,7 +16,7 @@ _ALL = 1 << 62
 
 @dataclass(frozen=True, eq=False)
 class ScanHits:
-    """The hits of keyframes, each in its sensor's frame: single precision is exact to a micrometre there.
+    """The hits of keyframes, each in its sensor's frame, where single precision is exact to a micrometre.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class DriveHits:
     Parameters
     ----------
     scans
-        What they hit.
+        Hits of the scans.
     poses
         Poses (K, 3) of the laser as tracked: x [m], y [m], theta [rad].
 

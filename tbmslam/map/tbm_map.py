@@ -1,4 +1,4 @@
-"""A map: the grid, the drives behind it, and its provenance."""
+"""A map: its grid, its drives and its provenance."""
 
 import math
 import os
@@ -20,16 +20,16 @@ from tbmslam.map.map_image import PixelRule, occupancy_of_image, read_image
 
 @dataclass(frozen=True, repr=False)
 class TbmMap:
-    """A map, with one drive of one robot, several drives after a merge, or no drive if it was a picture.
+    """A map with a drive of a robot, with several drives after a merge, or with none if it was a picture.
 
     Parameters
     ----------
     grid
         The cells' masses.
     drives
-        The drives behind it, in the map's frame.
+        The drives of the map, in its frame.
     provenance
-        What made it: recording, configuration, versions; anything that JSON can hold.
+        Origin of the map: recording, configuration, versions; any JSON.
     """
 
     grid: TbmGrid

@@ -16,11 +16,11 @@ from tbmslam.errors import TbmSlamError
 _LAST_PORT = 65535
 _LARGEST_GREETING = 1 << 20  # [bytes]
 _ANSWER_S = 5.0
-"""A scheduler answers within milliseconds, across the world within a second [s]."""
+"""Time to wait for a scheduler, which answers within a second even over long distances [s]."""
 
 
 class ClusterError(TbmSlamError):
-    """The cluster cannot be reached, or gave up on something."""
+    """The cluster cannot be reached, or a call failed there."""
 
 
 class Cluster:
@@ -31,9 +31,9 @@ class Cluster:
     Parameters
     ----------
     address
-        Of the scheduler, as `tcp://host:8786`.
+        Address of the scheduler, such as `tcp://host:8786`.
     timeout_s
-        How long to wait for a first worker [s].
+        Time to wait for a first worker [s].
 
     Raises
     ------
@@ -73,11 +73,11 @@ class Cluster:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave the cluster; unfinished work is dropped."""
+        """Close the connection and cancel unfinished work."""
         self._client.close()
 
     def submit(self, name: str, call: Callable[..., object], *arguments: object) -> Any:
-        """Have a module's function called somewhere.
+        """Call a module's function on the cluster.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Cluster:
 
         Returns
         -------
-        What `results` and later calls take.
+        The future, for `results` and later calls.
         """
         packages = ("tbmslam", call.__module__.partition(".")[0])
         return self._client.submit(
@@ -125,7 +125,7 @@ class Cluster:
 
 
 def _hear_scheduler(host: str, port: int) -> None:
-    """Raise an OSError if no scheduler answers; Dask itself waits for half a minute or without end.
+    """Raise an OSError if no scheduler answers; Dask itself waits for half a minute or forever.
 
     A scheduler begins with a frame's size, a number of eight bytes that is not large.
     """

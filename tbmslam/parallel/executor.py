@@ -43,14 +43,14 @@ class Executor:
     workers
         Number of processes on this machine.
     scheduler
-        Address of a Dask scheduler whose workers run them instead; None for this machine.
+        Address of a Dask scheduler whose workers run the calls; None for this machine.
     progress
         Receives the duration of each step and its progress.
 
     Raises
     ------
     ValueError
-        If there is no worker.
+        There is no worker.
     """
 
     workers: int = 1
@@ -151,7 +151,7 @@ class _MadeInputs:
                 del self._made[next(iter(self._made))]
             call = self._inputs[name]
             made = call.function(*call.arguments)
-        self._made[name] = made  # the most recent input stands last and is dropped last
+        self._made[name] = made  # the most recent input is last and is dropped last
         return made
 
 

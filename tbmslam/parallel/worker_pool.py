@@ -19,7 +19,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 class DeferredInterrupt:
-    """A block that defers exceptions of signal handlers to its end.
+    """A block that defers exceptions of signal handlers until its end.
 
     Python runs a handler between any two steps of the main thread. If it raises in `threading.Condition.__enter__`, the
     lock stays taken, and another thread that has to end before this one waits for it for ever.
@@ -27,12 +27,12 @@ class DeferredInterrupt:
     Parameters
     ----------
     hurry
-        Asked, when the signal has come, to have the block end soon. A second signal is raised there and then.
+        Called after the first signal, to end the block soon. A second signal is raised immediately.
 
     Attributes
     ----------
     came
-        What was raised, while it waits to be raised again.
+        The deferred exception.
     """
 
     def __init__(self, hurry: Callable[[], object]) -> None:
@@ -41,7 +41,7 @@ class DeferredInterrupt:
         self._usual: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}
 
     def __enter__(self) -> Self:
-        """Take the place of the handlers there are; only a main thread has any."""
+        """Replace the handlers; only a main thread has any."""
         if threading.current_thread() is threading.main_thread():
             for number in _ENDING:
                 usual = signal.getsignal(number)
@@ -78,7 +78,7 @@ _R = TypeVar("_R")
 
 
 class WorkerDiedError(TbmSlamError):
-    """A process that had work to do ended before it was done."""
+    """A process ended before its work was done."""
 
     def __init__(self) -> None:
         super().__init__("a worker process died, perhaps out of memory: run again with fewer --workers")
@@ -92,9 +92,9 @@ class WorkerPool(ProcessPoolExecutor):
     workers
         The largest number of processes.
     initializer
-        What each does first.
+        Function that each process calls first.
     interrupt
-        Knows whether they were stopped.
+        State that tells whether the processes were stopped.
     """
 
     def __init__(self, workers: int, initializer: Callable[[], object] | None, interrupt: DeferredInterrupt) -> None:
@@ -133,7 +133,7 @@ class WorkerPool(ProcessPoolExecutor):
 
 @contextmanager
 def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -> Iterator[WorkerPool]:
-    """Keep processes for a block; where it fails or is interrupted, they are stopped and their work is dropped.
+    """Keep processes for a block; if it fails or is interrupted, they are stopped and their work is cancelled.
 
     What a signal raises is raised when they are, by the block's end at the latest.
 
@@ -147,7 +147,7 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
     def stop() -> None:
         for child in multiprocessing.active_children():
             if child not in others:
-                child.terminate()  # what waits for it is dropped by the pool, which then is broken
+                child.terminate()  # the pool is then broken and cancels the remaining work
 
     with DeferredInterrupt(stop) as interrupt, WorkerPool(workers, initializer, interrupt) as pool:
         try:
@@ -160,14 +160,14 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
 
 
 def _begin(initializer: Callable[[], object] | None) -> None:
-    """Start as a worker, which ends by itself if the process that started it has died."""
+    """Start a worker, which ends if its parent process has died."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if initializer is not None:
         initializer()
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the parent process, which may be killed, and then end."""
+    """Wait for the end of the parent process, and then end."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
@@ -176,7 +176,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Defer Ctrl-C during a block; a process that starts in it ignores Ctrl-C from its first moment."""
+    """Defer Ctrl-C during a block; a process that starts in it ignores Ctrl-C from the beginning."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,1 +1,1 @@
-"""What a laser measures: scans, their model, and recordings as several robots."""
+"""Laser scans, their sensor model, and the division of recordings into robots."""

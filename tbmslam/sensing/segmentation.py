@@ -13,11 +13,11 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.sensing.laser_scan import Reading
 
 _FEW = 10
-"""Fewest readings from which a usual interval is computed."""
+"""Least number of readings for the usual interval."""
 
 
 class SegmentationError(TbmSlamError):
-    """The recording cannot be split as asked."""
+    """The recording cannot be split as requested."""
 
 
 class Segment(NamedTuple):
@@ -44,12 +44,12 @@ class Itinerary:
 
     @classmethod
     def of(cls, readings: Sequence[Reading]) -> "Itinerary":
-        """Sum up readings held in memory."""
+        """Read stamps and distances from readings in memory."""
         return cls.from_poses([r.scan.stamp for r in readings], [r.T_odom_robot for r in readings])
 
     @classmethod
     def from_poses(cls, stamps: Sequence[float], poses: Sequence[SE2 | None]) -> "Itinerary":
-        """Sum up the stamps and poses of a first pass over a recording."""
+        """Read stamps and distances from the stamps and poses of a first pass over a recording."""
         steps = [0.0]
         for before, after in itertools.pairwise(poses):
             if before is None or after is None:
@@ -60,7 +60,7 @@ class Itinerary:
 
 
 def split_by_distance(itinerary: Itinerary, robots: int, overlap: float) -> list[Segment]:
-    """Split so that each robot drives equally far; neighbours share the fraction `overlap` of their way.
+    """Split into robots of equal distance; neighbours share the fraction `overlap` of their distance.
 
     Without odometry the time takes the distance's place.
     """
@@ -70,7 +70,7 @@ def split_by_distance(itinerary: Itinerary, robots: int, overlap: float) -> list
 
 
 def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Segment]:
-    """Split so that each robot drives equally long; neighbours share the fraction `overlap` of their time."""
+    """Split into robots of equal duration; neighbours share the fraction `overlap` of their time."""
     passed = np.cumsum(np.concatenate(([0.0], _time_steps(itinerary.stamps))))
     return _split_evenly(passed[: len(itinerary.stamps)], robots, overlap)
 
@@ -81,7 +81,7 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     Raises
     ------
     SegmentationError
-        When most readings would be a robot of their own.
+        Most readings would be a robot of their own.
     """
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
@@ -96,12 +96,12 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
 
 
 def split_at_intervals(itinerary: Itinerary, intervals: Sequence[tuple[float, float]]) -> list[Segment]:
-    """Give each robot one interval of time, in seconds since the first reading; intervals may overlap.
+    """Assign an interval of time to each robot, in seconds since the first reading; intervals may overlap.
 
     Raises
     ------
     SegmentationError
-        When an interval holds no reading.
+        An interval has no reading.
     """
     since = itinerary.stamps - itinerary.stamps[:1]
     segments = []
@@ -117,7 +117,7 @@ def split_at_intervals(itinerary: Itinerary, intervals: Sequence[tuple[float, fl
 
 
 def private_frame(seed: int, robot: int) -> SE2:
-    """Return T_private_start, a robot's own frame: turned anyhow and shifted by up to 10 m, from the seed."""
+    """Return T_private_start, a robot's own frame, with a random rotation and a shift of up to 10 m."""
     generator = np.random.default_rng((seed, robot))
     x, y = generator.uniform(-10.0, 10.0, size=2)
     return SE2(float(x), float(y), float(generator.uniform(-np.pi, np.pi)))
@@ -128,7 +128,7 @@ def in_frame(reading: Reading, T_new_odom: SE2) -> Reading:
     if reading.T_odom_robot is None:
         return reading
     swept = None if reading.T_odom_swept is None else T_new_odom @ reading.T_odom_swept
-    # dataclasses.replace takes several times as long, and this is done for every reading.
+    # dataclasses.replace takes several times as long, and this runs for every reading.
     return Reading(reading.scan, T_new_odom @ reading.T_odom_robot, reading.T_robot_sensor, swept)
 
 
@@ -150,7 +150,7 @@ def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Seg
 
 
 def _time_steps(stamps: FloatArray) -> FloatArray:
-    """Return the time (N - 1,) [s] that passed from each reading to the next, by stamps (N,) [s] that may step back.
+    """Return the times (N - 1,) between readings by stamps (N,) that may step back [s].
 
     None passes where they do; and where the clock is set right again, none up to the latest stamp before, or one wrong
     stamp would count as a gap.

@@ -36,7 +36,7 @@ their digits."""
 
 
 def beam_factors(config: SensorModelConfig, resolution: float, scan_quality: float) -> BeamFactors:
-    """Turn the model into factors for cells of a size and scans of a quality.
+    """Return the factors of the model for cells of a size and scans of a quality.
 
     By the conjunctive rule, an observation with probability p and quality w has masses m(OCCUPIED) = p w,
     m(FREE) = (1 - p) w and m(UNKNOWN) = 1 - w; the factors are its commonalities divided by m(UNKNOWN).

@@ -73,7 +73,7 @@ def test_a_floor_has_the_size_that_was_asked_for():
 
 
 def test_the_truth_of_maps_that_bend_is_where_they_fit_what_both_saw(small):
-    bend = partial(Distortion.of_another_year, bend_m=0.3)
+    bend = partial(Distortion.of_another_time, deformation_m=0.3)
     pair = next(iter(cut_pairs(small, 1, (0.5,), bend)))
     assert common_share(pair) == pytest.approx(0.5, abs=0.1)
 
@@ -84,9 +84,9 @@ def test_a_point_lies_where_it_was_read(small):
     row, col = (size // 2 for size in floor.shape)
     floor[row - 2 : row + 3, col - 2 : col + 3] = 100
     exact = Distortion(0.7, 0.3, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    spoilt = exact.spoil(floor, small.resolution, rng)
-    seen = np.argwhere(spoilt.occupancy > 50).mean(axis=0)[::-1]
-    there = spoilt.laid((np.array([[col, row]]) + 0.5) * small.resolution)[0]
+    distorted = exact.distort(floor, small.resolution, rng)
+    seen = np.argwhere(distorted.occupancy > 50).mean(axis=0)[::-1]
+    there = distorted.laid((np.array([[col, row]]) + 0.5) * small.resolution)[0]
     np.testing.assert_allclose((seen + 0.5) * small.resolution, there, atol=0.7 * small.resolution)
 
 
@@ -95,9 +95,9 @@ def test_points_are_found_in_the_most_distorted_maps():
     points = (np.argwhere(floor.occupancy >= 0)[::50, ::-1] + 0.5) * floor.resolution
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        spoilt = Distortion.of_another_year(rng, 2.0).spoil(floor.occupancy, floor.resolution, rng)
-        read = spoilt.T_map_building.inverse().apply(spoilt.laid(points))
-        np.testing.assert_allclose(read + spoilt.displacements(read), points, atol=floor.resolution)
+        distorted = Distortion.of_another_time(rng, 2.0).distort(floor.occupancy, floor.resolution, rng)
+        read = distorted.T_map_building.inverse().apply(distorted.laid(points))
+        np.testing.assert_allclose(read + distorted.displacements(read), points, atol=floor.resolution)
 
 
 def walls(one):
