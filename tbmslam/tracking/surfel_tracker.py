@@ -144,22 +144,21 @@ class SurfelTracker:
         mean, coasting = prior.mean @ T_robot_sensor, prior.coasting() @ T_robot_sensor
         information = prior_information(prior.deviations, prior.mean.theta, (*T_robot_sensor,))
         # Most end where the first one ended, and are not followed to there.
+        coasted = self._map.register(hits, coasting, mean, information, self._search, result.pose)
         # Where people go along or a slip begins, both fit: what moved with the robot, and what stood still.
         by_odometry = self._map.register(hits, mean, mean, information, self._narrow, result.pose)
-        others = [by_odometry] if by_odometry.matched >= _RECOGNISED else []
-        if not _are_alike(prior.start @ T_robot_sensor, coasting):  # else it is where the first one began
-            coasted = self._map.register(hits, coasting, mean, information, self._search, result.pose)
-            if coasted.matched >= 0.0:
-                others.append(coasted)
+        others = [one for one, least in ((coasted, 0.0), (by_odometry, _RECOGNISED)) if one.matched >= least]
         best = min(result, *others, key=cost) if others else result
         if best.matched >= self._config.doubtful:
             self._rest = 0
             return best
         self._rest -= 1
         if self._rest < 0 or best.matched < self._in_vain - 0.05:
+            apart = mean.to(coasting)
+            alike = math.hypot(apart.x, apart.y) < _SAME_START and abs(apart.theta) < _SAME_START
             found = [
                 self._map.register(hits, self._best_near(hits, start), mean, information, self._search, best.pose)
-                for start in ((mean,) if _are_alike(mean, coasting) else (mean, coasting))
+                for start in ((mean,) if alike else (mean, coasting))
             ]
             others = [one for one in found if one.matched >= 0.0]
             if others and min(map(cost, others)) < cost(best) - _WORTHWHILE:
@@ -228,12 +227,6 @@ def _by_scans(prior: PosePrior, found: ScanMotion, T_robot_sensor: SE2) -> PoseP
     """Return the prior that the last scans give; their deviations are alike along and across."""
     mean, (position, heading) = found.motion @ T_robot_sensor.inverse(), found.deviations
     return prior._replace(mean=mean, start=mean, deviations=(position, position, heading), coasting=lambda: mean)
-
-
-def _are_alike(one: SE2, other: SE2) -> bool:
-    """Return whether searches that begin at two poses are the same."""
-    apart = one.to(other)
-    return math.hypot(apart.x, apart.y) < _SAME_START and abs(apart.theta) < _SAME_START
 
 
 def _least_share(result: Registration) -> float:
