@@ -1,4 +1,4 @@
-"""Methods of the related work that align two maps: one method a file, named after its authors.
+"""Methods of the related work that align two maps: a module for each method, named after its authors.
 
 They serve comparison under equal conditions: the same pairs, processor and interface, `align(target, source, config)`.
 None published its code; each file says what is its authors' idea and what was chosen here.
@@ -20,7 +20,7 @@ BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = 
     "trehard": trehard.align,
     "dobrokhvalov-filatov": dobrokhvalov_filatov.align,
 }
-"""Those that need nothing but two maps: Howard's needs encounters."""
+"""Methods that need only two maps; Howard's also needs encounters."""
 
 
 def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: MergeConfig) -> Alignment:
@@ -36,7 +36,7 @@ def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: 
     Raises
     ------
     ValueError
-        If the config names another method.
+        The config names another method.
     """
     if config.method not in BASELINES:
         raise ValueError(f"method must be one of {', '.join(BASELINES)}, got {config.method!r}")

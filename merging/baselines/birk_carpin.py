@@ -40,7 +40,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
 @dataclass(frozen=True)
 class _Side:
-    """Sampled cells of one state, and the Manhattan distance of every cell to the nearest such cell [cells]."""
+    """Sampled cells of a state, and the Manhattan distance of each cell to the nearest of these [cells]."""
 
     points: Points
     distances: CellField
@@ -52,7 +52,7 @@ class _Side:
         return cls(states.some(there, sample), CellField.of(distances, states.geometry))
 
     def mean_distance(self, points: Points) -> FloatArray:
-        """Return the mean distance (K,) of points (K, N) from this state's cells [cells]; off the grid an estimate."""
+        """Return the mean distance (K,) of points (K, N) from this state's cells, estimated outside of the grid [cells]."""
         geometry = self.distances.geometry
         left, bottom, right, top = geometry.bounds()
         margin = 0.5 * geometry.resolution
@@ -64,7 +64,7 @@ class _Side:
 
 @dataclass(frozen=True)
 class _Likeness:
-    """How unlike two maps are at places."""
+    """The dissimilarity of two maps at placements."""
 
     maps: tuple[CellStates, CellStates]
     placing: Placing
@@ -82,7 +82,7 @@ class _Likeness:
         return cls((target, source), placing, sides, settings)
 
     def cost(self, places: FloatArray) -> FloatArray:
-        """Return psi + lock * (dis - agr) at places (K, 3)."""
+        """Return psi + lock * (dis - agr) at placements (K, 3)."""
         total = np.zeros(len(places))
         for target, source in self.sides:
             total += target.mean_distance(self.placing.into_target(source.points, places))
@@ -115,9 +115,9 @@ def _steps(
     settings: BirkCarpinConfig,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
-    """Walk from places (K, 3); each walk draws steps like those it took last."""
+    """Walk from placements (K, 3); the distribution of steps adapts to the last steps of each walk."""
     costs = likeness.cost(places)
-    # As if the walks had come by steps as wide as the first ones shall be.
+    # The width of the first steps is set by assumed steps before them.
     taken = rng.normal(0.0, 1.0, (settings.memory, len(places), 3)) * spread
     slots: npt.NDArray[np.intp] = np.zeros(len(places), dtype=np.intp)
     best, least = places[costs.argmin()].copy(), float(costs.min())
@@ -128,7 +128,7 @@ def _steps(
         accepted = (found < costs) | (rng.random(len(places)) < settings.daring)
         places = np.where(accepted[:, None], places + steps, places)
         costs = np.where(accepted, found, costs)
-        # What was refused makes the next steps smaller: it counts as a step half as wide.
+        # A refused step counts as a step of half the width, so that the next steps are smaller.
         taken[slots, np.arange(len(places))] = np.where(accepted[:, None], steps, steps * rng.uniform(-0.5, 0.5))
         slots = (slots + 1) % settings.memory
         if costs.min() < least:

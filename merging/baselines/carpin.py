@@ -1,4 +1,4 @@
-"""Carpin: Hough spectra give the rotation, projections onto two axes the shift.
+"""Carpin: the rotation by Hough spectra, the shift by projections onto two axes.
 
 S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 2008. The circular correlation of
 the maps' Hough spectra offers rotations. For each, both maps' walls are counted along x and along y; correlated, these
@@ -23,7 +23,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 
 _BEST = 8
-"""Offers that are made exact."""
+"""Number of candidates that are refined."""
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

@@ -1,4 +1,4 @@
-"""A grid whose cells are free, wall or unknown, and arrays over its cells read at points of the plane."""
+"""A grid of free, wall and unknown cells, and arrays over its cells that are sampled at points."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +24,7 @@ class CellStates:
     Parameters
     ----------
     geometry
-        Where the cells lie.
+        Geometry of the cells.
     states
         IS_UNKNOWN, IS_FREE or IS_WALL (rows, cols).
     """
@@ -34,7 +34,7 @@ class CellStates:
 
     @classmethod
     def of(cls, grid: TbmGrid) -> "CellStates":
-        """Decide for what has more mass; cells where neither has are unknown."""
+        """Return the state of larger mass; cells with equal masses are unknown."""
         free, wall = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
         states = np.where(wall > free, np.uint8(IS_WALL), np.where(free > wall, np.uint8(IS_FREE), np.uint8(0)))
         return cls(grid.geometry, states)
@@ -50,25 +50,25 @@ class CellStates:
 
     @cached_property
     def known(self) -> tuple[Points, npt.NDArray[np.uint8]]:
-        """Known cells, twenty thousand at most: their centres (N,) and states (N,)."""
+        """Centres (N,) and states (N,) of known cells, at most twenty thousand."""
         cells = evenly(self.states != IS_UNKNOWN, 20_000)
         return self.centres(cells), self.states.ravel()[cells]
 
     @cached_property
     def field(self) -> "CellField":
-        """The states, to be read at points; unknown off the grid."""
+        """The states for sampling at points; unknown outside of the grid."""
         return CellField.of(self.states, self.geometry, IS_UNKNOWN)
 
     @cached_property
     def centre(self) -> complex:
-        """The middle of what is known."""
+        """Centroid of the known cells."""
         points = self.known[0]
         x, y = points.real, points.imag
         return complex(float(x.min() + x.max()) / 2.0, float(y.min() + y.max()) / 2.0)
 
     @cached_property
     def radius_m(self) -> float:
-        """Distance of the farthest known cell from the middle [m]."""
+        """Distance of the farthest known cell from the centroid [m]."""
         return float(np.abs(self.known[0] - self.centre).max())
 
 
@@ -82,14 +82,14 @@ def evenly(chosen: npt.NDArray[np.bool_], limit: int | None) -> npt.NDArray[np.i
 
 @dataclass(frozen=True)
 class CellField:
-    """An array over the cells of a grid, read at points of the plane.
+    """An array over the cells of a grid that is sampled at points.
 
     Parameters
     ----------
     framed
-        The array with a frame of one cell around it, in which all points off the grid lie; flat.
+        The flat array with a margin of one cell for all points outside of the grid.
     geometry
-        Where the cells lie, without the frame.
+        Geometry of the cells without the margin.
     """
 
     framed: Field
@@ -97,12 +97,12 @@ class CellField:
 
     @classmethod
     def of(cls, values: npt.ArrayLike, geometry: GridGeometry, outside: float = 0.0) -> "CellField":
-        """Take an array (rows, cols), and what shall be read off the grid."""
+        """Take an array (rows, cols) and the value outside of the grid."""
         framed = np.pad(np.asarray(values, dtype=np.float32), 1, constant_values=outside)
         return cls(framed.ravel(), geometry)
 
     def at(self, points: Points) -> Field:
-        """Return what the cells hold that points (...) lie in."""
+        """Return the values of the cells at points (...)."""
         g = self.geometry
         rows = np.clip((points.imag - (g.origin_y - g.resolution)) / g.resolution, 0.0, g.rows + 1.0)
         cols = np.clip((points.real - (g.origin_x - g.resolution)) / g.resolution, 0.0, g.cols + 1.0)

@@ -1,4 +1,4 @@
-"""Dobrokhvalov and Filatov, whose paper this project began with: whatever the keypoints agree on is accepted.
+"""Dobrokhvalov and Filatov, the paper on which this project is based: every transform of the keypoints is accepted.
 
 M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model", SEIM 2021. The keypoints,
 their descriptors on three masses and their matches are those of `--method features`, which lets the walls confirm and
@@ -15,7 +15,7 @@ from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import TbmGrid
 
 _ENOUGH = 3
-"""Matches that determine the program's affine transform."""
+"""Least number of matches for the program's affine transform."""
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

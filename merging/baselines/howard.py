@@ -1,4 +1,4 @@
-"""Howard: robots that meet measure each other's pose, and this measurement joins their maps.
+"""Howard: robots that meet measure their relative pose, which gives the transform of their maps.
 
 A. Howard, "Multi-robot simultaneous localization and mapping using particle filters", IJRR 2006. An encounter gives the
 relative pose of two robots, and each robot's readings enter the common map from there, forward and backward in
@@ -24,14 +24,14 @@ METRES, DEGREES = 0.05, 1.0
 
 
 class Encounter(NamedTuple):
-    """Two robots see each other.
+    """The measurement of two robots that see each other.
 
     Parameters
     ----------
     T_target_robot
         Pose of the target's robot in its map.
     T_robot_other
-        Where it sees the source's robot: the measurement.
+        Measured pose of the source's robot in the frame of the target's robot.
     T_source_other
         Pose of the source's robot in its map.
     """
@@ -49,7 +49,7 @@ def align(encounters: Sequence[Encounter]) -> Alignment:
     motions = [there @ encounter.T_source_other.inverse() for there, encounter in zip(met, encounters, strict=True)]
     theta = cmath.phase(sum(cmath.exp(1j * motion.theta) for motion in motions))
     rotation = SE2(0.0, 0.0, theta)
-    # About the places where they met: a turn moves what is far from them, not what is near.
+    # The source is rotated about the place of the encounter.
     places = rotation.apply([(encounter.T_source_other.x, encounter.T_source_other.y) for encounter in encounters])
     x, y = np.mean([(there.x, there.y) for there in met] - places, axis=0)
     reason = f"the robots met {len(encounters)} time{'s' if len(encounters) > 1 else ''}"

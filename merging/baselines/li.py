@@ -37,7 +37,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     lean = CellField.of(_lean(target, settings.blur_m), target.geometry)
 
     def loss(vectors: FloatArray) -> FloatArray:
-        """Rate places (3, K) as the library hands them over, the less the better."""
+        """Return the losses of placements (3, K)."""
         places = vectors.reshape(3, -1).T
         occupied = lean.at(placing.into_target(walls, places)).mean(axis=1)
         empty = lean.at(placing.into_target(free, places)).mean(axis=1) if len(free) else 0.0
@@ -45,7 +45,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
     reach = 0.8 * placing.reach_m
     found = differential_evolution(
-        loss,  # type: ignore[arg-type]  # the stubs know nothing of vectorised objectives
+        loss,  # type: ignore[arg-type]  # the stubs lack vectorised objectives
         Bounds([-reach, -reach, -np.pi], [reach, reach, np.pi]),
         strategy="best1bin",
         popsize=1,
@@ -66,7 +66,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
 
 def _population(settings: LiConfig, reach: float) -> FloatArray:
-    """Return the first generation (population, 3), evenly drawn."""
+    """Return the first generation (population, 3) of uniform distribution."""
     rng = np.random.default_rng(settings.seed)
     return rng.uniform((-reach, -reach, -np.pi), (reach, reach, np.pi), (settings.population, 3))
 
@@ -79,13 +79,13 @@ def _lean(grid: TbmGrid, blur_m: float) -> Field:
     lean = (2.0 * pignistic(grid.masses) - 1.0).astype(np.float32)
     sigma = blur_m / grid.geometry.resolution
     near = cv2.GaussianBlur(np.maximum(lean, 0.0), (0, 0), sigma)
-    # A thin line, blurred, keeps its height.
+    # The maximum of a blurred thin line stays 1.
     near = np.minimum(near * sigma * np.sqrt(2.0 * np.pi), 1.0)
     return np.asarray(np.where(near > 0.1, near, np.minimum(lean, near)), dtype=np.float32)
 
 
 def _likelihood(lean: CellField, target: CellStates, points: Points) -> float:
-    """Return the mean probability of being occupied at points that meet known cells; 0 where fewer than ten do."""
+    """Return the mean probability of being occupied at points in known cells; 0 for fewer than ten points."""
     known = target.field.at(points) != IS_UNKNOWN
     if np.count_nonzero(known) < 10:
         return 0.0

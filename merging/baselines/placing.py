@@ -11,19 +11,19 @@ from merging.config import MergeConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 Score = Callable[[FloatArray], FloatArray]
-"""Rates places (K, 3), the more the better (K,)."""
+"""Returns the scores (K,) of placements (K, 3)."""
 
 
 @dataclass(frozen=True)
 class Placing:
-    """Carries points between two maps under places (K, 3): the shift x, y [m] and the turn [rad].
+    """Transforms points between two maps under placements (K, 3): a shift x, y [m] and a rotation [rad].
 
     Parameters
     ----------
     target_centre, source_centre
-        The centroids of what the maps know, each in its own frame.
+        Centroids of the known cells of the maps, each in its own frame.
     reach_m
-        Radius of the shifts under which the maps meet at all.
+        Largest shift at which the maps can overlap.
     """
 
     target_centre: complex
@@ -32,30 +32,30 @@ class Placing:
 
     @classmethod
     def of(cls, target: CellStates, source: CellStates) -> "Placing":
-        """Look at two maps."""
+        """Return the placing of two maps."""
         return cls(target.centre, source.centre, target.radius_m + source.radius_m)
 
     def into_target(self, points: Points, places: FloatArray) -> Points:
-        """Carry the source's points (N,) into the target's frame under each place (K, N)."""
+        """Return the source's points (N,) in the target's frame under each placement (K, N)."""
         turns, shifts = np.exp(1j * places[:, 2]), places[:, 0] + 1j * places[:, 1] + self.target_centre
         moved = (points - self.source_centre).astype(np.complex64) * turns.astype(np.complex64)[:, None]
         return np.asarray(moved + shifts.astype(np.complex64)[:, None])
 
     def into_source(self, points: Points, places: FloatArray) -> Points:
-        """Carry the target's points (N,) into the source's frame under each place (K, N)."""
+        """Return the target's points (N,) in the source's frame under each placement (K, N)."""
         turns, shifts = np.exp(-1j * places[:, 2]), places[:, 0] + 1j * places[:, 1]
         moved = (points - self.target_centre).astype(np.complex64) - shifts.astype(np.complex64)[:, None]
         return np.asarray(moved * turns.astype(np.complex64)[:, None] + np.complex64(self.source_centre))
 
     def motion(self, place: FloatArray) -> SE2:
-        """Return T_target_source of one place (3,)."""
+        """Return T_target_source of a placement (3,)."""
         x, y, theta = (float(value) for value in place)
         translation = self.target_centre + complex(x, y) - np.exp(1j * theta) * self.source_centre
         return SE2(float(translation.real), float(translation.imag), wrap_angle(theta))
 
 
 def climb(score: Score, places: FloatArray, step_m: float, step_rad: float, halvings: int = 5) -> FloatArray:
-    """Move places (K, 3) uphill along x, y and the turn, in steps that halve where none leads up."""
+    """Improve placements (K, 3) by steps along x, y and the rotation; steps are halved if none improves the score."""
     places, values = places.copy(), score(places)
     steps = np.tile((step_m, step_m, step_rad), (len(places), 1))
     directions = np.concatenate((np.eye(3), -np.eye(3)))
@@ -74,7 +74,7 @@ def climb(score: Score, places: FloatArray, step_m: float, step_rad: float, halv
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of the source's known cells, the shares that agree with, and that contradict, the target's.
+    """Shares of the source's known cells that agree with the target's, and that contradict them.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Agreement:
     def of(
         cls, target: CellStates, source: CellStates, placing: Placing, places: FloatArray, limit: int | None = None
     ) -> "Agreement":
-        """Lay the source onto the target at each place (K, 3), with all of its known cells or about `limit`."""
+        """Compare the source with the target at placements (K, 3), by all of its known cells or about `limit`."""
         points, states = source.known
         every = max(1, len(points) // limit) if limit is not None else 1
         points, states = points[::every], states[::every]
@@ -98,7 +98,7 @@ class Agreement:
         return cls(agreeing, np.mean(there != IS_UNKNOWN, axis=1) - agreeing)
 
     def index(self) -> FloatArray:
-        """Return the acceptance index (K,), ai = 1 - agr / (agr + dis): 0 if all agree, 1 if nothing meets."""
+        """Return the acceptance index (K,), ai = 1 - agr / (agr + dis): 0 if all agree, 1 without overlap."""
         met = self.agreeing + self.disagreeing
         return 1.0 - np.divide(self.agreeing, met, out=np.zeros_like(met), where=met > 0.0)
 
@@ -111,7 +111,7 @@ def answer(
     measure: tuple[str, bool],
     config: MergeConfig,
 ) -> Alignment:
-    """Return a method's answer: its place, accepted if its own measure is good enough and the maps overlap enough.
+    """Return a method's alignment, which is accepted if its own measure and the overlap suffice.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def answer(
     place
         The best place (3,).
     measure
-        The method's measure in words, and whether it suffices.
+        The method's measure as text, and whether it suffices.
     """
     target, source = maps
     agreement = Agreement.of(target, source, placing, place[None])

@@ -1,4 +1,4 @@
-"""Searches for the rotation by Hough spectra, and for the shift by Fourier transforms."""
+"""Search for the rotation by Hough spectra, and for the shift by Fourier transforms."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ BINS = 360
 
 
 def hough_spectrum(points: Points, weights: FloatArray, cell_m: float) -> FloatArray:
-    """Return the Hough spectrum (BINS,): at each direction, the squares of the Hough transform added up over the lines.
+    """Return the Hough spectrum (BINS,): for each direction, the sum of squares of the Hough transform over the lines.
 
     S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 2008, after A. Censi et al.,
     "Scan matching in the Hough domain", 2005.
@@ -37,7 +37,7 @@ def hough_spectrum(points: Points, weights: FloatArray, cell_m: float) -> FloatA
 
 
 def likely_turns(target: FloatArray, source: FloatArray, count: int) -> FloatArray:
-    """Return the turns [rad], two for each of at most `count` maxima, at which two spectra (BINS,) correlate most.
+    """Return the rotations [rad] of highest correlation of two spectra (BINS,): two for each of at most `count` maxima.
 
     A spectrum has the period of half a turn, so that every maximum stands for two turns.
     """
@@ -51,21 +51,21 @@ def likely_turns(target: FloatArray, source: FloatArray, count: int) -> FloatArr
 
 
 Channel = tuple[Points, Reals]
-"""Points about a map's middle (N,) and what each counts (N,)."""
+"""Points (N,) relative to a map's centroid, and their weights (N,)."""
 
 
 @dataclass(frozen=True)
 class ShiftSearch:
-    """The target's side of a search; the source's is given turned.
+    """The target of a search; the source is given already rotated.
 
     Parameters
     ----------
     spectra
-        Of the target's channels.
+        Fourier transforms of the target's channels.
     size
         Rows and columns of the images.
     cell_m
-        Their cells [m].
+        Side of their cells [m].
     """
 
     spectra: tuple[npt.NDArray[np.complexfloating], ...]
@@ -74,13 +74,13 @@ class ShiftSearch:
 
     @classmethod
     def over(cls, channels: Sequence[Channel], reach_m: float, cell_m: float) -> "ShiftSearch":
-        """Prepare a search over all shifts up to a reach; the target's channels are blurred by a cell."""
+        """Prepare a search over all shifts up to a limit; the target's channels are blurred by a cell."""
         side = scipy.fft.next_fast_len(math.ceil(2.2 * reach_m / cell_m), real=True)
         images = [cv2.GaussianBlur(_image(channel, (side, side), cell_m), (0, 0), 1.0) for channel in channels]
         return cls(tuple(scipy.fft.rfft2(image) for image in images), (side, side), cell_m)
 
     def best(self, channels: Sequence[Channel], count: int) -> tuple[FloatArray, Points]:
-        """Return the scores and shifts (count,) of the highest peaks: products that meet, summed over the channels."""
+        """Return scores and shifts (count,) of the highest peaks of the correlation, summed over the channels."""
         product = np.zeros_like(self.spectra[0])
         for spectrum, channel in zip(self.spectra, channels, strict=True):
             product += spectrum * np.conj(scipy.fft.rfft2(_image(channel, self.size, self.cell_m)))
@@ -93,7 +93,7 @@ class ShiftSearch:
 
 
 def _image(channel: Channel, size: tuple[int, int], cell_m: float) -> Field:
-    """Add up points in the cells they lie in; the middle is cell (0, 0), and what is below comes in from behind."""
+    """Sum the weights of points in cells; the centre is cell (0, 0), and negative cells wrap around."""
     points, weights = channel
     rows = np.floor(points.imag / cell_m).astype(np.intp) % size[0]
     cols = np.floor(points.real / cell_m).astype(np.intp) % size[1]

@@ -28,7 +28,7 @@ from tbmslam.belief.masses import pignistic
 from tbmslam.geometry.se2 import FloatArray
 
 _CLEARANCES_M = (0.0, 0.6, 1.0, 1.6, np.inf)
-"""Cells of the diagram whose distances to walls lie in one of these intervals are like each other."""
+"""Intervals of the distance to walls; cells of the diagram in the same interval may match."""
 _FINALISTS = 24
 
 
@@ -52,21 +52,21 @@ class VoronoiDiagram:
 
     @classmethod
     def of(cls, grid: TbmGrid, states: CellStates, min_apart_m: float) -> "VoronoiDiagram":
-        """Find the free cells on either side of which another wall is the nearest."""
+        """Find the free cells whose neighbours have different nearest walls."""
         wall = states.states == IS_WALL
         resolution = grid.geometry.resolution
         distances, nearest = _nearest_walls(wall)
         on_line = np.zeros(wall.shape, dtype=np.bool_)
         for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
             apart = np.abs(nearest[here] - nearest[there])
-            # The nearest walls of a bend in one wall are not farther apart than their distance.
+            # Nearest points on one curved wall are not farther apart than their distance.
             on_line[here] |= apart > np.maximum(min_apart_m / resolution, 1.2 * distances[here])
         cells = np.flatnonzero(on_line & (states.states == IS_FREE))
         free = 1.0 - pignistic(grid.masses).ravel()[cells]
         return cls(states.centres(cells), free, distances.ravel()[cells].astype(np.float64) * resolution)
 
     def channels(self, centre: complex, turn: float) -> list[Channel]:
-        """Return its cells about a centre and turned, those of like clearance together."""
+        """Return its rotated cells relative to a centre, grouped by clearance."""
         points = (self.points - centre) * np.exp(1j * turn)
         kinds = np.digitize(self.clearances_m, _CLEARANCES_M) - 1
         return [(points[kinds == kind], self.probabilities[kinds == kind]) for kind in range(len(_CLEARANCES_M) - 1)]
@@ -106,7 +106,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
 
 def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:
-    """Return every cell's distance to the nearest wall cell [cells] and where that is, column + i row."""
+    """Return each cell's distance to the nearest wall cell [cells], and the place of that cell as column + i row."""
     if not wall.any():
         return np.full(wall.shape, np.inf, dtype=np.float32), np.zeros(wall.shape, dtype=np.complex64)
     distances, labels = cv2.distanceTransformWithLabels(
@@ -119,7 +119,7 @@ def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32]
 
 
 def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing, settings: SaeediConfig) -> FloatArray:
-    """Return the places (K, 3) at which the diagrams meet most."""
+    """Return the placements (K, 3) with the largest overlap of the diagrams."""
     spectra = [
         hough_spectrum(diagram.points, diagram.probabilities, settings.cell_m / 2.0) for diagram in (target, source)
     ]
@@ -133,7 +133,7 @@ def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing,
 
 
 def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> list[CellField]:
-    """Return an image (rows, cols) of the diagram for each kind of clearance, blurred."""
+    """Return a blurred image (rows, cols) of the diagram for each interval of clearance."""
     images = []
     for points, free in diagram.channels(0.0, 0.0):
         image = np.zeros((geometry.rows, geometry.cols), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Trehard et al.: masses of two maps are consistent as far as the disjunctive operator leaves them committed.
+"""Trehard et al.: the consistency of two maps is the committed mass of their disjunction.
 
 G. Trehard, Z. Alsayed, E. Pollard, B. Bradai, F. Nashashibi, "Credibilist simultaneous localization and mapping with
 a lidar", IROS 2014, match a scan with a map so. Cells hold masses of the Transferable Belief Model; the disjunction of
@@ -53,7 +53,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
 
 @dataclass(frozen=True)
 class _Side:
-    """One map: some of its walls with their masses as shares of all, and masses of every cell to hold walls against."""
+    """A map: some of its walls with normalised masses, and the masses of all cells for the comparison."""
 
     walls: Points
     masses: Field
@@ -77,7 +77,7 @@ class _Side:
 
 
 def _proposals(sides: tuple[_Side, _Side], placing: Placing, settings: TrehardConfig) -> FloatArray:
-    """Return the places (K, 3) at which walls meet most on coarse cells."""
+    """Return the placements (K, 3) with most common walls on coarse cells."""
     target, source = sides
     cell = max(2.0 * placing.reach_m / settings.cells_along, target.occupied.geometry.resolution)
     search = ShiftSearch.over([(target.walls - placing.target_centre, target.masses)], placing.reach_m, cell)

@@ -1,1 +1,1 @@
-"""The experiments of the paper that this project follows, on maps whose true relative poses are known."""
+"""The experiments of the paper on which this project is based, on maps with known relative poses."""

@@ -1,4 +1,4 @@
-"""Descriptors matched by brute force, with Lowe's ratio left open."""
+"""Brute-force matching of descriptors, for any ratio of Lowe's test."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,20 +44,20 @@ class DescriptorMatches:
         return DescriptorMatches(self.target_points[kept], self.source_points[kept], self.ratios[kept])
 
     def share_right(self, pair: MapPair, tolerance_m: float) -> float:
-        """Return the share of the matches that are right, the paper's xi; nan if there is none."""
+        """Return the share of right matches, xi in the paper; nan without matches."""
         if len(self.ratios) == 0:
             return float("nan")
         return float(pair.is_right(self.target_points, self.source_points, tolerance_m).mean())
 
 
 def match_all(target: Described, source: Described, norm: int = cv2.NORM_HAMMING) -> DescriptorMatches:
-    """Match every descriptor of the source to its nearest of the target's, where the target has two or more."""
+    """Match each descriptor of the source to the nearest of the target, which must have at least two."""
     if len(target.points) < 2 or len(source.points) == 0:
         return DescriptorMatches(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
     nearest = cv2.BFMatcher(norm).knnMatch(np.asarray(source.descriptors), np.asarray(target.descriptors), k=2)
     first = np.array([best.distance for best, _ in nearest])
     second = np.array([other.distance for _, other in nearest])
-    # Two descriptors equally near, even both at no distance, are no clear match.
+    # Two descriptors at equal distances, even at 0, are ambiguous.
     ratios = np.divide(first, second, out=np.ones_like(first), where=second > 0.0)
     return DescriptorMatches(
         target.points[[best.trainIdx for best, _ in nearest]],
@@ -83,9 +83,9 @@ class Detector:
     Parameters
     ----------
     create
-        Makes OpenCV's detector, sensitive enough to find the wanted number of keypoints.
+        Function that returns OpenCV's detector, sensitive enough for the requested number of keypoints.
     norm
-        How its descriptors are compared.
+        Norm of the distance between descriptors.
     """
 
     create: Callable[[int], object]
@@ -93,7 +93,7 @@ class Detector:
 
 
 class _Brief:
-    """BRIEF descriptors (Calonder 2010) of STAR keypoints: it finds none of its own."""
+    """BRIEF descriptors (Calonder 2010) of STAR keypoints, since BRIEF has no detector."""
 
     def __init__(self, contributed: Any) -> None:
         self._detector = contributed.StarDetector.create(responseThreshold=1)
@@ -108,7 +108,7 @@ class _Brief:
 
 
 def contributed_detectors() -> dict[str, Detector]:
-    """Return SURF and BRIEF, as far as the installed OpenCV has them: they are in its contrib package.
+    """Return SURF and BRIEF if the installed OpenCV has them, from its contrib package.
 
     SURF is there only where that was built with what was patented.
     """
@@ -134,16 +134,16 @@ DETECTORS: Mapping[str, Detector] = {
 
 @dataclass(frozen=True)
 class DetectorResult:
-    """The result of one detector on one pair.
+    """The result of a detector on a pair.
 
     Parameters
     ----------
     matches
         Matches that passed Lowe's test.
     share_right
-        The share of them that is right by the true pose; nan without matches.
+        Share of matches that are right by the true pose; nan without matches.
     share_inliers
-        The share that an affine transform fitted by RANSAC calls inliers, which needs no truth; nan if none fits.
+        Share of inliers of an affine transform by RANSAC, without the truth; nan without a transform.
     """
 
     matches: int
@@ -176,7 +176,7 @@ def share_of_inliers(matches: DescriptorMatches, threshold_m: float) -> float:
 
 
 def _described(grid: TbmGrid, detector: Detector, count: int) -> Described:
-    """Find the strongest keypoints; BRISK and AKAZE cannot be asked for a number of them."""
+    """Find the strongest keypoints; BRISK and AKAZE have no parameter for their number."""
     channels = Channels.from_grid(grid, border=ORB_EDGE + 1)
     keypoints, descriptors = cast("_Detector", detector.create(count)).detectAndCompute(channels.pignistic, None)
     if descriptors is None or not len(keypoints):

@@ -1,4 +1,4 @@
-"""Two maps and the truth about them, as every experiment takes them."""
+"""A pair of maps with their true pose, for all experiments."""
 
 from dataclasses import dataclass
 
@@ -18,11 +18,11 @@ class MapPair:
     Parameters
     ----------
     target_name, source_name
-        Which maps.
+        Names of the maps.
     target, source
-        Their grids.
+        Grids of the maps.
     T_target_source
-        The truth.
+        True pose of the source in the target's frame.
     """
 
     target_name: str
@@ -33,13 +33,13 @@ class MapPair:
 
     @property
     def name(self) -> str:
-        """Both maps' names."""
+        """The names of both maps."""
         return f"{self.target_name} - {self.source_name}"
 
     def is_right(
         self, target_points: FloatArray, source_points: FloatArray, tolerance_m: float
     ) -> npt.NDArray[np.bool_]:
-        """Return which matches (M,) of points (M, 2) [m] truly belong together, to a tolerance [m]."""
+        """Return which matches (M,) of points (M, 2) [m] are right, within a tolerance [m]."""
         apart = self.T_target_source.apply(source_points.reshape(-1, 2)) - target_points.reshape(-1, 2)
         return np.asarray(np.hypot(*apart.T) <= tolerance_m)
 
@@ -63,23 +63,23 @@ class MapPair:
 
 
 SHARE = 0.51
-"""Of the map's columns that each half keeps."""
+"""Share of the map's columns in each half."""
 
 
 @dataclass(frozen=True)
 class Halves:
-    """A map, its halves, and their fusions, all of one size.
+    """A map, its halves and their fusions, all of the same size.
 
     Parameters
     ----------
     original, left, right
-        The map, and its parts.
+        The map and its halves.
     conjunctive
-        Fusion by the conjunctive rule, with the cells that only one half knows.
+        Fusion by the conjunctive rule, with cells that are known in one half only.
     disjunctive
-        Fusion by the paper's disjunctive rule: a cell that one half does not know is unknown.
+        Fusion by the paper's disjunctive rule: cells that are unknown in a half are unknown.
     union
-        Both by the disjunctive rule as used here by default: a map that does not know a cell is ignored there.
+        Fusion by the disjunctive rule of this project, which ignores unknown cells of a map.
     """
 
     original: TbmGrid
@@ -94,7 +94,7 @@ class Halves:
         return float(fused.is_known().sum() / max(self.original.is_known().sum(), 1))
 
     def unknown_in_overlap(self, grid: TbmGrid) -> float:
-        """Return the mean mass on UNKNOWN of a map in the cells that both halves know."""
+        """Return the mean mass on UNKNOWN of a map in cells that are known in both halves."""
         both = self.left.is_known() & self.right.is_known()
         return float(grid.masses[both][:, UNKNOWN].mean()) if both.any() else float("nan")
 
@@ -105,7 +105,7 @@ def fuse_halves(original: TbmGrid, share: float = SHARE) -> Halves:
     Raises
     ------
     ValueError
-        If the share is not within [0.5, 1].
+        The share is not within [0.5, 1].
     """
     if not 0.5 <= share <= 1.0:
         raise ValueError(f"share must lie within [0.5, 1], got {share}")

@@ -1,4 +1,4 @@
-"""Table II and figure 3: what the descriptors of the three masses gain, by how they are joined."""
+"""Table II and figure 3: the benefit of descriptors of the three masses, for several combinations."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,14 +19,14 @@ MODIFICATIONS: Mapping[str, Descriptor] = {"a": "pignistic", "b": "concatenated"
 
 
 class Variant(NamedTuple):
-    """What the paper and its program do differently.
+    """Differences between the paper and its program.
 
     Parameters
     ----------
     bits
-        Length of a descriptor of one image: the paper says 128, OpenCV's ORB has 256, whose first half is taken.
+        Length of the descriptor of an image: 128 in the paper, which is the first half of the 256 of OpenCV's ORB.
     unknown
-        Whether the third image shows the unknown mass, as the paper says, or is inverted, as in its program.
+        Whether the third image shows the unknown mass, as in the paper, or is inverted, as in its program.
     """
 
     bits: Literal[128, 256]
@@ -38,7 +38,7 @@ AS_PROGRAMMED = Variant(256, "inverted")
 
 
 class Setting(NamedTuple):
-    """A row of table II, and one of its columns."""
+    """A row and a column of table II."""
 
     keypoints: int
     ratio: float
@@ -47,7 +47,7 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """What was measured.
+    """The measurements.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def compare_modifications(
     tolerance_m: float,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[Variant, Study]:
-    """Match every pair with every number of keypoints, modification and ratio.
+    """Match all pairs with all numbers of keypoints, modifications and ratios.
 
     Parameters
     ----------
@@ -147,5 +147,5 @@ def _keypoints_of(grid: TbmGrid, count: int) -> _Keypoints:
 def _described(keypoints: _Keypoints, how: Descriptor, variant: Variant) -> Described:
     points, found = keypoints
     names = ["pignistic"] if how == "pignistic" else ["occupied", "free", variant.unknown]
-    # ORB's tests are sorted by their information beyond the tests before: the first are the best (Rublee 2011).
+    # ORB's tests are sorted by their additional information: the first are the best (Rublee 2011).
     return Described(points, joined([found[name][:, : variant.bits // 8] for name in names], how))

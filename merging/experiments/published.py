@@ -67,7 +67,7 @@ TABLE_4: tuple[tuple[float, float, float], ...] = (
 
 
 class PublishedRow(NamedTuple):
-    """A row of table II: mean and deviation of each modification, and the best of them."""
+    """A row of table II: mean and deviation of each modification, and the best modifications."""
 
     values: Mapping[str, tuple[float, float]]
     best: str
@@ -79,7 +79,7 @@ def table_2(keypoints: int, ratio: float) -> PublishedRow:
     Raises
     ------
     ValueError
-        If the table has no such row.
+        The table has no such row.
     """
     if (keypoints, ratio) not in TABLE_2:
         raise ValueError(f"table II has no row of {keypoints} keypoints at ratio {ratio}")

@@ -1,4 +1,4 @@
-"""Which differences between methods, measured on the same pairs, are more than chance."""
+"""Significance of differences between methods on the same pairs."""
 
 from collections.abc import Mapping
 
@@ -23,7 +23,7 @@ def paired_p_value(first: FloatArray, second: FloatArray) -> float:
     Raises
     ------
     ValueError
-        If there are too many pairs to try all signs.
+        There are too many pairs to test all signs.
     """
     differences = first - second
     differences = differences[np.isfinite(differences)]
@@ -44,7 +44,7 @@ def indistinguishable_from_best(values: Mapping[str, FloatArray], level: float =
     values
         What each method reached on the same pairs (P,); nan for none.
     level
-        Of confidence.
+        Confidence level.
     """
     means = {name: float(np.nanmean(v)) for name, v in values.items() if np.isfinite(v).any()}
     if not means:

@@ -20,20 +20,20 @@ from tbmslam.map.tbm_map import TbmMap
 
 @dataclass(frozen=True)
 class TransformResult:
-    """The transform of one pair.
+    """The transforms of a pair.
 
     Parameters
     ----------
     matches, right
-        Number of matches that passed Lowe's test, and of right ones.
+        Number of matches that pass Lowe's test, and number of right matches.
     least_m, most_m, geometric_mean_m
-        Distances of all matches after the affine transform, which the paper reports [m]; None if none was found.
+        Distances of all matches after the affine transform, as in the paper [m]; None without a transform.
     affine_error_m
         Mean true error of the source's cells under the transform [m].
     rigid_error_m
-        The same of the rigid motion that most matches agree on.
+        Mean true error under the rigid motion of most matches [m].
     default_error_m
-        The same of the default method, which needs no keypoints; None if it refuses.
+        Mean true error of the default method, which uses no keypoints [m]; None if it refuses.
     """
 
     matches: int
@@ -47,7 +47,7 @@ class TransformResult:
 
 
 def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -> TransformResult:
-    """Align a pair as the paper's program does, by the rigid consensus, and by the default method."""
+    """Align a pair by the method of the paper's program, by the rigid consensus, and by the default method."""
     features = describe_all([pair.target, pair.source], config.features)
     matches = match(features[0], features[1], config.features)
     target, source = matches.target_points, matches.source_points
@@ -70,12 +70,12 @@ def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -
 
 
 def geometric_mean(values: FloatArray) -> float:
-    """Return the geometric mean of values (N,) of zero or more; one zero makes it zero."""
+    """Return the geometric mean of values (N,) of at least 0; it is 0 if one value is 0."""
     return float(np.exp(np.mean(np.log(values)))) if (values > 0.0).all() else 0.0
 
 
 def _affine(target: FloatArray, source: FloatArray, threshold_m: float) -> FloatArray | None:
-    """Return the affine transform (2, 3) that the paper's program fits, with everything else at OpenCV's defaults."""
+    """Return the affine transform (2, 3) of the paper's program, which uses OpenCV's defaults."""
     if len(source) < 3:
         return None
     matrix, _ = cv2.estimateAffine2D(source, target, ransacReprojThreshold=threshold_m)
@@ -88,12 +88,12 @@ def _matrix(motion: SE2) -> FloatArray:
 
 @dataclass(frozen=True)
 class DurationResult:
-    """Times of one pair.
+    """Times of a pair.
 
     Parameters
     ----------
     area_m2
-        Of the rectangle around the merged map [m^2], as the paper counts.
+        Area of the rectangle around the merged map, as in the paper [m^2].
     milliseconds
         Wall time (R,) of each run [ms].
     """

@@ -203,9 +203,8 @@ def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
     either way, and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
     """
     occupancy = np.full(grid.masses.shape[:2], -1, dtype=np.int8)
-    for first in range(
-        0, len(occupancy), _BAND
-    ):  # intermediate arrays of a whole map would take more memory than the map
+    # Intermediate arrays of a whole map would take more memory than the map.
+    for first in range(0, len(occupancy), _BAND):
         masses, decided = grid.masses[first : first + _BAND], occupancy[first : first + _BAND]
         balance = masses[..., OCCUPIED] - masses[..., FREE]
         needed = MIN_BALANCE * (1.0 - masses[..., CONFLICT])
