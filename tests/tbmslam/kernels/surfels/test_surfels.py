@@ -5,17 +5,13 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.rays.hits import hits_of_scan
-from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.surfel_alignment import NOWHERE, align, composed, linearise, pair_up, place_scan, strays
-from tbmslam.kernels.surfels.surfel_search import _bounds, search
 from tbmslam.kernels.surfels.surfels import (
     CELLS,
     FACING,
     Surfels,
-    add_hits,
     cells_of,
-    claim_tiles,
     extent,
     fit_surfel,
     insert_hits,
@@ -23,53 +19,15 @@ from tbmslam.kernels.surfels.surfels import (
     slot_of,
 )
 from tests import reference
-
-RESOLUTION = 0.1
-LIMITS = (0.02, 0.03, 0.05, 8.0)
-LATTICE = Lattice(RESOLUTION, -60, -60)
-
-
-def room_walls(generator, count=3000):
-    """Hits on the four walls of a 6 m x 4 m room and on a thin post, with 1 cm noise."""
-    side = generator.integers(0, 4, count)
-    t = generator.uniform(-1.0, 1.0, count)
-    x = np.select([side == 0, side == 1], [3.0, -3.0], 3.0 * t)
-    y = np.select([side == 2, side == 3], [2.0, -2.0], 2.0 * t)
-    post = np.array([1.0, 0.5]) + generator.normal(0.0, 0.005, (50, 2))
-    return np.vstack((np.column_stack((x, y)) + generator.normal(0.0, 0.01, (count, 2)), post))
-
-
-def facing_origin(points):
-    """Normals of surfaces that all face a laser at the origin."""
-    return -points / np.maximum(np.hypot(*points.T), 1e-9)[:, None]
-
-
-def inserted(surfels, used, points, normals):
-    """Insert hits in the map's frame, and return how many tiles are in use then."""
-    cells, offsets = cells_of(points, normals, (0.0, 0.0, 0.0), LATTICE)
-    used = claim_tiles(surfels.tiles, used, cells)
-    add_hits(surfels, cells, offsets)
-    return used
-
-
-def surfels_of(points, normals=None):
-    """Return a surfel map's arrays with points inserted in several parts."""
-    normals = facing_origin(points) if normals is None else normals
-    surfels = Surfels(
-        tiles=np.zeros((2, 30, 30), dtype=np.int32),
-        moments=np.zeros((CELLS * (2 * 30 * 30 + 1), 6), dtype=np.float32),
-        fits=np.zeros((CELLS * (2 * 30 * 30 + 1), 8), dtype=np.float32),
-        lattice=LATTICE,
-        limits=LIMITS,
-    )
-    used = 1
-    for part in np.array_split(np.arange(len(points)), 7):
-        used = inserted(surfels, used, points[part], normals[part])
-    assert used == surfels.tiles.max() + 1
-    assert not surfels.moments[:CELLS].any()
-    assert not surfels.fits[:CELLS].any()
-    return surfels
-
+from tests.tbmslam.kernels.surfels.surfel_rooms import (
+    LATTICE,
+    LIMITS,
+    RESOLUTION,
+    facing_origin,
+    inserted,
+    room_walls,
+    surfels_of,
+)
 
 NOTHING = Surfels(
     np.zeros((2, 30, 30), dtype=np.int32),
@@ -304,40 +262,6 @@ def test_placing_a_scan_is_aligning_its_hits():
     assert placed[:3] == pytest.approx(laser, abs=0.01)
 
 
-def test_search_is_trying_every_pose():
-    generator = np.random.default_rng(6)
-    surfels = surfels_of(room_walls(generator))
-    turns = np.arange(-0.3, 0.31, 0.1)
-    scan = room_walls(generator, 60)
-    normals, guess, costs = facing_origin(scan), (0.213, -0.134, 0.151), (0.2, 0.05)
-    found = search(surfels, scan, normals, guess, 3, turns, 8.0, costs)
-    scores = {}
-    for turn, row, col in itertools.product(turns, range(-3, 4), range(-3, 4)):
-        pose = (guess[0] + col * RESOLUTION, guess[1] + row * RESOLUTION, guess[2] + turn)
-        away = costs[0] * RESOLUTION * math.hypot(row, col) + costs[1] * abs(turn)
-        scores[pose] = reference.matched_share(surfels, scan, normals, pose, 8.0) - away
-    assert found == pytest.approx(max(scores, key=scores.get))
-
-
-def test_search_finds_a_far_place():
-    generator = np.random.default_rng(6)
-    surfels = surfels_of(room_walls(generator))
-    turns = np.arange(-1.0, 1.01, 0.03)
-    scan = room_walls(generator, 150)
-    found = search(surfels, scan, facing_origin(scan), (0.4, -0.3, 0.75), 5, turns, 8.0, (0.0, 0.0))
-    assert found == pytest.approx((0.0, 0.0, 0.0), abs=0.09)
-
-
-def test_search_takes_the_nearest_of_equals():
-    generator = np.random.default_rng(7)
-    wall = np.column_stack((generator.uniform(-5.0, 5.0, 3000), generator.normal(0.0, 0.01, 3000)))
-    scan = wall[np.abs(wall[:, 0]) < 2.0][:150]
-    normals = np.full((len(scan), 2), 1.0)
-    surfels = surfels_of(wall, np.full((len(wall), 2), 1.0))
-    near = search(surfels, scan, normals, (0.05, 0.0, 0.0), 10, np.zeros(1), 8.0, (0.2, 0.0))
-    assert near[0] == pytest.approx(0.05)
-
-
 def test_the_far_face_of_a_thin_wall_is_another_surface():
     generator = np.random.default_rng(8)
     along = generator.uniform(-4.0, 4.0, 4000)
@@ -405,25 +329,6 @@ def test_layers_part_square_to_the_way_they_face():
         for side in (1.0, -1.0):
             angle = middle + side * (turn if layer == 1 else math.pi - turn)
             assert layer_of(math.cos(angle), math.sin(angle)) == layer
-
-
-def test_bounds_count_the_points_in_cells_that_may_have_a_surface():
-    """Also of points beyond the lattice, which lie in none."""
-    generator = np.random.default_rng(13)
-    surfels = surfels_of(room_walls(generator, 2000))
-    points = np.vstack((room_walls(generator, 80), generator.uniform(-14.0, 14.0, (200, 2))))
-    normals, guess, reach, turns = facing_origin(points), (0.3, -0.2, 0.1), 3, np.array([-0.4, 0.0, 1.3])
-    bounds = _bounds(surfels, points, normals, guess, reach, turns)
-    for k, row, col in itertools.product(range(3), range(2 * reach + 1), range(2 * reach + 1)):
-        c, s = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
-        turn = np.array([[c, -s], [s, c]])
-        cells = np.floor((points @ turn.T + guess[:2]) / RESOLUTION).astype(int) + 60 + (col - reach, row - reach)
-        layers = [layer_of(*normal) for normal in normals @ turn.T]
-        slots = [
-            slot_of(surfels.tiles, layer, y, x) if 0 <= x < 120 and 0 <= y < 120 else 0
-            for layer, (x, y) in zip(layers, cells.tolist(), strict=True)
-        ]
-        assert bounds[k, row, col] == np.count_nonzero(surfels.fits[slots, 5])
 
 
 def test_a_pose_is_where_scan_and_prior_balance():
