@@ -104,12 +104,13 @@ def test_a_scan_that_is_placed_once_more_is_not_compared_with_itself():
     assert recent.place(0.5, points, SE2(1.0, 0.0, 0.0)).motion == pytest.approx((1.0, 0.0, 0.0), abs=0.01)
 
 
-def test_scans_without_hits_place_nothing():
+@pytest.mark.parametrize("hits", [0, 20])
+def test_scans_of_few_hits_place_nothing(hits):
     recent, points = RecentScans(), points_at(SE2.identity(), trees(3))
-    recent.remember(0.0, np.zeros((0, 2)), SE2.identity())
+    recent.remember(0.0, points[:hits], SE2.identity())
     assert recent.place(0.5, points, SE2.identity()) is None
     recent.remember(1.0, points, SE2.identity())
-    assert recent.place(1.5, np.zeros((0, 2)), SE2.identity()) is None
+    assert recent.place(1.5, points[:hits], SE2.identity()) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
