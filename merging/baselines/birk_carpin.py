@@ -52,7 +52,7 @@ class _Side:
         return cls(states.some(there, sample), CellField.of(distances, states.geometry))
 
     def mean_distance(self, points: Points) -> FloatArray:
-        """Return the mean distance (K,) [cells] of points (K, N) from this state's cells, estimated outside the grid."""
+        """Return mean distances (K,) [cells] of points (K, N) from this state's cells, estimated outside the grid."""
         geometry = self.distances.geometry
         left, bottom, right, top = geometry.bounds()
         margin = 0.5 * geometry.resolution
