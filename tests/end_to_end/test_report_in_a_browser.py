@@ -33,10 +33,10 @@ def read_out(opened, number=0):
     x, y = box["x"] + box["width"] / 2 + number, box["y"] + box["height"] / 2 + number
     for attempt in range(50):  # pictures are decoded at the first move, and a busy machine takes its time
         opened.page.mouse.move(x, y + 0.01 * (attempt % 2))
+        opened.page.wait_for_timeout(100)  # till then it tells of the place before
         text = opened.page.inner_text("#readout")
         if "unknown" in text:
             break
-        opened.page.wait_for_timeout(100)
     assert "x " in text
     return {name: float(value) for name, value in re.findall(r"([a-z]+) (-?\d+(?:\.\d+)?)", text)}
 
