@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
-from tbmslam.geometry.se2 import FloatArray, adjoints, compose, inverse
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge, edge_errors
+from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.adjustment.motion_systems import motion_equations
+from tbmslam.kernels.adjustment.pose_systems import MotionSystem
+from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_solver import motions_of
 
 _GAUGE = 1e12
 """Information that holds the source where it is [1/m^2, 1/rad^2]."""
@@ -40,31 +42,27 @@ def relative_covariance(
     source, target
         Indices of the pose that is held and of the pose in question.
     """
-    ends, _, informations = EdgeArrays.of([*chain, *closures])
-    if closures:
-        informations[len(chain) :] /= (1.0 + (edge_errors(closures, poses) / robust_width) ** 2)[:, None, None]
-    nodes, numbers = np.unique(ends, return_inverse=True)
-    numbers = numbers.reshape(-1, 2)
-    # An error in the target's frame: as the target moves, less what the source's motion moves there.
-    at_source = -adjoints(compose(inverse(poses[ends[:, 1]]), poses[ends[:, 0]]))
-    crossed = np.swapaxes(at_source, 1, 2) @ informations
-    blocks = [crossed @ at_source, crossed, np.swapaxes(crossed, 1, 2), informations]
-    rows, columns = numbers[:, [0, 0, 1, 1]], numbers[:, [0, 1, 0, 1]]
-    system = _assembled(rows.T.ravel(), columns.T.ravel(), np.concatenate(blocks), len(nodes))
-    held, asked = 3 * int(np.searchsorted(nodes, source)), 3 * int(np.searchsorted(nodes, target))
-    gauge, right = np.zeros(3 * len(nodes)), np.zeros((3 * len(nodes), 3))
-    gauge[held : held + 3] = _GAUGE
-    right[asked : asked + 3] = np.eye(3)
-    system.setdiag(system.diagonal() + gauge)
-    covariance: FloatArray = splu(system.tocsc()).solve(right)[asked : asked + 3]
+    nodes = np.unique([end for edge in (*chain, *closures) for end in (edge.source, edge.target)])
+    numbers = np.zeros(len(poses), dtype=np.int64)
+    numbers[nodes] = np.arange(len(nodes))
+    motions = motions_of(chain, closures, robust_width, numbers, np.zeros((len(poses), 3)))
+    own, system, _ = motion_equations(motions, poses[nodes])
+    held, asked = numbers[source], numbers[target]
+    own[held] += _GAUGE * np.eye(3)
+    right = np.zeros((3 * len(nodes), 3))
+    right[3 * asked : 3 * asked + 3] = np.eye(3)
+    in_map = splu(_matrix(own, system)).solve(right)[3 * asked : 3 * asked + 3]
+    rotation = SE2(0.0, 0.0, float(poses[target, 2])).matrix()
+    covariance: FloatArray = rotation.T @ in_map @ rotation
     return covariance
 
 
-def _assembled(
-    rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], blocks: FloatArray, size: int
-) -> "coo_array":
-    """Return the sparse matrix (3 size, 3 size) that blocks (B, 3, 3) at block rows and columns (B,) add up to."""
-    inner = np.arange(3)
-    at = 3 * rows[:, None, None] + inner[:, None], 3 * columns[:, None, None] + inner[None, :]
-    row, column = (np.broadcast_to(each, blocks.shape).ravel() for each in at)
-    return coo_array((blocks.ravel(), (row, column)), shape=(3 * size, 3 * size))
+def _matrix(own: FloatArray, system: MotionSystem) -> csc_array:
+    """Return the sparse matrix (3 N, 3 N) of the curvature of poses (N, 3, 3) and of the motions between them."""
+    sources, targets = system.ends.T
+    every, inner = np.arange(len(own)), np.arange(3)
+    blocks = np.concatenate((own, system.across, np.swapaxes(system.across, 1, 2)))
+    rows = 3 * np.concatenate((every, sources, targets))[:, None, None] + inner[:, None]
+    columns = 3 * np.concatenate((every, targets, sources))[:, None, None] + inner
+    row, column = (np.broadcast_to(each, blocks.shape).ravel() for each in (rows, columns))
+    return coo_array((blocks.ravel(), (row, column)), shape=(3 * len(own), 3 * len(own))).tocsc()

@@ -214,7 +214,7 @@ class SurfelTracker:
 
 
 def _unmatched(result: Registration, prior: PosePrior, between: ScanMotion | None, T_robot_sensor: SE2) -> ScanMatch:
-    """Return the prior's pose for a scan of which hardly anything lies on surfaces; it is lost if no prior saw it."""
+    """Return the prior's pose for a scan that hardly fits; it is lost unless it resembles an earlier scan."""
     is_seen = between is not None and between.is_likely
     is_lost = not is_seen and result.matched < _FEW and result.independent * (1.0 - result.matched) > _MANY
     trust = _LOST_TRUST if is_lost else 1.0
