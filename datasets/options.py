@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from tbmslam.geometry.se2 import SE2
 
@@ -15,76 +15,55 @@ _LARGEST_OFFSET = 10.0
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Options of a recording; None means that the value is detected.
+    """Options of a recording; None means that the value is detected."""
 
-    Parameters
-    ----------
-    profile
-        "stata" fixes topics and frames of the MIT Stata Center recordings; "auto" finds them.
-    scan_topic
-        Topic of the scans; needed where a bag holds several. In a CARMEN log: FLASER, ROBOTLASER1, RAWLASER1.
-    laser_frame
-        Frame of the laser whose scans are read if a topic has several lasers; None for the laser with most
-        usable scans at the beginning.
-    odometry
-        "tf", "topic", "none", or "auto": tf where it connects the odometry frame with the robot, else the topic.
-    odometry_topic
-        Topic of nav_msgs/Odometry or geometry_msgs/PoseWithCovarianceStamped messages.
-    tf_topics
-        Topics that carry transforms; None: every topic of that type.
-    odom_frame, robot_frame
-        Frames between which odometry is read from tf.
-    sensor_pose
-        Pose of the laser on the robot, T_robot_sensor, instead of the recorded one.
-    upside_down
-        Whether the laser is mounted upside down, regardless of tf.
-    angle_step_deg
-        Angle between beams [deg] instead of the recorded one; the first beam keeps its direction.
-    range_min, range_max
-        Limits of the laser [m] instead of the recorded ones.
-    cloud_heights
-        Lowest and highest point of the slice of point clouds that becomes scans, above the robot's frame [m]; None: a
-        quarter of a metre around the sensor, without the floor.
-    range_offset
-        Added to every range that was measured [m].
-    no_return
-        Meaning of a beam without a return: "free", nothing in range, or "drop", unknown.
-    no_return_codes
-        Further range values that mean no return [m].
-    odometry_scale
-        What the odometry's lengths are multiplied by: 0.001 where they are in millimetres.
-    clock_offset
-        Seconds to add to a scan's stamp before odometry is looked up; None: detected, 0 if the clocks agree.
-    gap_s
-        A pause between scans longer than this is counted as a gap [s].
-    max_odometry_gap_s
-        Odometry is not interpolated between poses further apart than this [s].
-    """
-
-    profile: Profile = "auto"
-    scan_topic: str | None = None
-    laser_frame: str | None = None
-    odometry: OdometrySource = "auto"
-    odometry_topic: str | None = None
-    tf_topics: tuple[str, ...] | None = None
-    odom_frame: str | None = None
-    robot_frame: str | None = None
-    sensor_pose: SE2 | None = None
-    upside_down: bool | None = None
-    angle_step_deg: float | None = None
-    range_min: float | None = None
-    range_max: float | None = None
-    range_offset: float = 0.0
-    no_return: NoReturn = "free"
-    no_return_codes: tuple[float, ...] = ()
-    odometry_scale: float = 1.0
-    clock_offset: float | None = None
-    cloud_heights: tuple[float, float] | None = None
-    gap_s: float = 2.0
-    max_odometry_gap_s: float = 5.0
+    profile: Annotated[Profile, '"stata" fixes the topics and frames of the MIT Stata Center; "auto" finds them'] = (
+        "auto"
+    )
+    scan_topic: Annotated[
+        str | None, "topic of the scans, if a bag has several; in a CARMEN log FLASER, ROBOTLASER1 or RAWLASER1"
+    ] = None
+    laser_frame: Annotated[
+        str | None,
+        "frame of the laser, if a topic has several; without it the laser with most usable scans at the beginning",
+    ] = None
+    odometry: Annotated[
+        OdometrySource,
+        '"tf", "topic", "none", or "auto": tf if it connects the odometry frame with the robot, else the topic',
+    ] = "auto"
+    odometry_topic: Annotated[
+        str | None, "topic of nav_msgs/Odometry or geometry_msgs/PoseWithCovarianceStamped messages"
+    ] = None
+    tf_topics: Annotated[tuple[str, ...] | None, "topics of transforms; without them every topic of that type"] = None
+    odom_frame: Annotated[str | None, "frame of the odometry in tf"] = None
+    robot_frame: Annotated[str | None, "frame of the robot in tf"] = None
+    sensor_pose: Annotated[SE2 | None, "pose of the laser on the robot [m, m, rad] instead of the recorded one"] = None
+    upside_down: Annotated[bool | None, "whether the laser is mounted upside down, regardless of tf"] = None
+    angle_step_deg: Annotated[
+        float | None, "angle between beams [deg] instead of the recorded one; the first beam keeps its direction"
+    ] = None
+    range_min: Annotated[float | None, "shortest valid range [m] instead of the recorded one"] = None
+    range_max: Annotated[float | None, "longest valid range [m] instead of the recorded one"] = None
+    range_offset: Annotated[float, "offset that is added to every measured range [m]"] = 0.0
+    no_return: Annotated[
+        NoReturn, 'meaning of a beam without a return: "free", nothing in range, or "drop", unknown'
+    ] = "free"
+    no_return_codes: Annotated[tuple[float, ...], "further range values that mean no return [m]"] = ()
+    odometry_scale: Annotated[float, "factor for the lengths of the odometry: 0.001 for millimetres"] = 1.0
+    clock_offset: Annotated[
+        float | None,
+        "offset that is added to the stamp of a scan before odometry is looked up [s]; without it detected",
+    ] = None
+    cloud_heights: Annotated[
+        tuple[float, float] | None,
+        "heights above the robot's frame between which point clouds become scans [m]; without them 0.25 m around the "
+        "sensor, without the floor",
+    ] = None
+    gap_s: Annotated[float, "a longer pause between scans is counted as a gap [s]"] = 2.0
+    max_odometry_gap_s: Annotated[float, "odometry is not interpolated over longer gaps [s]"] = 5.0
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot be meant."""
+        """Refuse impossible values."""
         for name, choice in (("profile", Profile), ("odometry", OdometrySource), ("no_return", NoReturn)):
             allowed = get_args(choice)
             if getattr(self, name) not in allowed:

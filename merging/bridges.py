@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
-from merging.map_graph.hypothesis import is_same_pose
+from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.merged_group import group_maps_of
 from merging.pairwise import align_all

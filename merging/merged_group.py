@@ -8,14 +8,14 @@ import numpy as np
 
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError, Fusion, corners_of, fuse, place
-from merging.joint_slam.joint_optimisation import JointRefinement, redraw, refine_jointly, rendered_alike
+from merging.joint_slam import JointRefinement, redraw, refine_jointly, rendered_alike
 from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from merging.alignment import Alignment, Pair
 from merging.bridges import without_refuted_bridges
 from merging.config import MergeConfig
 from merging.fusion import Fusion
-from merging.joint_slam.joint_optimisation import JointRefinement
+from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState
 from merging.merged_group import MergedGroup, merge_group
@@ -19,8 +19,7 @@ from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.executor import Executor
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Executor, Progress
 
 
 @dataclass(frozen=True, repr=False)

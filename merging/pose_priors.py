@@ -19,11 +19,10 @@ from merging.fusion import corners_of
 from merging.pairwise import PreparedMaps
 from merging.registration.hypotheses import Candidate, best_of, find_candidates
 from merging.rigid_alignment import PreparedMap
-from merging.scoring.confidence import confidences
-from merging.scoring.decoys import find_decoys
+from merging.scoring import confidences, find_decoys
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
-from merging.walls.wall_map import WallMap, without_walls
+from merging.walls import WallMap, without_walls
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.map.map_check import MAX_CELLS

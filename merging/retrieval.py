@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from merging.alignment import Pair
 from merging.config import MergeConfig
 from merging.pairwise import CompressedGrid
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.search.place_matches import common_weight
 from tbmslam.kernels.search.place_signatures import FACINGS, all_products, pair_signature, spread_points

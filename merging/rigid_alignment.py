@@ -5,17 +5,16 @@ from dataclasses import dataclass, replace
 from merging.alignment import Alignment, PoseHypothesis, format_confidence, format_evidence
 from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
-from merging.config.verification import VerificationConfig
+from merging.config.registration import VerificationConfig
 from merging.fusion import at_resolution, check_cell_size
 from merging.registration.correlation import propose
 from merging.registration.features import Features, describe, match
 from merging.registration.hypotheses import Candidate, best_of, lead_of, refine_all
 from merging.registration.ransac import find_consensus
-from merging.scoring.confidence import confidences
-from merging.scoring.decoys import score_hypotheses
+from merging.scoring import confidences, score_hypotheses
 from merging.verification.covariance import covariance_of
 from merging.verification.evidence import Evidence, examine
-from merging.walls.wall_map import WallMap, without_walls
+from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from merging.alignment import Pair
 from merging.config import MergeConfig
-from merging.joint_slam.joint_optimisation import redraw
+from merging.joint_slam import redraw
 from merging.merge_state import MergeState
 from merging.pairwise import align_all
 from merging.retrieval import similarity_of_all

@@ -14,7 +14,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, poses_of_sensor
 

@@ -10,7 +10,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import prior_information
-from tbmslam.map.scan_inserter import ScanInserter
+from tbmslam.map.rendering import ScanInserter
 from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig, TileMaps
 from tbmslam.related.viny_tracker import GridTracker, GridTrackerConfig
 from tbmslam.sensing.laser_scan import LaserScan, Reading

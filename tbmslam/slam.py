@@ -21,7 +21,7 @@ from tbmslam.map.rendering import render
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.tracked_keyframe import packed

@@ -256,7 +256,7 @@ def _fleet_size(text: str) -> tuple[int, int]:
 
 def _check_split(args: argparse.Namespace) -> None:
     """Parse and check the options of `split`; see `_check`."""
-    from tools.benchmarks.simulated_recording import parse_recording_spec
+    from tools.benchmarks.recordings import parse_recording_spec
 
     counts = args.robots.split(",")
     if not all(count.isdecimal() and len(count) < 9 and 2 <= int(count) <= MOST_ROBOTS for count in counts):
@@ -268,7 +268,7 @@ def _check_split(args: argparse.Namespace) -> None:
 
 def _check_perturb(args: argparse.Namespace) -> None:
     """Parse and check the options of `perturb`; see `_check`."""
-    from tools.benchmarks.simulated_recording import parse_recording_spec
+    from tools.benchmarks.recordings import parse_recording_spec
 
     if args.jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
@@ -278,7 +278,7 @@ def _check_perturb(args: argparse.Namespace) -> None:
 def _check_drives(args: argparse.Namespace) -> None:
     """Parse and check the options of `slam` and `scaling`; see `_check`."""
     from tbmslam.configuration.slam_config import PRESETS
-    from tools.benchmarks.simulated_recording import SimulatedRecording, parse_recording_spec
+    from tools.benchmarks.recordings import SimulatedRecording, parse_recording_spec
 
     args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
     for name in args.preset:

@@ -19,10 +19,9 @@ from merging.nonrigid.tile_registration import DeformableMap, deform
 from merging.registration.correlation import propose
 from merging.registration.hypotheses import find_candidates
 from merging.rigid_alignment import prepared
-from merging.scoring.confidence import MEASURES, SIGNS, ConfidenceModel, by_chance, features, measured
-from merging.scoring.decoys import find_decoys
+from merging.scoring import MEASURES, SIGNS, ConfidenceModel, by_chance, features, find_decoys, measured
 from merging.verification.evidence import Evidence
-from merging.walls.wall_map import WallMap, without_walls
+from merging.walls import WallMap, without_walls
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.io.pictures import encode_png
 from tools.command_line.text_table import text_table

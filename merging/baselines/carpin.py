@@ -16,8 +16,7 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_WALL, CellStates, Points, Reals
-from merging.baselines.placing import Agreement, Placing, answer, climb
-from merging.baselines.pose_search import BINS, hough_spectrum, likely_turns
+from merging.baselines.placing import BINS, Agreement, Placing, answer, climb, hough_spectrum, likely_turns
 from merging.config import MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray

@@ -19,8 +19,16 @@ import numpy.typing as npt
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
-from merging.baselines.placing import Agreement, Placing, answer, climb
-from merging.baselines.pose_search import Channel, ShiftSearch, hough_spectrum, likely_turns
+from merging.baselines.placing import (
+    Agreement,
+    Channel,
+    Placing,
+    ShiftSearch,
+    answer,
+    climb,
+    hough_spectrum,
+    likely_turns,
+)
 from merging.config import MergeConfig
 from merging.config.baselines import SaeediConfig
 from tbmslam.belief.grid import GridGeometry, TbmGrid

@@ -18,8 +18,7 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
-from merging.baselines.placing import Placing, answer, climb
-from merging.baselines.pose_search import ShiftSearch
+from merging.baselines.placing import Placing, ShiftSearch, answer, climb
 from merging.config import MergeConfig
 from merging.config.baselines import TrehardConfig
 from tbmslam.belief.grid import TbmGrid

@@ -9,6 +9,7 @@ from merging.config.groups import GraphConfig, JointConfig, RetrievalConfig
 from merging.config.registration import (
     ConsensusConfig,
     CorrelationConfig,
+    ExactnessConfig,
     FeatureConfig,
     KnownPose,
     KnownPoseConfig,
@@ -16,8 +17,8 @@ from merging.config.registration import (
     RefinementConfig,
     ShortRangeConfig,
     StructureConfig,
+    VerificationConfig,
 )
-from merging.config.verification import ExactnessConfig, VerificationConfig
 from tbmslam.frozen_config import FrozenConfig, Metres, Share
 
 Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]
@@ -36,46 +37,44 @@ Coverage = Literal["union", "overlap"]
 
 
 class MergeConfig(FrozenConfig):
-    """The parameters of a merge.
-
-    Parameters
-    ----------
-    method
-        Registration of two maps: `correlation` tries every rotation and translation, `features` is the paper's method,
-        and the others are `merging.baselines`.
-    rule
-        Fusion of the masses of a cell: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`, `dubois-prade`,
-        `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`. With None the merged
-        map is rendered again from all scans if the drives were optimised jointly, the coverage is `union`, all maps are
-        fully reliable, and all were rendered alike. Otherwise None is `disjunctive`.
-    coverage
-        `union` keeps the cells that only one robot saw; `overlap` makes them unknown.
-    reliability
-        Reliability of the maps by name, from 0 to 1; 1 for maps that are not named.
-    known_poses
-        Approximate poses of maps, by name, in the frame of the first map [m, m, rad]. These maps are not searched.
-    resolution
-        Cell size at which maps are compared [m]; None takes the larger one of each pair.
-    merged_resolution
-        Cell size of the merged map [m]; None takes that of the first merged map.
-    decoys
-        The first, coarse search for poses of the source's mirror image, which show what chance achieves. If it leaves
-        doubt, the search is repeated with `correlation`. See `merging.scoring.decoys`.
-    """
+    """The parameters of a merge."""
 
     PUBLIC: ClassVar = ("method", "rule", "coverage", "reliability", "known_poses", "resolution", "merged_resolution")
 
-    method: Method = "correlation"
-    rule: Rule | None = None
-    coverage: Coverage = "union"
-    reliability: dict[str, Share] = Field(default_factory=dict)
-    known_poses: dict[str, KnownPose] = Field(default_factory=dict)
-    resolution: Metres | None = None
-    merged_resolution: Metres | None = None
+    method: Method = Field(
+        "correlation",
+        description="registration of two maps: `correlation` tries every rotation and translation, `features` is the "
+        "paper's method, and the others are `merging.baselines`",
+    )
+    rule: Rule | None = Field(
+        None,
+        description="fusion of the masses of a cell: `disjunctive` (eq. 6), `conjunctive` (eq. 5), `dempster`, "
+        "`dubois-prade`, `yager`, `average`, `unanimous`, `log-odds` or `entropy-filter`; see `merging.fusion.fuse`. "
+        "Without a rule the merged map is rendered again from all scans if the drives were optimised jointly, the "
+        "coverage is `union`, all maps are fully reliable, and all were rendered alike; else it is `disjunctive`",
+    )
+    coverage: Coverage = Field(
+        "union", description="`union` keeps the cells that only one robot saw; `overlap` makes them unknown"
+    )
+    reliability: dict[str, Share] = Field(
+        default_factory=dict, description="reliability of maps by name, from 0 to 1; 1 for maps that are not named"
+    )
+    known_poses: dict[str, KnownPose] = Field(
+        default_factory=dict,
+        description="approximate poses of maps, by name, in the frame of the first map [m, m, rad]; these maps are "
+        "not searched",
+    )
+    resolution: Metres | None = Field(
+        None, description="cell size at which maps are compared [m]; without it the larger one of each pair"
+    )
+    merged_resolution: Metres | None = Field(
+        None, description="cell size of the merged map [m]; without it that of the first merged map"
+    )
     features: FeatureConfig = FeatureConfig()
     consensus: ConsensusConfig = ConsensusConfig()
     structure: StructureConfig = StructureConfig()
     correlation: CorrelationConfig = CorrelationConfig()
+    # The coarse search for poses of the source's mirror image; see `merging.scoring`.
     decoys: CorrelationConfig = CorrelationConfig(
         cells_along=90,
         min_cell_m=0.1,
@@ -105,8 +104,8 @@ PAPER = MergeConfig(
     nonrigid=NonrigidConfig(enabled=False),
     joint=JointConfig(enabled=False),
 )
-"""The paper's algorithm 1 and nothing else: keypoints, one motion for the whole map, the disjunctive rule (eq. 6).
+"""The paper's algorithm 1: keypoints, one motion for the whole map, the disjunctive rule (eq. 6).
 
-Nothing confirms or refines the motion, no map is deformed, and no scan is rendered again. Any cell that a map does not
-know is unknown in the merged map (its figure 2e).
+The motion is neither verified nor refined, no map is deformed, and no scan is rendered again. A cell that any map does
+not know is unknown in the merged map (its figure 2e).
 """

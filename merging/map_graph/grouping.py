@@ -13,8 +13,7 @@ import numpy as np
 
 from merging.alignment import Alignment, Pair
 from merging.config.groups import GraphConfig
-from merging.map_graph.hypothesis import CentroidFrames, Edge, edges_of, is_same_pose
-from merging.map_graph.links import GroupLinks
+from merging.map_graph.links import CentroidFrames, Edge, GroupLinks, edges_of, is_same_pose
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_graph import MotionEdge

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
 from tbmslam.belief.masses import UNKNOWN
 from tbmslam.evaluation.trajectory_errors import fit_rigid

@@ -15,9 +15,8 @@ from merging.map_graph.grouping import Group
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.search import NonrigidRegistration
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.drive import Drive
+from tbmslam.map.drive import Drive, with_keyframes_at
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.map.trajectory_correction import with_keyframes_at
 
 
 def deformed_maps(

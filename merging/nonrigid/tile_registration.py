@@ -13,7 +13,7 @@ from merging.config.registration import StructureConfig
 from merging.nonrigid.deformation import Deformation
 from merging.registration.hypotheses import refine_all
 from merging.verification.evidence import examine
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 

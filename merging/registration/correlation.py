@@ -11,7 +11,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from merging.config.registration import CorrelationConfig
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.search.distinct_places import distinct_places
 from tbmslam.kernels.search.turned_images import block_peaks, draw_turned, multiply

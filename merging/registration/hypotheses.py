@@ -5,10 +5,10 @@ import numpy as np
 from merging.config import MergeConfig
 from merging.registration.correlation import Proposals, distinct, propose
 from merging.verification.evidence import Evidence, examine_all, support_m
-from merging.walls.wall_map import WallMap, without_walls
+from merging.walls import WallMap, without_walls
 from tbmslam.geometry.se2 import SE2, FloatArray, compose
+from tbmslam.kernels.grids.walls import FACING
 from tbmslam.map.walls import slide
-from tbmslam.wall_limits import FACING
 
 _ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
 """Alignments farther apart than this are different answers, not one answer twice."""

@@ -9,16 +9,15 @@ import numpy.typing as npt
 
 from merging.alignment import Alignment, Pair, PoseHypothesis, format_confidence, format_covariance, format_pose
 from merging.config import MergeConfig
-from merging.config.verification import VerificationConfig
+from merging.config.registration import VerificationConfig
 from merging.merger import Merge
 from merging.pairwise import PreparedMaps
-from merging.walls.movable_objects import BoolArray
-from merging.walls.wall_map import WallMap
+from merging.walls import BoolArray, WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.grids.walls import FACING
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.page import Card, Picture, Table
 from tbmslam.report.sheet import Levels, Palette
-from tbmslam.wall_limits import FACING
 
 _NEITHER, _ONE, _BOTH, _TARGET, _SOURCE, _AGREED, _CONTRADICTED = range(7)
 _PALETTE = Palette(

@@ -1,1 +1,1 @@
-"""What two maps say for and against a hypothesis, and how exact it is."""
+"""Evidence for and against a pose hypothesis, and its covariance."""

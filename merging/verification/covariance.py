@@ -1,48 +1,48 @@
-"""How exactly agreeing walls tell where a map lies.
+"""The covariance of an alignment, from the walls that agree.
 
-A wall holds a map across itself, not along; walls far apart hold it from turning. Both of two maps are bent, over a
-metre or so as much as over many, so that a metre of wall is one measurement and not as many as it has cells. What is
-known of an alignment, in the frame of the source at the middle of what agrees, is therefore::
+A wall constrains a map across the wall and not along it; distant walls constrain the rotation. Maps are distorted over
+metres, so one metre of wall counts as one measurement, whatever its number of cells. In the frame of the source, at the
+centroid of the agreeing walls::
 
     covariance = inverse(sum over walls of metres * J' J / wall^2 + prior) + bend^2,    J = (nx, ny, x ny - y nx)
 
-with normals n at points (x, y). A few numbers state the errors of `data/map-pairs` and of pairs cut from other maps
-at all overlaps, of rooms and of whole floors; `tools/benchmark.py align` tells how well. Real drives bend besides, as a
-whole, by some tenths of a degree.
+with normals n at points (x, y). The parameters were fitted to the errors on `data/map-pairs` and on pairs cut from
+other maps; `tools/benchmark.py align` measures the calibration. Real drives are bent as a whole besides, by some tenths
+of a degree.
 """
 
 import math
 
 import numpy as np
 
-from merging.config.verification import ExactnessConfig
-from merging.walls.wall_map import WallMap
+from merging.config.registration import ExactnessConfig
+from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.kernels.grids.walls import Limits
 from tbmslam.map.walls import AGREES, hold
-from tbmslam.wall_limits import Limits
 
 Covariance = tuple[tuple[float, ...], ...]
-"""Of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
+"""Covariance of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
 
 _MANY_WALLS = 4000
-"""Walls of a map that are enough."""
+"""Number of wall cells of a map that suffices."""
 
 
 def covariance_of(
     target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits, config: ExactnessConfig
 ) -> Covariance:
-    """Return how exactly the walls that agree under an alignment tell where the source lies.
+    """Return the covariance of an alignment, from the walls of both maps that agree.
 
     Parameters
     ----------
     target, source
-        The maps; either's walls are held against the other.
+        The maps.
     T_target_source
-        The alignment, from which walls pull the source no farther.
+        The refined alignment.
     limits
-        When walls agree.
+        The thresholds of agreement.
     config
-        How exact a metre of wall is.
+        The accuracy of a metre of wall.
     """
     metres, points, normals = (
         np.concatenate(both)
@@ -65,7 +65,7 @@ def covariance_of(
 def _agreeing(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, T_source_moving: SE2, limits: Limits
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return half the metres (N,) of one map's agreeing walls, the other map sees them too, and where they are."""
+    """Return half the lengths (N,) of one map's agreeing walls (the other map counts the rest), points and normals."""
     some = moving.some(_MANY_WALLS)
     agree = some[hold(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
     cell_m = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
@@ -85,9 +85,9 @@ def seen_from(covariance: Covariance, T_here_there: SE2) -> Covariance:
 
 
 def bent_by(covariance: Covariance, apart_m: float, apart_rad: float) -> Covariance:
-    """Return the covariance of an alignment whose parts lie apart from where it has them, root mean squares [m], [rad].
+    """Return the covariance of an alignment enlarged by RMS deviations of its parts [m], [rad].
 
-    It grows where it is known best.
+    It is enlarged at the point where it is smallest.
     """
     x, y = known_best_at(covariance)
     there = np.array(seen_from(covariance, SE2(-x, -y, 0.0))) + np.diag(
@@ -97,16 +97,16 @@ def bent_by(covariance: Covariance, apart_m: float, apart_rad: float) -> Covaria
 
 
 def known_best_at(covariance: Covariance) -> tuple[float, float]:
-    """Return the point (x, y) of the source whose place is known best, which an error of the turn does not move [m].
+    """Return the point (x, y) of the source whose position is known best [m]: a rotation error does not move it.
 
-    It is the middle of what agrees, wherever the source has its frame.
+    It is the centroid of the agreeing walls and does not depend on the source's frame.
     """
     turn = covariance[2][2]
     return -covariance[1][2] / turn, covariance[0][2] / turn
 
 
 def deviations(covariance: Covariance) -> tuple[float, float]:
-    """Return the standard deviations of the place where it is known best [m], and of the turn [rad]."""
+    """Return the standard deviations of the position at the best known point [m] and of the rotation [rad]."""
     all_ = np.array(covariance)
     turn = float(all_[2, 2])
     place = all_[:2, :2] - np.outer(all_[:2, 2], all_[2, :2]) / turn

@@ -1,58 +1,114 @@
-"""What the aligned maps say about each other, for and against."""
+"""The evidence for and against a pose hypothesis: lengths of wall that agree and conflict.
+
+The cells of one straight wall are not independent: a long wall lies on other walls by chance as easily as a short one.
+Therefore walls are also counted by square blocks of the floor (`Pieces`), each of which counts once, and by corners.
+Unbroken stretches of wall that the other robot saw through are measured separately: places that look alike share many
+walls, but one of them often has a wall where the other has free space.
+"""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from merging.config.verification import VerificationConfig
-from merging.verification.see_through import seen_through_m
-from merging.verification.wall_segments import Pieces, count_pieces
-from merging.walls.wall_map import WallMap
+from merging.config.registration import VerificationConfig
+from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.map.walls import AGREED, COMPARED, CONFLICTING, SQUARES, UNSEEN, XX, XY, YY, Walls, compare
+from tbmslam.kernels.grids.walls import Limits
+from tbmslam.kernels.search.touching_cells import pieces_of
+from tbmslam.map.walls import (
+    AGREED,
+    AGREES,
+    COMPARED,
+    CONFLICTING,
+    CONFLICTS,
+    NOT_SEEN,
+    OUTSIDE,
+    SQUARES,
+    UNSEEN,
+    XX,
+    XY,
+    YY,
+    Walls,
+    compare,
+    hold,
+    see_through,
+)
 
+Cells = npt.NDArray[np.int64]
 _Chosen = tuple[Walls, npt.NDArray[np.int64], float]
-"""Walls, the indices of those that are looked at, and the length that each of them stands for [m]."""
+"""Walls, the indices of those that are compared, and the length that each of them represents [m]."""
+
+_BLOCK_M = 1.0
+"""Side of a block of the floor."""
+_ENOUGH_M = 0.3
+"""Length of wall from which a block counts fully."""
+_MANY_WALLS = 4000
+"""Number of wall cells that suffices for the blocks of a map."""
+_DOOR_M = 0.8
+"""Length of a door leaf; a shorter stretch of wall may be a door or a movable object."""
+_TOUCHING = 3
+"""Largest distance of two cells along rows and columns that touch once both are grown by one."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Numbers of blocks, each the mean of both directions of the comparison.
+
+    Parameters
+    ----------
+    agreeing, conflicting
+        Shares of the walls that agree and that conflict, summed over the blocks.
+    compared
+        Blocks with walls in the known area of the other map.
+    corners
+        Blocks with agreeing walls of different directions.
+    """
+
+    agreeing: float
+    conflicting: float
+    compared: float
+    corners: float
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for and against an alignment.
+    """The evidence for and against an alignment.
 
-    Lengths of wall are means of two directions, either map's walls held against the other map, and things that people
-    move count little (`merging.walls.movable_objects`).
+    Each length is the mean of two directions: the walls of each map are compared with the other map. Movable objects
+    have little weight (`merging.walls`).
 
     Parameters
     ----------
     overlap_m2
-        Area that both maps know [m^2].
+        Area known to both maps [m^2].
     compared_wall_m
-        Walls that lie where the other map knows something [m].
+        Walls in the known area of the other map [m].
     agreed_wall_m
-        Of those, the walls with a wall of the other map near by that was seen from the same side [m].
+        Compared walls near a wall of the other map that faces the same way [m].
     conflicting_wall_m
-        Of those, the walls that stand on the other map's free space, far from all of its walls [m].
+        Compared walls on free space of the other map, far from all of its walls [m].
     unseen_wall_m
-        Walls whose front the other robot saw free, so that it should have seen them, and did not [m].
+        Walls that the other robot did not see although it saw free space in front of them [m].
     weakest_wall_m
-        How much of the agreeing wall resists sliding in the direction that it resists least [m].
+        Length of agreeing wall that resists a shift in the least constrained direction [m].
     rmse_m
-        Root mean square distance of the agreeing walls from their likes, to half a cell [m]; None where none agree.
+        Root mean square distance between agreeing walls, to half a cell [m]; None if none agree.
     agreement, conflict
-        Shares of the compared walls that agree with, and that stand on free space of, the other map. The rest is
-        neither: near a wall but not near enough, or near one that faces another way.
+        Shares of the compared walls that agree and that conflict. The rest is near a wall, but not near enough, or
+        faces another way.
     larger_wall_m
-        All walls of the map that has more of them [m].
+        Length of all walls of the map with more walls [m].
     seen_through_m
-        The unbroken stretches of wall that the other robot saw through (`merging.verification.see_through`) [m].
+        Unbroken stretches of wall that the other robot saw through [m].
     agreed_things_m, compared_things_m
-        What people move, and lies where the other map knows something: the outlines that agree, and all [m]. Things of
-        two visits seldom agree, those of one visit mostly.
+        Outlines of movable objects in the known area of the other map: those that agree, and all [m]. They mostly agree
+        within one visit and seldom between two.
     pieces
-        The same by separate pieces of wall.
+        The evidence by blocks of the floor.
     """
 
     overlap_m2: float
@@ -74,9 +130,9 @@ class Evidence:
 def support_m(
     target: WallMap, source: WallMap, motions: list[SE2], config: VerificationConfig, limit: int | None = None
 ) -> FloatArray:
-    """Return how much wall (M,) speaks for each alignment, less what speaks against it [m].
+    """Return the length of wall (M,) that supports each alignment, less the weighted length of all other walls [m].
 
-    `limit` is the number of walls of each map that are held against the other; None takes all.
+    `limit` is the number of wall cells of each map that are compared; None compares all.
     """
     forth, back = _sums(target, source, motions, config, lambda one: _walls_of(one, limit))
     agreed = (forth + back)[:, AGREED]
@@ -85,7 +141,7 @@ def support_m(
 
 
 def examine(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> Evidence:
-    """Compare two maps under an alignment, each one's walls with the other map."""
+    """Compare the walls of each map with the other map under an alignment."""
     return examine_all(target, source, [T_target_source], config)[0]
 
 
@@ -116,7 +172,7 @@ def _sums(
     config: VerificationConfig,
     chosen: Callable[[WallMap], _Chosen],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the sums (M, 8) of `compare` in metres: what is chosen of the source held against the target, and back."""
+    """Return the sums (M, 8) of `compare` in metres: chosen walls of the source against the target, and vice versa."""
     backward = [motion.inverse() for motion in motions]
     sums = []
     for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
@@ -158,3 +214,98 @@ def _overlap_m2(target: WallMap, source: WallMap, T_target_source: SE2) -> float
     centres, cell_m2 = source.some_known
     rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
     return float(np.count_nonzero(inside & target.known[rows, cols])) * cell_m2
+
+
+def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits) -> Pieces:
+    """Count the blocks with walls that agree and that conflict under an alignment."""
+    forth = _counts(source, target, T_target_source, limits)
+    back = _counts(target, source, T_target_source.inverse(), limits)
+    agreeing, conflicting, compared, corners = ((forth + back) / 2.0).tolist()
+    return Pieces(agreeing, conflicting, compared, corners)
+
+
+def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> FloatArray:
+    some = moving.some(_MANY_WALLS)
+    held = hold(moving.walls, some, fixed.walls, motion, limits)
+    there = (held != OUTSIDE) & (held != NOT_SEEN)
+    if not there.any():
+        return np.zeros(4)
+    some, held = some[there], held[there]
+    cell_m = moving.geometry.resolution * (len(moving.points) / len(there))
+    metres = cell_m * moving.weights[some]
+    blocks = _blocks(motion.apply(moving.points[some]))
+    normals = SE2(0.0, 0.0, motion.theta).apply(moving.normals[some])
+    agreed = metres * (held == AGREES)
+    xx, xy, yy = (np.bincount(blocks, agreed * normals[:, i] * normals[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    weakest = (xx + yy) / 2.0 - np.hypot((xx - yy) / 2.0, xy)
+    compared = np.bincount(blocks, metres)
+    shares = [
+        np.bincount(blocks, part) / np.maximum(compared, _ENOUGH_M) for part in (agreed, metres * (held == CONFLICTS))
+    ]
+    whole = [np.minimum(part / _ENOUGH_M, 1.0) for part in (compared, weakest)]
+    return np.array([part.sum() for part in (*shares, *whole)])
+
+
+def _blocks(points: FloatArray) -> npt.NDArray[np.int64]:
+    """Return the number of the block that each point (N, 2) lies in."""
+    cells = np.floor((points - points.min(axis=0)) / _BLOCK_M).astype(np.int64)
+    return np.asarray(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1])
+
+
+def seen_through_m(target: WallMap, source: WallMap, T_target_source: SE2, reach_m: float) -> float:
+    """Return the length of unbroken stretches of wall that the other robot saw through, a mean of two directions [m].
+
+    Of each stretch only the length beyond a door leaf counts.
+
+    Parameters
+    ----------
+    reach_m
+        Depth of the free space that the other map has before and behind the wall [m]. It is larger than the distance
+        of doubled walls in distorted maps.
+    """
+    forth = _stretches_m(source, target, T_target_source, reach_m)
+    return (forth + _stretches_m(target, source, T_target_source.inverse(), reach_m)) / 2.0
+
+
+def _stretches_m(moving: WallMap, fixed: WallMap, motion: SE2, reach_m: float) -> float:
+    through = see_through(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
+    rows, cols, _ = moving.geometry.cells_at(moving.points[through])
+    return stretches_m(np.column_stack((rows, cols)), moving.geometry.resolution)
+
+
+def stretches_m(cells: Cells, resolution: float) -> float:
+    """Return the sum of the lengths of stretches of wall cells (N, 2) beyond a door leaf [m].
+
+    Each cell is grown by one all around before, which closes the gaps of ragged walls.
+    """
+    if len(cells) == 0:
+        return 0.0
+    pieces = _large_pieces(cells - cells.min(axis=0), resolution)
+    lengths = {_place_of(piece): _longer_m(piece, resolution) for piece in pieces}
+    return sum(lengths[place] for place in sorted(lengths))
+
+
+def _large_pieces(cells: Cells, resolution: float) -> list[Cells]:
+    """Return the cells (N, 2) of each connected piece after growth, without small pieces."""
+    cells = np.ascontiguousarray(cells[np.lexsort((cells[:, 1], cells[:, 0]))])
+    labels = pieces_of(cells, _TOUCHING)
+    order = np.argsort(labels, kind="stable")
+    cells, starts = cells[order], np.flatnonzero(np.diff(labels[order], prepend=-1))
+    sides = np.maximum.reduceat(cells, starts) - np.minimum.reduceat(cells, starts) + 3  # grown
+    large = np.hypot(*sides.T) * resolution > _DOOR_M
+    return [piece for piece, is_large in zip(np.split(cells, starts[1:]), large, strict=True) if is_large]
+
+
+def _place_of(piece: Cells) -> tuple[int, int]:
+    """Return the block of two by two cells in which a grown piece begins. It fixes the order of the sum of lengths."""
+    row = int(piece[:, 0].min()) // 2
+    return row, int(piece[piece[:, 0] <= 2 * row + 1, 1].min()) // 2
+
+
+def _longer_m(piece: Cells, resolution: float) -> float:
+    """Return the length of a piece beyond a door leaf [m], without the cell by which it was grown."""
+    rows, cols = (piece - piece.min(axis=0)).T + 1
+    grown = np.zeros((rows.max() + 2, cols.max() + 2), dtype=np.uint8)
+    grown[rows, cols] = 1
+    _, sides, _ = cv2.minAreaRect(cv2.findNonZero(cv2.dilate(grown, np.ones((3, 3), np.uint8))).astype(np.float32))
+    return max(float(max(sides)) * resolution - resolution - _DOOR_M, 0.0)

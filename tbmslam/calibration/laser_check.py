@@ -15,9 +15,8 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import turn_rates
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, stretch_begins
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.optimisation.trajectory_segments import stretch_begins
 
 logger = logging.getLogger(__name__)
 

@@ -21,11 +21,9 @@ from tbmslam.kernels.adjustment.laser_slopes import (
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.optimisation.config import AdjustmentConfig
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
 from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
-from tbmslam.optimisation.wall_lines import WallLines
 
 _GAUGE = 1e8
 """Information that fixes the first pose [1/m^2]."""

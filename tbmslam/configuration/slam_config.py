@@ -12,11 +12,10 @@ from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.configuration.parameters import ConfigError, changed
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig
-from tbmslam.map.rendering import MapConfig
-from tbmslam.map.scan_inserter import InsertionConfig
+from tbmslam.map.rendering import InsertionConfig, MapConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
 from tbmslam.related.particle_tracker import ParticleTrackerConfig
 from tbmslam.related.viny_tracker import GridTrackerConfig, HillClimbingConfig, MonteCarloConfig
 from tbmslam.sensing.sensor_model import SensorModelConfig

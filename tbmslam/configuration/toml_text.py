@@ -3,9 +3,8 @@
 import inspect
 import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-import docstring_parser
 import tomlkit
 from annotated_types import Ge, Gt, Interval, Le, Lt
 from pydantic import BaseModel
@@ -28,8 +27,7 @@ def config_text(
     Parameters
     ----------
     config
-        A pydantic model or a dataclass; tables in it are such as well. A parameter is described by its field, or by
-        the section *Parameters* of the class's docstring.
+        A pydantic model, or a dataclass whose types are annotated with descriptions; tables in it are such as well.
     heading
         Comment at the top.
     leave_out
@@ -48,16 +46,11 @@ def config_text(
 
 
 def descriptions_of(table: object) -> dict[str, str]:
-    """Return the description of each field of a table, if its class has one."""
-    described: dict[str, str] = {}
-    for parameter in docstring_parser.parse(
-        inspect.getdoc(type(table)) or "", docstring_parser.DocstringStyle.NUMPYDOC
-    ).params:
-        for name in parameter.arg_name.split(", "):
-            described[name] = " ".join((parameter.description or "").split()).rstrip(".")
+    """Return the description of each field of a table, empty if it has none."""
     if isinstance(table, BaseModel):
-        described |= {name: field.description for name, field in type(table).model_fields.items() if field.description}
-    return described
+        return {name: field.description or "" for name, field in type(table).model_fields.items()}
+    hints = get_type_hints(type(table), include_extras=True)
+    return {name: next(iter(getattr(hint, "__metadata__", ())), "") for name, hint in hints.items()}
 
 
 def _fill(
@@ -67,13 +60,10 @@ def _fill(
     described = descriptions_of(table)
     values = {name: value for name, value in _shown(table, reference).items() if name not in leave_out}
     limits = _limits(table)
-    before = ""
     for name, value in values.items():
         if is_table(value):
             continue
-        if described.get(name, "") != before:  # one comment for parameters with a common description
-            _comment(container, described.get(name, ""))
-        before = described.get(name, "")
+        _comment(container, described[name])
         if value is None:
             container.add(tomlkit.comment(f"{name} is not set"))
             continue
@@ -85,7 +75,7 @@ def _fill(
         if is_table(value):
             below = tomlkit.table()
             summary = inspect.getdoc(type(value)) or ""
-            _comment(below, described.get(name) or summary.partition("\n")[0])
+            _comment(below, described[name] or summary.partition("\n")[0])
             _fill(below, value, _counterpart(reference, name, value))
             container.add(tomlkit.nl())
             container.add(name, below)
@@ -117,7 +107,7 @@ def _counterpart(reference: object | None, name: str, value: object) -> object |
 
 
 def _comment(container: tomlkit.TOMLDocument | Table, text: str) -> None:
-    for line in textwrap.wrap(text, _WIDTH):
+    for line in textwrap.wrap(text, _WIDTH, break_on_hyphens=False):
         container.add(tomlkit.comment(line))
 
 
@@ -134,8 +124,7 @@ def _limits(table: object) -> dict[str, str]:
     """Return the limits of each field beyond its type."""
     if isinstance(table, BaseModel):
         return {name: ", ".join(_limits_of(field)) for name, field in type(table).model_fields.items()}
-    hints = inspect.get_annotations(type(table), eval_str=True)
-    return {name: ", ".join(_choices(hint)) for name, hint in hints.items()}
+    return {name: ", ".join(_choices(hint)) for name, hint in get_type_hints(type(table)).items()}
 
 
 def _limits_of(field: FieldInfo) -> Iterator[str]:

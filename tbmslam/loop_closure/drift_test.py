@@ -14,9 +14,8 @@ from tbmslam.geometry.se2 import FloatArray
 from tbmslam.loop_closure.candidates import ClosingTargets
 from tbmslam.loop_closure.sequence_consistency import PlacedBundle
 from tbmslam.map.scan_hits import DriveHits
-from tbmslam.optimisation.marginals import relative_covariance
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.graph_optimisation import relative_covariance
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 
 _SURPRISING = 16.3
 """Squared Mahalanobis distance (three dimensions) that chance exceeds once in 1000. Right places of five real drives

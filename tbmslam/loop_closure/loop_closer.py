@@ -24,12 +24,11 @@ from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig
+from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import DriveHits, ScanHits
-from tbmslam.map.trajectory_correction import spread_corrections
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
-from tbmslam.parallel.progress import Progress
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
+from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
 

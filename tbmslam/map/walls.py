@@ -19,12 +19,12 @@ from tbmslam.kernels.grids.walls import (
     XX,
     XY,
     YY,
+    Limits,
     Walls,
     compare_walls,
     hold_walls,
     see_through_walls,
 )
-from tbmslam.wall_limits import Limits
 
 __all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
 __all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "see_through", "slide"]

@@ -14,7 +14,7 @@ from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.search.scoring import climb_hill, search_monte_carlo, weighted_impact
-from tbmslam.map.scan_inserter import ScanInserter
+from tbmslam.map.rendering import ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, ScanMatcher, moved_from
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths, stacked
-from tbmslam.map.trajectory_correction import spread_corrections
+from tbmslam.map.drive import spread_corrections
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.synthetic.robot.laser import SimulatedLaser
-from merging.joint_slam.joint_optimisation import redraw
+from merging.joint_slam import redraw
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory

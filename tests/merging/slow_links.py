@@ -3,7 +3,7 @@
 import itertools
 import math
 
-from merging.map_graph.hypothesis import is_same_pose
+from merging.map_graph.links import is_same_pose
 
 
 def slow_links_of(groups, edges, config):

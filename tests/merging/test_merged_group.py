@@ -8,7 +8,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from merging import merged_group
 from merging.config import MergeConfig
 from merging.fusion import fuse, warp
-from merging.joint_slam.joint_optimisation import redraw
+from merging.joint_slam import redraw
 from merging.map_graph.grouping import Group
 from merging.merged_group import GroupMap, group_maps_of, merge_group, most_known_first
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -20,7 +20,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 
 POSES = {"a": SE2.identity(), "b": SE2(3.0, -2.0, 0.7)}
 

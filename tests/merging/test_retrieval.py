@@ -9,7 +9,7 @@ import pytest
 from merging import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.retrieval import MapPlaces, similarity, similarity_of_all
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

@@ -3,7 +3,7 @@
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.rigid_alignment import _by_correlation
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 

@@ -10,7 +10,7 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
-from merging.joint_slam.joint_optimisation import redraw
+from merging.joint_slam import redraw
 from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState
 from merging.report.pair_cards import pair_cards

@@ -6,9 +6,8 @@ import pytest
 from scipy.optimize import check_grad
 
 from merging import MergeConfig
-from merging.scoring.confidence import FEATURES, MEASURES, SIGNS, ConfidenceModel
-from merging.verification.evidence import Evidence
-from merging.verification.wall_segments import Pieces
+from merging.scoring import FEATURES, MEASURES, SIGNS, ConfidenceModel
+from merging.verification.evidence import Evidence, Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps

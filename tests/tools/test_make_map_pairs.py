@@ -2,7 +2,7 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.verification.evidence import examine
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tools.make_map_pairs import main
 from tools.map_pairs import load_pair
 

@@ -25,9 +25,8 @@ from tbmslam.io.atomic_file import write_text
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
-from tools.benchmarks.drive_errors import DriveErrors, drive_errors, truth_beside
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
-from tools.benchmarks.simulated_recording import RecordingSpec
+from tools.benchmarks.recordings import DriveErrors, RecordingSpec, drive_errors, truth_beside
 from tools.command_line.text_table import ResultTable, describe_machine, number, text_table, write_tables
 
 Change: TypeAlias = Callable[[Iterable[Reading]], Iterator[Reading]]

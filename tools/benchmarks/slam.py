@@ -31,7 +31,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.benchmarks.simulated_recording import RecordingSpec, beside
+from tools.benchmarks.recordings import RecordingSpec, beside
 from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 
 WARM_UP_SCANS = 20

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from merging import merge
-from merging.joint_slam.joint_optimisation import redraw
+from merging.joint_slam import redraw
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
@@ -29,7 +29,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
-from tools.benchmarks.simulated_recording import as_words
+from tools.benchmarks.recordings import as_words
 from tools.command_line.paths import map_folders
 from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.evaluation import NAME as TRUTH_FILE

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from numba.core.event import Listener, register, unregister
 from tqdm import tqdm
 
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 
 if TYPE_CHECKING:
     from tbmslam.geometry.se2 import SE2

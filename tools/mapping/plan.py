@@ -9,7 +9,7 @@ from pathlib import Path
 
 from datasets.opening import file_digests, list_recordings
 from tbmslam.configuration.parameters import changed
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.segmentation import (
     Itinerary,
     Segment,

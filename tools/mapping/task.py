@@ -23,7 +23,7 @@ from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.incidents import in_order
 from tbmslam.parallel.cluster import code_digest
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.report.page import versions
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.sensing.segmentation import Segment, in_frame

@@ -6,8 +6,15 @@ import numpy as np
 
 from merging.experiments.detectors import DETECTORS
 from merging.experiments.modifications import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study, Variant
-from merging.experiments.published import TABLE_1, TABLE_2, table_2
-from merging.experiments.significance import LEVEL, TEST, indistinguishable_from_best, paired_p_value
+from merging.experiments.published import (
+    LEVEL,
+    TABLE_1,
+    TABLE_2,
+    TEST,
+    indistinguishable_from_best,
+    paired_p_value,
+    table_2,
+)
 from tbmslam.geometry.se2 import FloatArray
 from tools.paper.experiments import PaperResults, PaperSettings
 from tools.paper.page import PaperPicture, PaperTable, Section, draw_curves

@@ -14,7 +14,7 @@ from datasets.synthetic.world.world import World
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Reading
 
 

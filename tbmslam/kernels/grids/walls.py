@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel
-from tbmslam.wall_limits import Limits
 
 
 class Walls(NamedTuple):
@@ -39,6 +38,31 @@ class Walls(NamedTuple):
     resolution: float
     origin_x: float
     origin_y: float
+
+
+FACING = 0.7
+"""Least cosine between the normals of two walls that may be one wall seen from the same side."""
+
+
+class Limits(NamedTuple):
+    """Distances [m] and a cosine, as the kernels take them.
+
+    Parameters
+    ----------
+    agreement
+        Walls nearer to each other than this agree, if they face the same way.
+    conflict
+        A wall on free space farther than this from every wall contradicts.
+    front
+        Distance before a wall in which the other map must have free space, so that its robot could see the wall.
+    facing
+        Least cosine between the normals of walls that may be one.
+    """
+
+    agreement: float
+    conflict: float
+    front: float
+    facing: float
 
 
 COMPARED, AGREED, CONFLICTING, UNSEEN, XX, XY, YY, SQUARES = range(8)

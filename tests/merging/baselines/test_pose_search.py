@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from merging.baselines.pose_search import BINS, ShiftSearch, hough_spectrum, likely_turns
+from merging.baselines.placing import BINS, ShiftSearch, hough_spectrum, likely_turns
 
 
 def test_a_wall_makes_a_peak_at_its_normal():

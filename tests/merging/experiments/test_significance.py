@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from merging.experiments.significance import half_interval, indistinguishable_from_best, paired_p_value
+from merging.experiments.published import half_interval, indistinguishable_from_best, paired_p_value
 
 
 def test_the_permutation_test_is_scipy_s():

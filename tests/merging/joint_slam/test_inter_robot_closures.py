@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from merging.config.groups import JointConfig
-from merging.joint_slam.inter_robot_closures import Track, _determined
+from merging.joint_slam import Track, _determined
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive, DriveMotions

@@ -8,14 +8,14 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config.groups import JointConfig
-from merging.joint_slam.joint_optimisation import refine_jointly
+from merging.joint_slam import refine_jointly
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
 
 LENGTH, STEP = 14.0, 0.25
 T_WORLD_B = SE2(3.0, -2.0, 0.7)

@@ -8,7 +8,7 @@ import pytest
 from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
-from merging.map_graph.hypothesis import edges_of
+from merging.map_graph.links import edges_of
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 

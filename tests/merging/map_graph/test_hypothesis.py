@@ -3,7 +3,7 @@ import pytest
 
 from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
-from merging.map_graph.hypothesis import CentroidFrames, Edge, edges_of, is_same_pose
+from merging.map_graph.links import CentroidFrames, Edge, edges_of, is_same_pose
 from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 

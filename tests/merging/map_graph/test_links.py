@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from merging.alignment import Alignment, PoseHypothesis
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
-from merging.map_graph.hypothesis import edges_of
-from merging.map_graph.links import GroupLinks, _are_same
+from merging.map_graph.links import GroupLinks, _are_same, edges_of
 from tbmslam.geometry.se2 import SE2
 from tests.merging.slow_links import slow_links_of
 

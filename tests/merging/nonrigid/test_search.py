@@ -14,7 +14,7 @@ from merging.nonrigid.search import register_nonrigid, register_refused_pairs
 from merging.rigid_alignment import align_whole
 from merging.verification.covariance import deviations
 from merging.verification.evidence import examine
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

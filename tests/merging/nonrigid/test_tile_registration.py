@@ -7,7 +7,7 @@ from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.nonrigid.tile_registration import DeformableMap, deform, tiles_of
 from merging.verification.evidence import examine
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2

@@ -11,7 +11,7 @@ from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion import warp
 from merging.registration import correlation
 from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

@@ -7,7 +7,7 @@ from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion import warp
 from merging.registration.hypotheses import best_of, find_candidates, refine_all
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 

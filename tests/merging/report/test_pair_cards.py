@@ -7,14 +7,13 @@ from PIL import Image
 
 from merging import MergeConfig, merge
 from merging.alignment import Alignment, PoseHypothesis
-from merging.config.registration import StructureConfig
-from merging.config.verification import VerificationConfig
+from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
 from merging.merger import Merge
 from merging.report import pair_cards
 from merging.report.pair_cards import draw_alone, draw_pair
 from merging.verification.evidence import examine
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap

@@ -4,7 +4,7 @@ from importlib import resources
 
 import numpy as np
 
-from merging.scoring.confidence import (
+from merging.scoring import (
     FEATURES,
     MEASURES,
     SIGNS,
@@ -14,7 +14,7 @@ from merging.scoring.confidence import (
     features,
     measured,
 )
-from merging.verification.wall_segments import Pieces
+from merging.verification.evidence import Pieces
 from tests.merging.judged_places import CHANCE, GOOD
 
 DECOYS = [CHANCE] * 3

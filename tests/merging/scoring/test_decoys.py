@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
 
+from merging import scoring
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion import warp
 from merging.registration.hypotheses import find_candidates
-from merging.scoring import decoys as decoys_module
-from merging.scoring.confidence import confidences
-from merging.scoring.decoys import find_decoys, mirror_image, mirrored, score_hypotheses
-from merging.walls.wall_map import WallMap
+from merging.scoring import confidences, find_decoys, mirror_image, mirrored, score_hypotheses
+from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2
 
 CONFIG = MergeConfig()
@@ -74,8 +73,8 @@ def test_chance_is_searched_thoroughly_where_it_may_decide(maps, monkeypatch, at
         seen.append(thoroughly)
         return [thoroughly]
 
-    monkeypatch.setattr(decoys_module, "find_decoys", glance)
-    monkeypatch.setattr(decoys_module, "confidences", lambda _, decoys: [0.3 if decoys[0] else at_a_glance])
+    monkeypatch.setattr(scoring, "find_decoys", glance)
+    monkeypatch.setattr(scoring, "confidences", lambda _, decoys: [0.3 if decoys[0] else at_a_glance])
     likely, decoys = score_hypotheses(*maps, [None], CONFIG)
     assert seen == looks
     assert decoys == looks[-1:]

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merging.config.registration import StructureConfig
-from merging.config.verification import ExactnessConfig, VerificationConfig
+from merging.config.registration import ExactnessConfig, StructureConfig, VerificationConfig
 from merging.verification.covariance import bent_by, covariance_of, deviations, known_best_at, seen_from
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 

@@ -3,15 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from merging.config.registration import StructureConfig
-from merging.config.verification import VerificationConfig
+from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
 from merging.verification.evidence import examine, support_m
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.grids.walls import FACING
 from tbmslam.map.walls import compare
-from tbmslam.wall_limits import FACING
 
 CONFIG = VerificationConfig()
 

@@ -4,11 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merging.config.registration import StructureConfig
-from merging.config.verification import VerificationConfig
-from merging.verification.see_through import seen_through_m, stretches_m
-from merging.walls.movable_objects import Components
-from merging.walls.wall_map import WallMap
+from merging.config.registration import StructureConfig, VerificationConfig
+from merging.verification.evidence import seen_through_m, stretches_m
+from merging.walls import Components, WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 

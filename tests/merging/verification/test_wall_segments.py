@@ -3,11 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from merging.config.registration import StructureConfig
-from merging.config.verification import VerificationConfig
+from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
-from merging.verification.wall_segments import Pieces, count_pieces
-from merging.walls.wall_map import WallMap
+from merging.verification.evidence import Pieces, count_pieces
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.walls import AGREED, AGREES, COMPARED, CONFLICTING, CONFLICTS, NOT_SEEN, OUTSIDE, UNSEEN, compare, hold

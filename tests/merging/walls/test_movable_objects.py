@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from merging.config.registration import StructureConfig
-from merging.walls.movable_objects import Components, steadiness
+from merging.walls import Components, steadiness
 
 
 def test_cells_that_touch_are_a_piece():

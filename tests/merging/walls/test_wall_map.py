@@ -1,7 +1,7 @@
 import numpy as np
 
 from merging.config.registration import StructureConfig
-from merging.walls.wall_map import WallMap
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 
 

@@ -7,7 +7,7 @@ from tbmslam.calibration.laser_check import fit_laser
 from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tests.tbmslam.drifting_drive import drifting_keyframes
 

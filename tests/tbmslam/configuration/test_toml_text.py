@@ -1,4 +1,6 @@
 import tomllib
+from dataclasses import dataclass
+from typing import Annotated
 
 import pytest
 
@@ -20,18 +22,13 @@ def test_a_parameter_has_its_meaning_unit_and_limits():
     assert "[motion]" not in text
 
 
-def test_the_docstring_describes_what_the_fields_do_not():
+def test_fields_of_a_dataclass_are_described_by_their_types():
+    @dataclass
     class Table:
-        """Something.
+        near_m: Annotated[float, "least distance [m]"] = 1.0
+        name: str = ""
 
-        Parameters
-        ----------
-        near_m, far_m
-            How near and how far
-            it may be [m].
-        """
-
-    assert descriptions_of(Table()) == dict.fromkeys(("near_m", "far_m"), "How near and how far it may be [m]")
+    assert descriptions_of(Table()) == {"near_m": "least distance [m]", "name": ""}
 
 
 def test_constants_are_printed_where_they_differ():

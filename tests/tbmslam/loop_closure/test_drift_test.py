@@ -7,8 +7,7 @@ from tbmslam.loop_closure.candidates import ClosingTargets
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig, PlacedBundle
 from tbmslam.map.scan_hits import DriveHits
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tests.tbmslam.drifting_drive import drifting_keyframes

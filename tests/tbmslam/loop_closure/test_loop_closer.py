@@ -4,7 +4,7 @@ import pytest
 from tbmslam.geometry.se2 import SE2
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
 from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
 from tbmslam.tracking.surfel_map import SurfelConfig

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.loop_closure.place_index import PlaceIndex, place_signature
+from tbmslam.loop_closure.far_search import PlaceIndex, place_signature
 from tbmslam.sensing.laser_scan import Hits
 
 _HERE = SE2.identity()

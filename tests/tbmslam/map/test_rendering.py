@@ -5,8 +5,7 @@ from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.masses import CONFLICT, FREE
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.rendering import MapConfig, render
-from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.map.rendering import InsertionConfig, MapConfig, ScanInserter, render
 from tbmslam.sensing.laser_scan import LaserScan
 
 MOUNT = SE2(0.21, 0.13, 0.31)

@@ -4,7 +4,7 @@ import pytest
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.map.rendering import InsertionConfig, ScanInserter
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig
 from tests.reference import is_inside

@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.map.drive import Drive
+from tbmslam.map.drive import Drive, spread_corrections, with_keyframes_at
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.trajectory_correction import spread_corrections, with_keyframes_at
 from tbmslam.sensing.laser_scan import LaserScan
 
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.optimisation.bundle_adjustment import adjust
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, adjust
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.sensing.laser_scan import LaserScan
 from tests.tbmslam.drifting_drive import drifting_keyframes, errors, packed

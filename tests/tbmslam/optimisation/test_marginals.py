@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2, compose, inverse, wrap_angles
-from tbmslam.optimisation.marginals import relative_covariance
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.graph_optimisation import relative_covariance
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 
 
 @pytest.fixture

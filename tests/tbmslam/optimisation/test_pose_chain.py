@@ -3,8 +3,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_chain import MotionChain
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 
 
 @pytest.fixture

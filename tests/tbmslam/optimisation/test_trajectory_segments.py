@@ -4,9 +4,8 @@ import pytest
 from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.optimisation.config import AdjustmentConfig
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, RigidStretches
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
-from tbmslam.optimisation.trajectory_segments import RigidStretches
 from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = AdjustmentConfig(stretch=1.0, turn=1.0)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from tbmslam.kernels.adjustment.wall_pieces import StretchHits
-from tbmslam.optimisation.config import AdjustmentConfig
-from tbmslam.optimisation.wall_lines import WallLines
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines
 
 
 def test_pieces_that_are_no_line_do_not_count(generator):

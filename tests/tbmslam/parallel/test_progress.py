@@ -1,6 +1,6 @@
 import pytest
 
-from tbmslam.parallel.progress import Progress
+from tbmslam.parallel.executor import Progress
 
 
 def test_times_of_a_step_add_up(monkeypatch):

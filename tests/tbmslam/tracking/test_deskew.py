@@ -15,8 +15,7 @@ from tbmslam.configuration.slam_config import config_from_dict
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.rendering import render
-from tbmslam.map.scan_inserter import InsertionConfig, ScanInserter
+from tbmslam.map.rendering import InsertionConfig, ScanInserter, render
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig
 from tbmslam.slam import Slam

@@ -7,7 +7,7 @@ import pytest
 
 from datasets.synthetic.map_pairs.pairs import building_of_world, cut_pairs, disjoint_pair, room_of
 from merging.baselines import howard
-from merging.scoring.confidence import FEATURES, MEASURES
+from merging.scoring import FEATURES, MEASURES
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2

@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tools.benchmarks.drive_errors import NoTruthError, drive_errors, truth_beside
+from tools.benchmarks.recordings import NoTruthError, drive_errors, truth_beside
 
 FRAME = SE2(4.0, -7.0, 2.0)
 

@@ -15,7 +15,6 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmark import main
-from tools.benchmarks.drive_errors import DriveErrors
 from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.perturb import (
     UNPERTURBED,
@@ -33,7 +32,7 @@ from tools.benchmarks.perturb import (
     with_range_noise,
     with_scans_dropped,
 )
-from tools.benchmarks.simulated_recording import SimulatedRecording, parse_recording_spec
+from tools.benchmarks.recordings import DriveErrors, SimulatedRecording, parse_recording_spec
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,7 @@ from tbmslam.kernels.adjustment.laser_slopes import (
     single_scan_hits,
 )
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.optimisation.config import AdjustmentConfig
-from tbmslam.optimisation.wall_lines import WallLines
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines
 from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = AdjustmentConfig(min_hits=4.0)

@@ -5,8 +5,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids.wall_sliding import slide_walls
-from tbmslam.kernels.grids.walls import Walls, compare_walls, hold_walls, see_through_walls
-from tbmslam.wall_limits import Limits
+from tbmslam.kernels.grids.walls import Limits, Walls, compare_walls, hold_walls, see_through_walls
 from tests import wall_reference
 
 LIMITS = Limits(0.153, 0.307, 0.3, 0.7)  # which no distance between cells meets exactly

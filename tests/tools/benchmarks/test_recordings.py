@@ -4,7 +4,7 @@ import pytest
 
 from datasets import RecordingOptions
 from tbmslam.geometry.se2 import SE2
-from tools.benchmarks.simulated_recording import SimulatedRecording, SimulationError, beside, parse_recording_spec
+from tools.benchmarks.recordings import SimulatedRecording, SimulationError, beside, parse_recording_spec
 
 
 def test_the_argument_is_reproduced():

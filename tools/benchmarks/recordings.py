@@ -1,13 +1,21 @@
-"""Recordings and simulated drives as arguments of a benchmark, as ``office:1:good,beams=361``."""
+"""Recordings of benchmarks: bags, or simulated drives as ``office:1:good``, and errors against their truth."""
 
 import argparse
 import contextlib
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Literal, NoReturn
+
+import numpy as np
+import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
+from tbmslam.evaluation.relations import Relations, matching_stamps, read_relations, relation_errors
+from tbmslam.evaluation.trajectory_errors import fit_rigid
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.io.trajectory_file import read_tum
 from tools import make_world
 from tools.command_line.options import add_recording_options, options_from
 
@@ -147,3 +155,105 @@ class SimulatedRecording:
             raise SimulationError(f"{self} could not be simulated: see the message above")
         option = ",odometry=none" if self.odometry == IGNORED else ""
         return parse_recording_spec(f"{folder / 'robot_0.bag'}{option}")
+
+
+_SAME_SCAN_S = 1e-3
+_SAME_POSE_S = 0.01
+
+
+class NoTruthError(TbmSlamError):
+    """A recording has no truth beside it."""
+
+
+@dataclass(frozen=True)
+class DriveErrors:
+    """Errors of each relation, or of each true pose.
+
+    Parameters
+    ----------
+    kind
+        Whether the N errors are of relations or of poses.
+    metres, degrees
+        Errors (N,), nan for those that cannot be scored; degrees are nan for poses.
+    has_scans
+        Which of them (N,) have scans at their stamps.
+    """
+
+    kind: Literal["relations", "poses"]
+    metres: FloatArray
+    degrees: FloatArray
+    has_scans: npt.NDArray[np.bool_]
+
+    def scored(self) -> npt.NDArray[np.bool_]:
+        """Return which errors (N,) were scored."""
+        return np.isfinite(self.metres)
+
+    def error_m(self, chosen: npt.NDArray[np.bool_]) -> float | None:
+        """Return the mean error of some relations, or the RMS error of some poses (ATE) [m]; None if there are none."""
+        metres = self.metres[chosen]
+        if not len(metres):
+            return None
+        return float(metres.mean() if self.kind == "relations" else np.sqrt(np.mean(metres**2)))
+
+    def error_deg(self, chosen: npt.NDArray[np.bool_]) -> float | None:
+        """Return the mean rotation error of some relations [deg]; None for poses, or if there are none."""
+        degrees = self.degrees[chosen]
+        return float(degrees.mean()) if len(degrees) and self.kind == "relations" else None
+
+
+def truth_beside(recording: Path) -> Path:
+    """Return the file of relations, or else of true poses, beside a recording.
+
+    Raises
+    ------
+    NoTruthError
+        The recording has no truth.
+    """
+    for suffix in (".relations", ".truth.tum"):
+        if (path := beside(recording, suffix)) is not None:
+            return path
+    raise NoTruthError(f"{recording}: has no .relations and no .truth.tum beside it, so it cannot be scored: add one")
+
+
+def drive_errors(truth: Path, estimate: Trajectory, scans: FloatArray) -> DriveErrors:
+    """Compare the trajectory of a drive with the truth.
+
+    Parameters
+    ----------
+    truth
+        The file that `truth_beside` returns.
+    estimate
+        The estimated poses.
+    scans
+        Stamps (S,) of the scans that were given to be mapped [s].
+    """
+    if truth.name.endswith(".relations"):
+        return _relation_errors(read_relations(truth), estimate, scans)
+    return _pose_errors(read_tum(truth), estimate, scans)
+
+
+def _relation_errors(relations: Relations, estimate: Trajectory, scans: FloatArray) -> DriveErrors:
+    """Score the relations both of whose moments have an estimated pose."""
+    metres, degrees = np.full((2, len(relations.stamps)), np.nan)
+    errors = relation_errors(relations, estimate, _SAME_SCAN_S)
+    metres[errors.checked], degrees[errors.checked] = errors.translations_m, errors.rotations_deg
+    ends = [_has_any(scans, relations.stamps[:, end], _SAME_SCAN_S) for end in (0, 1)]
+    return DriveErrors("relations", metres, degrees, ends[0] & ends[1])
+
+
+def _pose_errors(truth: Trajectory, estimate: Trajectory, scans: FloatArray) -> DriveErrors:
+    """Score the true poses with an estimated pose, after a rigid alignment."""
+    metres = np.full(len(truth), np.nan)
+    found, true = matching_stamps(estimate.stamps, truth.stamps, _SAME_POSE_S)
+    if len(found) >= 2:
+        target, source = truth.poses[true, :2], estimate.poses[found, :2]
+        T_truth_map, _ = fit_rigid(target, source)
+        metres[true] = np.hypot(*(T_truth_map.apply(source) - target).T)
+    return DriveErrors("poses", metres, np.full(len(truth), np.nan), _has_any(scans, truth.stamps, _SAME_POSE_S))
+
+
+def _has_any(scans: FloatArray, stamps: FloatArray, tolerance: float) -> npt.NDArray[np.bool_]:
+    """Return which stamps (N,) have a scan."""
+    has = np.zeros(len(stamps), dtype=np.bool_)
+    has[matching_stamps(scans, stamps, tolerance)[1]] = True
+    return has

@@ -1,1 +1,0 @@
-"""The drives of several robots optimised together."""

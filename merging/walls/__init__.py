@@ -1,1 +1,0 @@
-"""What a map shows of walls."""
