@@ -31,27 +31,18 @@ class PointCloudError(ValueError):
 
 
 class PointCloud(NamedTuple):
-    """The points of one message.
-
-    Parameters
-    ----------
-    frame
-        The sensor's frame.
-    stamp
-        Stamp of the message [s]; 0 or less is unset.
-    points
-        Points (N, 3) in the sensor's frame [m], all finite.
-    times
-        Times of measurement (N,) since the first point [s]; None if unknown.
-    delay
-        Time of the first point after the stamp [s].
-    """
+    """The points of one message."""
 
     frame: str
+    """The sensor's frame."""
     stamp: float
+    """Stamp of the message [s]; 0 or less is unset."""
     points: FloatArray
+    """Points (N, 3) in the sensor's frame [m], all finite."""
     times: FloatArray | None = None
+    """Times of measurement (N,) since the first point [s]; None if unknown."""
     delay: float = 0.0
+    """Time of the first point after the stamp [s]."""
 
 
 def cloud_of(message: Any) -> PointCloud:
@@ -123,29 +114,20 @@ _NEAREST, _FARTHEST = 0.1, 300.0
 
 @dataclass(frozen=True)
 class CloudSlice:
-    """The slice of point clouds that becomes scans.
-
-    Parameters
-    ----------
-    T_robot_sensor
-        Mount of the sensor. If only its pose in the plane is known, heights are above the sensor.
-    low, high
-        Lowest and highest point of the slice above the robot's frame [m].
-    angle_min, angle_step
-        Direction of the first beam and angle to the next, at the sensor and relative to the robot's axes [rad].
-    beams
-        Number of beams.
-    time_step
-        Time between two beams [s]; 0 if unknown or if all are measured at once.
-    """
+    """The slice of point clouds that becomes scans."""
 
     T_robot_sensor: SE3
+    """Mount of the sensor. If only its pose in the plane is known, heights are above the sensor."""
     low: float
     high: float
+    """Lowest and highest point of the slice above the robot's frame [m]."""
     angle_min: float = -math.pi
     angle_step: float = math.radians(1.0)
+    """Direction of the first beam and angle to the next, at the sensor and relative to the robot's axes [rad]."""
     beams: int = 360
+    """Number of beams."""
     time_step: float = 0.0
+    """Time between two beams [s]; 0 if unknown or if all are measured at once."""
 
     @property
     def T_robot_scan(self) -> SE2:
@@ -199,8 +181,6 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
         Directions (N,) as multiples of the angle between beams, from the first beam.
     ranges
         Ranges (N,) of the points [m].
-    beams
-        Number of beams.
     """
     if not len(ranges):
         return np.full(beams, np.nan)

@@ -51,64 +51,45 @@ def gaps_in_words(lengths: list[float]) -> str:
 
 @dataclass
 class ReadingCounts:
-    """Counts of one pass over a recording.
-
-    Parameters
-    ----------
-    scans_read, scans_used
-        Scans in the recording, and those that became readings.
-    dropped
-        Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame
-        (another laser on the same topic).
-    beams
-        Beams of all scans but duplicates, by result: hit, no_return, too_close, zero, nan.
-    backward_stamps
-        Used scans whose stamp is earlier than that of the scan before.
-    same_stamps
-        Scans with the stamp of an earlier scan but other ranges; they are kept.
-    beam_count_changes
-        Number of changes of the number of beams between consecutive scans.
-    gaps, gap_seconds, longest_gap_s
-        Pauses between scans, their sum and the longest [s].
-    extrapolated
-        Scans at the end whose odometry was extrapolated beyond the last pose.
-    without_odometry
-        Used scans in gaps of the odometry that are too long for interpolation.
-    clock_disagreements
-        Scans whose difference of stamp and bag time differs from that at the beginning.
-    lost_scans, lost_seconds
-        Estimated loss by damage of the file.
-    incidents
-        Problems of the recording with their times.
-    doubtful_sweeps
-        Scans with an impossible time between beams; their beams are taken as simultaneous.
-    farthest_m, farthest_beams, farthest_scans
-        The longest range of a hit [m], the number of beams with exactly this range, and the number of their scans.
-    pauses
-        Stamp of the scan before each gap, and length of the gap [s].
-    """
+    """Counts of one pass over a recording."""
 
     scans_read: int = 0
     scans_used: int = 0
+    """Scans in the recording, and those that became readings."""
     dropped: dict[str, int] = field(default_factory=dict)
+    """Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame (another
+    laser on the same topic)."""
     beams: dict[str, int] = field(default_factory=dict)
+    """Beams of all scans but duplicates, by result: hit, no_return, too_close, zero, nan."""
     backward_stamps: int = 0
+    """Used scans whose stamp is earlier than that of the scan before."""
     same_stamps: int = 0
+    """Scans with the stamp of an earlier scan but other ranges; they are kept."""
     beam_count_changes: int = 0
+    """Number of changes of the number of beams between consecutive scans."""
     gaps: int = 0
     gap_seconds: float = 0.0
     longest_gap_s: float = 0.0
+    """Pauses between scans, their sum and the longest [s]."""
     extrapolated: int = 0
+    """Scans at the end whose odometry was extrapolated beyond the last pose."""
     without_odometry: int = 0
+    """Used scans in gaps of the odometry that are too long for interpolation."""
     clock_disagreements: int = 0
+    """Scans whose difference of stamp and bag time differs from that at the beginning."""
     lost_scans: int = 0
     lost_seconds: float = 0.0
+    """Estimated loss by damage of the file."""
     incidents: Incidents = field(default_factory=Incidents)
+    """Problems of the recording with their times."""
     doubtful_sweeps: int = 0
+    """Scans with an impossible time between beams; their beams are taken as simultaneous."""
     farthest_m: float = 0.0
     farthest_beams: int = 0
     farthest_scans: int = 0
+    """The longest range of a hit [m], the number of beams with exactly this range, and the number of their scans."""
     pauses: list[tuple[float, float]] = field(default_factory=list)
+    """Stamp of the scan before each gap, and length of the gap [s]."""
 
     def drop(self, reason: str) -> None:
         """Count a scan that is left out."""

@@ -40,8 +40,6 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
         The file to write. Until it is complete and checked, the data are in TARGET.part.
     sha256
         The expected digest; None if unknown, and any data are accepted.
-    progress
-        Receives the progress.
 
     Returns
     -------
@@ -210,41 +208,28 @@ def _tag_file(part: Path) -> Path:
 
 @dataclass(frozen=True)
 class KnownRecording:
-    """A public recording.
-
-    Parameters
-    ----------
-    name
-        As `stata/2011-01-24-06-18-27`.
-    addresses
-        Addresses of its files, the recording first.
-    license, citation, page
-        Licence, citation, and the page that states them.
-    options
-        Options that build_maps needs to read it.
-    truth
-        Where its ground truth is, if it is not among its files.
-    about
-        A short description.
-    megabytes
-        Reported size [MB]; None if unknown.
-    sha256
-        Digests by file name, where they are known.
-    reached
-        Whether an address was reached when this list was made.
-    """
+    """A public recording."""
 
     name: str
+    """As `stata/2011-01-24-06-18-27`."""
     addresses: tuple[str, ...]
+    """Addresses of its files, the recording first."""
     license: str
     citation: str
     page: str
+    """Licence, citation, and the page that states them."""
     options: str
+    """Options that build_maps needs to read it."""
     truth: str
+    """Where its ground truth is, if it is not among its files."""
     about: str
+    """A short description."""
     megabytes: float | None
+    """Reported size [MB]; None if unknown."""
     sha256: Mapping[str, str]
+    """Digests by file name, where they are known."""
     reached: bool
+    """Whether an address was reached when this list was made."""
 
 
 @functools.cache

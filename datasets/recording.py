@@ -109,8 +109,6 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
 
     Parameters
     ----------
-    recording
-        The recording.
     span
         The mapped part of it; None: all of it. Gaps are those of the part; other counts have no times and are those of
         knows when they were, of the whole recording.
@@ -239,13 +237,6 @@ def cached(recording: Recording, limit_bytes: int = 512 * 2**20) -> Recording:
     """Return the same recording, kept in memory after its first complete pass where it fits.
 
     A small bag is then decompressed once although it is read several times; a large one is streamed each time.
-
-    Parameters
-    ----------
-    recording
-        The source of the readings.
-    limit_bytes
-        Memory that may be used.
     """
     if limit_bytes < 0:
         raise ValueError(f"limit_bytes must not be negative, got {limit_bytes}")

@@ -18,27 +18,18 @@ _SURE = 0.999
 
 @dataclass(frozen=True)
 class PoseHypothesis:
-    """A pose that the source map may have in the target's frame.
-
-    Parameters
-    ----------
-    T_target_source
-        Pose of the source's frame in the target's frame.
-    confidence
-        Probability that it is right.
-    agreed_wall_m
-        Length of the walls that agree there [m].
-    covariance
-        How exact the pose is if it is right; None if it is not known.
-    accepted
-        Whether it is the pose of an accepted alignment.
-    """
+    """A pose that the source map may have in the target's frame."""
 
     T_target_source: SE2
+    """Pose of the source's frame in the target's frame."""
     confidence: float
+    """Probability that it is right."""
     agreed_wall_m: float
+    """Length of the walls that agree there [m]."""
     covariance: Covariance | None = None
+    """How exact the pose is if it is right; None if it is not known."""
     accepted: bool = False
+    """Whether it is the pose of an accepted alignment."""
 
     @cached_property
     def log_odds(self) -> float:
@@ -62,7 +53,7 @@ class Alignment:
     Parameters
     ----------
     method
-        What found it.
+        The method that found it.
     accepted
         Whether the transform may be used.
     reason

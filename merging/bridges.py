@@ -30,18 +30,12 @@ Sides = tuple[Pair, frozenset[str], frozenset[str]]
 
 @dataclass(frozen=True)
 class Bridge:
-    """A doubtful alignment that joins two sides of a group, which no other accepted alignment joins.
-
-    Parameters
-    ----------
-    pair
-        The target and the source.
-    sides
-        The poses of the maps on the target's side and on the source's, in the group's frame.
-    """
+    """A doubtful alignment that joins two sides of a group, which no other accepted alignment joins."""
 
     pair: Pair
+    """The target and the source."""
     sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
+    """The poses of the maps on the target's side and on the source's, in the group's frame."""
 
     @property
     def T_target_source(self) -> SE2:

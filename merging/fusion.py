@@ -141,18 +141,12 @@ def _window(lattice: GridGeometry, first: np.ndarray, last: np.ndarray) -> GridG
 
 
 class FusionRule(NamedTuple):
-    """A rule of the fusion kernel.
-
-    Parameters
-    ----------
-    code
-        The rule's code in the kernel.
-    width
-        Numbers that are stored for each cell until all sources are fused.
-    """
+    """A rule of the fusion kernel."""
 
     code: int
+    """The rule's code in the kernel."""
     width: int
+    """Numbers that are stored for each cell until all sources are fused."""
 
 
 RULES: dict[Rule, FusionRule] = {
@@ -196,25 +190,17 @@ class Layer(Protocol):
 
 @dataclass(frozen=True)
 class Fusion:
-    """The fusion of several grids.
-
-    Parameters
-    ----------
-    grid
-        The fused masses.
-    conflict
-        The contradiction of the sources in each cell (rows, cols), for every rule the same: the mass on CONFLICT of the
-        conjunction of their conflict-free beliefs; 0 for cells of fewer than two sources.
-    seen_by
-        The number of sources that saw each cell (rows, cols).
-    rule
-        The rule of the masses, or `redrawn` if all scans were rendered into the grid and no rule was applied.
-    """
+    """The fusion of several grids."""
 
     grid: TbmGrid
+    """The fused masses."""
     conflict: npt.NDArray[np.float32]
+    """The contradiction of the sources in each cell (rows, cols), for every rule the same: the mass on CONFLICT of the
+    conjunction of their conflict-free beliefs; 0 for cells of fewer than two sources."""
     seen_by: npt.NDArray[np.uint16]
+    """The number of sources that saw each cell (rows, cols)."""
     rule: Rule | Literal["redrawn"] = "disjunctive"
+    """The rule of the masses, or `redrawn` if all scans were rendered into the grid and no rule was applied."""
 
 
 def fuse(
@@ -292,22 +278,15 @@ _LEAST = 0.1
 
 @dataclass(frozen=True)
 class ConflictPlace:
-    """A connected area of contradiction.
-
-    Parameters
-    ----------
-    x, y
-        Centroid of the conflict in the merged map's frame [m].
-    area_m2
-        Area [m^2].
-    conflict_m2
-        Integral of the conflict over the area [m^2].
-    """
+    """A connected area of contradiction."""
 
     x: float
     y: float
+    """Centroid of the conflict in the merged map's frame [m]."""
     area_m2: float
+    """Area [m^2]."""
     conflict_m2: float
+    """Integral of the conflict over the area [m^2]."""
 
 
 def conflict_places(fusion: Fusion, count: int = 10) -> list[ConflictPlace]:

@@ -39,15 +39,6 @@ logger = logging.getLogger(__name__)
 class Track:
     """A drive in the merged frame, with its submaps.
 
-    Parameters
-    ----------
-    map_name, drive
-        The map and its drive.
-    T_merged_map
-        Pose of the map.
-    config
-        The parameters of submaps.
-
     Attributes
     ----------
     keyframes
@@ -118,8 +109,6 @@ def find_closures(
 
     Parameters
     ----------
-    tracks
-        The drives.
     starts
         Index of the first pose of each drive (D,).
     poses
@@ -128,8 +117,6 @@ def find_closures(
         Largest distance of the search from the current pose [m]; 0 registers without a search.
     config
         The thresholds of a fit.
-    progress
-        Receives the progress.
     """
     found = []
     for moving, track in enumerate(tracks):
@@ -225,27 +212,18 @@ def _map_config(tbm_map: TbmMap) -> MapConfig:
 
 @dataclass(frozen=True)
 class JointRefinement:
-    """The result of the joint optimisation.
-
-    Parameters
-    ----------
-    maps
-        Every map with corrected drives and a rendered grid, in the common frame.
-    poses
-        The rigid T_merged_map of every map that is nearest to the motion of its keyframes.
-    closures
-        The number of loop closures between different robots.
-    links
-        These closures (C, 4): a drive of the merged map and its keyframe, and another robot's drive and keyframe.
-    moved_m
-        RMS distance between the keyframes and their poses by the rigid alignment [m].
-    """
+    """The result of the joint optimisation."""
 
     maps: Mapping[str, TbmMap]
+    """Every map with corrected drives and a rendered grid, in the common frame."""
     poses: Mapping[str, SE2]
+    """The rigid T_merged_map of every map that is nearest to the motion of its keyframes."""
     closures: int
+    """The number of loop closures between different robots."""
     links: npt.NDArray[np.int64]
+    """These closures (C, 4): a drive of the merged map and its keyframe, and another robot's drive and keyframe."""
     moved_m: float
+    """RMS distance between the keyframes and their poses by the rigid alignment [m]."""
 
 
 def refine_jointly(
@@ -259,10 +237,6 @@ def refine_jointly(
         The maps, by name.
     poses
         T_merged_map of the merged maps. The first keyframe of the first map is fixed.
-    config
-        The parameters.
-    progress
-        Receives the progress.
 
     Returns
     -------

@@ -22,24 +22,16 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class MergedGroup:
-    """The merged map of a group.
-
-    Parameters
-    ----------
-    merged
-        The map, in the frame of its first map.
-    poses
-        T_merged_map of every map.
-    fusion
-        The merged cells; conflict and counts are those of the maps' own cells.
-    joint
-        The joint optimisation of the drives; None if the maps stayed rigid.
-    """
+    """The merged map of a group."""
 
     merged: TbmMap
+    """The map, in the frame of its first map."""
     poses: Mapping[str, SE2]
+    """T_merged_map of every map."""
     fusion: Fusion
+    """The merged cells; conflict and counts are those of the maps' own cells."""
     joint: JointRefinement | None
+    """The joint optimisation of the drives; None if the maps stayed rigid."""
 
 
 def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
@@ -111,18 +103,12 @@ _DEFAULT_FUSION: dict[str, object] = {"rule": None, "coverage": "union", "reliab
 
 @dataclass(frozen=True)
 class GroupMap:
-    """A group of maps as one map.
-
-    Parameters
-    ----------
-    grid
-        The cells.
-    poses
-        T_whole_map of every map of the group.
-    """
+    """A group of maps as one map."""
 
     grid: TbmGrid
+    """The cells."""
     poses: Mapping[str, SE2]
+    """T_whole_map of every map of the group."""
 
     @classmethod
     def of(

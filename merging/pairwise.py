@@ -36,13 +36,7 @@ class _Packed(NamedTuple):
 
 
 class CompressedGrid:
-    """A grid that is compressed when it is sent to another process.
-
-    Parameters
-    ----------
-    grid
-        The grid.
-    """
+    """A grid that is compressed when it is sent to another process."""
 
     def __init__(self, grid: TbmGrid | _Packed) -> None:
         self._held = grid
@@ -70,13 +64,6 @@ class PreparedMaps:
     """Prepares maps at their first use.
 
     The resolution is chosen for each pair, so a coarse map affects only its own pairs.
-
-    Parameters
-    ----------
-    grids
-        The maps' grids by name.
-    config
-        The parameters of the preparation.
     """
 
     def __init__(self, grids: Mapping[str, TbmGrid], config: MergeConfig) -> None:
@@ -126,8 +113,6 @@ def align_all(
 
     Parameters
     ----------
-    maps
-        Maps by name.
     config
         The parameters of the alignment.
     executor

@@ -42,18 +42,12 @@ class KnownPoseError(TbmSlamError):
 
 @dataclass(frozen=True)
 class PriorPoses:
-    """The maps with known poses.
-
-    Parameters
-    ----------
-    poses
-        T_first_map of the first map and of the maps with known poses, refined; empty without known poses.
-    alignments
-        Alignment of each of these maps with the earlier map that shares most walls; all are accepted.
-    """
+    """The maps with known poses."""
 
     poses: Mapping[str, SE2]
+    """T_first_map of the first map and of the maps with known poses, refined; empty without known poses."""
     alignments: dict[Pair, Alignment]
+    """Alignment of each of these maps with the earlier map that shares most walls; all are accepted."""
 
 
 def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPoses:

@@ -50,21 +50,14 @@ _SUREST = 5.0
 
 @dataclass(frozen=True)
 class MapPlaces:
-    """The places of a map.
-
-    Parameters
-    ----------
-    points
-        Positions (P, 2) in the map's frame [m].
-    signatures
-        Signatures (P, B) of whole numbers.
-    chance
-        Mean and standard deviation (P, 2) of each place's similarity to places elsewhere.
-    """
+    """The places of a map."""
 
     points: FloatArray
+    """Positions (P, 2) in the map's frame [m]."""
     signatures: npt.NDArray[np.float32]
+    """Signatures (P, B) of whole numbers."""
     chance: FloatArray
+    """Mean and standard deviation (P, 2) of each place's similarity to places elsewhere."""
 
     def __len__(self) -> int:
         """Return the number of places."""
@@ -142,17 +135,7 @@ def _common_log(first: MapPlaces, second: MapPlaces, similarities: FloatArray) -
 
 
 def similarity_of_all(maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor) -> dict[Pair, float]:
-    """Return the similarity of every pair of maps, in the order of the maps.
-
-    Parameters
-    ----------
-    maps
-        Maps by name.
-    config
-        The parameters of walls.
-    executor
-        Compares the maps.
-    """
+    """Return the similarity of every pair of maps, in the order of the maps."""
     places = [Call(f"places of {name}", _places, (CompressedGrid(first.grid), config)) for name, first in maps.items()]
     calls = [Call(f"similarity of {name}", _similarities_to, tuple(places[: n + 1])) for n, name in enumerate(maps)]
     rows: list[list[float]] = executor.results(calls, "comparing", "maps")

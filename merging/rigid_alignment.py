@@ -26,21 +26,14 @@ _WORTH_NAMING = 0.01
 
 @dataclass(frozen=True)
 class PreparedMap:
-    """One map, prepared once for alignments with many others.
-
-    Parameters
-    ----------
-    structure
-        Its walls and free space.
-    features
-        Its keypoints; none if the method does not use them.
-    grid
-        The grid itself, for the related work's methods; None for others.
-    """
+    """One map, prepared once for alignments with many others."""
 
     structure: WallMap
+    """Its walls and free space."""
     features: Features
+    """Its keypoints; none if the method does not use them."""
     grid: TbmGrid | None = None
+    """The grid itself, for the related work's methods; None for others."""
 
 
 def prepared(grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:

@@ -94,17 +94,7 @@ def _may_join(pair: Pair, found: MergeState) -> bool:
 
 
 def with_short_range_alignments(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Align the maps of different groups again by short ranges; keep alignments that are more confident than before.
-
-    Parameters
-    ----------
-    found
-        The state of the merge.
-    config
-        The largest range, and the parameters of the alignment.
-    executor
-        Aligns the maps.
-    """
+    """Align the maps of different groups again by short ranges; keep alignments that are more confident than before."""
     pairs = [pair for pair in found.apart() if all(found.maps[name].drives for name in pair)]
     if not (pairs and config.short_range.enabled and config.method == "correlation"):
         return found

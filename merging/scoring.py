@@ -27,21 +27,14 @@ from tbmslam.geometry.se2 import FloatArray
 
 @dataclass(frozen=True)
 class Measure:
-    """A feature of the score, used as log(1 + value / unit).
-
-    Parameters
-    ----------
-    sign
-        Sign of its weight: whether it supports (1) or contradicts (-1) a hypothesis.
-    unit
-        A small value.
-    of
-        Its value.
-    """
+    """A feature of the score, used as log(1 + value / unit)."""
 
     sign: int
+    """Sign of its weight: whether it supports (1) or contradicts (-1) a hypothesis."""
     unit: float
+    """A small value."""
     of: Callable[[Evidence], float]
+    """Its value."""
 
 
 def doubtful_m(evidence: Evidence) -> float:
@@ -148,19 +141,13 @@ _COUNTED: Sequence[Callable[[Evidence], float]] = (lambda e: e.pieces.corners, M
 
 @dataclass(frozen=True)
 class ConfidenceModel:
-    """The weights of the model.
-
-    Parameters
-    ----------
-    score
-        Weights (M,) of `MEASURES`.
-    bias, weights
-        Bias of the logit, and its weights (F,) of `FEATURES`.
-    """
+    """The weights of the model."""
 
     score: FloatArray
+    """Weights (M,) of `MEASURES`."""
     bias: float
     weights: FloatArray
+    """Bias of the logit, and its weights (F,) of `FEATURES`."""
 
     @classmethod
     def from_json(cls, text: str) -> "ConfidenceModel":
@@ -299,8 +286,6 @@ def score_hypotheses(
 
     Parameters
     ----------
-    target, source
-        The maps.
     places
         Evidence of each hypothesis (K,).
     config

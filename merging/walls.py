@@ -19,18 +19,12 @@ Labels = npt.NDArray[np.int32]
 
 
 class Components(NamedTuple):
-    """Connected components of cells.
-
-    Parameters
-    ----------
-    labels
-        The component of each cell (rows, cols); 0 for the background.
-    stats
-        Left, top, width, height and number of cells (K + 1, 5) of the background and of each component.
-    """
+    """Connected components of cells."""
 
     labels: Labels
+    """The component of each cell (rows, cols); 0 for the background."""
     stats: Labels
+    """Left, top, width, height and number of cells (K + 1, 5) of the background and of each component."""
 
     @classmethod
     def of(cls, cells: BoolArray, *, corners: bool = True) -> "Components":
@@ -146,36 +140,25 @@ class WallMap:
     A map learns free space slower than walls (vinySLAM: m(free) = 0.23 after a hundred passages). Therefore a cell is
     free or a wall by the larger of the two masses, whatever its size. Only the surface of a wall is kept, which are the
     cells beside free space. The far side of a thick wall was not seen.
-
-    Parameters
-    ----------
-    geometry
-        The grid's cells.
-    points
-        Centres of the surface cells (N, 2) [m].
-    normals
-        Unit vectors (N, 2) from the wall into the free space.
-    two_sided
-        Which surface cells (N,) have free space on both sides; the sign of their normals is arbitrary.
-    known, free
-        Which cells (rows, cols) have evidence, and which are free.
-    distances_m
-        Distance from every cell (rows, cols) to the nearest surface cell [m]; inf without walls.
-    nearest
-        The index in `points` of that surface cell (rows, cols).
-    weights
-        Weight of each surface cell (N,), small for movable objects; see `merging.walls`.
     """
 
     geometry: GridGeometry
+    """The grid's cells."""
     points: FloatArray
+    """Centres of the surface cells (N, 2) [m]."""
     normals: FloatArray
+    """Unit vectors (N, 2) from the wall into the free space."""
     two_sided: BoolArray
+    """Which surface cells (N,) have free space on both sides; the sign of their normals is arbitrary."""
     known: BoolArray
     free: BoolArray
+    """Which cells (rows, cols) have evidence, and which are free."""
     distances_m: npt.NDArray[np.float32]
+    """Distance from every cell (rows, cols) to the nearest surface cell [m]; inf without walls."""
     nearest: npt.NDArray[np.int32]
+    """The index in `points` of that surface cell (rows, cols)."""
     weights: FloatArray
+    """Weight of each surface cell (N,), small for movable objects; see `merging.walls`."""
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "WallMap":

@@ -48,13 +48,7 @@ class OptimisedDrive(NamedTuple):
 
 
 class BackEnd:
-    """Closes loops and adjusts poses and walls.
-
-    Parameters
-    ----------
-    config
-        All parameters.
-    """
+    """Closes loops and adjusts poses and walls."""
 
     def __init__(self, config: SlamConfig) -> None:
         self._closing, self._adjustment = config.loop_closing, config.adjustment
@@ -65,17 +59,7 @@ class BackEnd:
     def closed(
         self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, progress: Progress
     ) -> OptimisedDrive | None:
-        """Return the drive after closing loops; None if loop closure is disabled or finds none.
-
-        Parameters
-        ----------
-        tracked
-            Keyframes as they were tracked.
-        keyframes
-            The same, with the scans to believe.
-        progress
-            Sees the progress.
-        """
+        """Return the drive after closing loops; None if loop closure is disabled or finds none."""
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)

@@ -41,13 +41,7 @@ def run() -> int:
 
 
 def main(words: Sequence[str]) -> int:
-    """Run a command and return its exit code.
-
-    Parameters
-    ----------
-    words
-        The command and its arguments.
-    """
+    """Run a command and return its exit code."""
     command = words[0] if words else ""
     if command in PROGRAMS:
         program = importlib.import_module(f"{_TOOLS}.{PROGRAMS[command][0]}")

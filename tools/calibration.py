@@ -35,21 +35,14 @@ _THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 @dataclass(frozen=True)
 class Judgement:
-    """The best pose of a pair by a model.
-
-    Parameters
-    ----------
-    name
-        The pair.
-    confidence
-        Confidence of the most probable pose; 0 without a pose.
-    right
-        Whether this pose is the true one.
-    """
+    """The best pose of a pair by a model."""
 
     name: str
+    """The pair."""
     confidence: float
+    """Confidence of the most probable pose; 0 without a pose."""
     right: bool
+    """Whether this pose is the true one."""
 
 
 class Judged(Protocol):
@@ -99,15 +92,7 @@ _BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)
 
 
 def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float]) -> bytes:
-    """Return a PNG with a dot for each bin of confidence: the share of right answers with its 95 % interval (Wilson).
-
-    Parameters
-    ----------
-    judged
-        Confidence, and whether the answer was right.
-    edges
-        Edges of the bins, from 0 to 1.
-    """
+    """Return a PNG with a dot for each bin of confidence: its share of right answers with the 95 % interval."""
     picture = np.full((_SIZE + 2 * _MARGIN, _SIZE + 2 * _MARGIN, 3), 255, dtype=np.uint8)
     cv2.rectangle(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _BLACK, 1)
     cv2.line(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _GREY, 1, cv2.LINE_AA)
@@ -149,29 +134,20 @@ _SIGNS = [*SIGNS.values(), *(item.sign for item in MEASURES.values())]
 
 @dataclass(frozen=True)
 class Trial:
-    """The evidence for the poses of one pair, and the truth.
-
-    Parameters
-    ----------
-    name
-        The pair.
-    candidates, decoys
-        Evidence for each candidate pose (K,), and for poses of the mirror image.
-    right
-        Which candidates (K,) are right.
-    near
-        Which candidates (K,) are near the true pose, with a larger tolerance of the rotation. The model is fitted to
-        these, since it distinguishes places and not the accuracy of their poses.
-    weight
-        Weight of the pair in the fit.
-    """
+    """The evidence for the poses of one pair, and the truth."""
 
     name: str
+    """The pair."""
     candidates: Sequence[Evidence]
     decoys: Sequence[Evidence]
+    """Evidence for each candidate pose (K,), and for poses of the mirror image."""
     right: BoolArray
+    """Which candidates (K,) are right."""
     near: BoolArray
+    """Which candidates (K,) are near the true pose, with a larger tolerance of the rotation. The model is fitted to
+    these, since it distinguishes places and not the accuracy of their poses."""
     weight: float = 1.0
+    """Weight of the pair in the fit."""
 
     @classmethod
     def of(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":

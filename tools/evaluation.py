@@ -49,21 +49,14 @@ class TruthFileError(TbmSlamError):
 
 @dataclass(frozen=True)
 class TruthFile:
-    """The poses of robots' maps.
-
-    Parameters
-    ----------
-    poses
-        T_reference_map of each robot.
-    source
-        Kind of the reference; empty in older files.
-    warnings
-        Incidents of the reference by time: `at_s` since the begin of the recording [s], `what` and more.
-    """
+    """The poses of robots' maps."""
 
     poses: Mapping[str, SE2]
+    """T_reference_map of each robot."""
     source: str = ""
+    """Kind of the reference; empty in older files."""
     warnings: tuple[Mapping[str, object], ...] = ()
+    """Incidents of the reference by time: `at_s` since the begin of the recording [s], `what` and more."""
 
     def doubt(self) -> str | None:
         """Return the reason to doubt the reference, in one line; None if there is none."""

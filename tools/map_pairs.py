@@ -44,25 +44,17 @@ class PairFileError(TbmSlamError):
 
 @dataclass(frozen=True)
 class KnownPair:
-    """Two maps and the truth about them.
-
-    Parameters
-    ----------
-    name
-        The file's name without its suffix.
-    target, source
-        The maps.
-    T_target_source
-        The true pose; None if the maps show different places.
-    overlap
-        Share of the smaller map's free cells that both know.
-    """
+    """Two maps and the truth about them."""
 
     name: str
+    """The file's name without its suffix."""
     target: TbmMap
     source: TbmMap
+    """The maps."""
     T_target_source: SE2 | None
+    """The true pose; None if the maps show different places."""
     overlap: float
+    """Share of the smaller map's free cells that both know."""
 
     @classmethod
     def of(cls, pair: MapPair) -> "KnownPair":

@@ -26,31 +26,21 @@ def is_localised(frame: str) -> bool:
 
 @dataclass
 class Edge:
-    """The surveyed transforms of one edge; `first` transforms coordinates from child to parent.
-
-    Parameters
-    ----------
-    parent, child
-        Names of the frames.
-    static
-        Whether its topic is static.
-    first
-        The first transform seen.
-    count
-        Number of transforms seen.
-    moves
-        Whether any transform differed from the first.
-    lags
-        Bag time minus stamp of the first transforms [s].
-    """
+    """The surveyed transforms of one edge; `first` transforms coordinates from child to parent."""
 
     parent: str
     child: str
+    """Names of the frames."""
     static: bool
+    """Whether its topic is static."""
     first: SE3
+    """The first transform seen."""
     count: int = 0
+    """Number of transforms seen."""
     moves: bool = False
+    """Whether any transform differed from the first."""
     lags: list[float] = field(default_factory=list)
+    """Bag time minus stamp of the first transforms [s]."""
 
     @property
     def is_fixed(self) -> bool:

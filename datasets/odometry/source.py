@@ -60,13 +60,7 @@ class Mounting:
 
 
 class NoMotion:
-    """No odometry: only the mount of the laser.
-
-    Parameters
-    ----------
-    mounting
-        The mount of the laser.
-    """
+    """No odometry: only the mount of the laser."""
 
     def __init__(self, mounting: Mounting) -> None:
         self._mounting = mounting
@@ -109,15 +103,7 @@ class TopicMotion(NoMotion):
 
 
 class TfMotion(NoMotion):
-    """Odometry from the path from the odometry frame to the robot in tf.
-
-    Parameters
-    ----------
-    frames
-        The chosen frames.
-    mounting
-        The mount of the laser.
-    """
+    """Odometry from the path from the odometry frame to the robot in tf."""
 
     def __init__(self, frames: Frames, mounting: Mounting) -> None:
         super().__init__(mounting)

@@ -41,11 +41,6 @@ def check_files(path: Path) -> None:
 
     And what passes for an empty file, since reading it might never end.
 
-    Parameters
-    ----------
-    path
-        A bag's file or directory.
-
     Raises
     ------
     CutFileError
@@ -79,18 +74,12 @@ _known: dict[tuple[str, int, int], "UnpackedFile"] = {}
 
 
 class UnpackedFile(NamedTuple):
-    """A file as it can be read.
-
-    Parameters
-    ----------
-    path
-        The file itself if it is not compressed, else a temporary file that is removed when the program ends.
-    damage
-        What is wrong with the packing: the file ends where that shows.
-    """
+    """A file as it can be read."""
 
     path: Path
+    """The file itself if it is not compressed, else a temporary file that is removed when the program ends."""
     damage: str | None = None
+    """What is wrong with the packing: the file ends where that shows."""
 
 
 def unpacked(path: Path) -> UnpackedFile:

@@ -22,13 +22,6 @@ def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
 
     Woven into each other they are no drive. A bag that is given twice, or recorded again, holds the same scans.
 
-    Parameters
-    ----------
-    sources
-        The bags.
-    topic
-        Of the scans.
-
     Raises
     ------
     DatasetError
@@ -139,8 +132,6 @@ class BagFiles:
 
         Parameters
         ----------
-        topics
-            Names of the topics.
         steered_by
             Where the times of this topic step back within a ROS 1 bag, that bag is read in the order of its writing
             rather than by time, which would weave different parts of the drive into each other.

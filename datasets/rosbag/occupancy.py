@@ -51,8 +51,6 @@ def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: floa
     ----------
     path
         The bag: a file, also in ROS 2, where it is the mcap file without a folder around it.
-    grid
-        The map.
     stamp
         Time of the message [s].
     kind

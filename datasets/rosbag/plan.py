@@ -32,45 +32,31 @@ _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # larger than any robot, and than anything 
 
 @dataclass(frozen=True)
 class Plan:
-    """The choices for one bag.
-
-    Parameters
-    ----------
-    files, options, topics, laser
-        The bag, its options, topics and laser.
-    source
-        "tf", "topic" or "none".
-    frames
-        Frames of the odometry in tf, if that is the source.
-    robot_frame
-        The robot's frame, if known.
-    to_sensor
-        Path from the robot's frame to the laser; None if tf does not hold it.
-    sensor_pose
-        T_robot_sensor to use instead of the path.
-    clock
-        How the clocks of scans and odometry compare.
-    unset_lags
-        Bag time minus the assumed stamp of scans and of odometry with unset stamps [s].
-    doubts
-        Warnings about contradictions in tf.
-    cut
-        Slice that turns point clouds into scans, if the topic of scans holds clouds.
-    """
+    """The choices for one bag."""
 
     files: BagFiles
     options: RecordingOptions
     topics: ChosenTopics
     laser: SurveyedLaser
+    """The bag, its options, topics and laser."""
     source: str
+    """"tf", "topic" or "none"."""
     frames: Frames | None
+    """Frames of the odometry in tf, if that is the source."""
     robot_frame: str | None
+    """The robot's frame, if known."""
     to_sensor: list[Step] | None
+    """Path from the robot's frame to the laser; None if tf does not hold it."""
     sensor_pose: SE2 | None
+    """T_robot_sensor to use instead of the path."""
     clock: ClockFinding
+    """How the clocks of scans and odometry compare."""
     unset_lags: tuple[float, float] = (0.0, 0.0)
+    """Bag time minus the assumed stamp of scans and of odometry with unset stamps [s]."""
     doubts: tuple[str, ...] = ()
+    """Warnings about contradictions in tf."""
     cut: CloudSlice | None = None
+    """Slice that turns point clouds into scans, if the topic of scans holds clouds."""
 
     def topics_to_read(self) -> tuple[str, ...]:
         """Return the topics a pass needs."""

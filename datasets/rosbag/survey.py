@@ -25,34 +25,23 @@ _SWEEP_SLACK = 1.1  # stamps jitter
 
 @dataclass
 class SurveyedLaser:
-    """Facts from the first scans of a laser.
-
-    Parameters
-    ----------
-    frame
-        Its frame.
-    first_scan
-        The first of its scans.
-    options
-        Options of the recording.
-    scans
-        Number of scans read.
-    usable
-        Number of scans with hits within the limits.
-    ranges
-        Ranges (N,) of the first scans [m].
-    stamps, lags
-        Stamps of these scans (bag times where unset), and bag times minus stamps where they are set [s].
-    """
+    """Facts from the first scans of a laser."""
 
     frame: str
+    """Its frame."""
     first_scan: RawScan
+    """The first of its scans."""
     options: RecordingOptions
+    """Options of the recording."""
     scans: int = 0
+    """Number of scans read."""
     usable: int = 0
+    """Number of scans with hits within the limits."""
     ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)
+    """Ranges (N,) of the first scans [m]."""
     stamps: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
+    """Stamps of these scans (bag times where unset), and bag times minus stamps where they are set [s]."""
 
     def add(self, scan: RawScan, bag_time: float) -> None:
         """Add a scan; its stamp is nan if it is unset."""
@@ -140,15 +129,10 @@ class PoseTopic:
 
 @dataclass
 class Survey:
-    """Facts from the first messages.
-
-    Parameters
-    ----------
-    options
-        Options of the recording.
-    """
+    """Facts from the first messages."""
 
     options: RecordingOptions
+    """Options of the recording."""
     graph: FrameGraph = field(default_factory=FrameGraph)
     pose_topics: dict[str, PoseTopic] = field(default_factory=dict)
     no_motions: Counter[str] = field(default_factory=Counter)

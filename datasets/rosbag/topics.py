@@ -187,13 +187,6 @@ def with_profile(options: RecordingOptions, topics: Collection[str]) -> Recordin
 
     Profile "stata", MIT Stata Center (Fallon et al., IJRR 32(14), 2013): the scans of the base laser, never those of
     the nodding /tilt_scan; odometry odom_combined -> base_footprint; map -> odom_combined is a localiser's.
-
-    Parameters
-    ----------
-    options
-        What was asked for.
-    topics
-        Names of the recording's topics.
     """
     if options.profile != "stata":
         return options

@@ -43,30 +43,20 @@ class Loss(NamedTuple):
 
 @dataclass(frozen=True)
 class SalvagedBag:
-    """The readable messages of a damaged bag.
-
-    Parameters
-    ----------
-    path
-        The file.
-    reason
-        The damage.
-    connections
-        All topics found.
-    entries
-        (N, 5) in the order of writing: time [ns], connection, block, place in the block and size [bytes].
-    holes
-        The missing parts.
-    block
-        Function that returns a block's bytes by its number.
-    """
+    """The readable messages of a damaged bag."""
 
     path: Path
+    """The file."""
     reason: str
+    """The damage."""
     connections: list[BagConnection]
+    """All topics found."""
     entries: npt.NDArray[np.int64]
+    """(N, 5) in the order of writing: time [ns], connection, block, place in the block and size [bytes]."""
     holes: tuple[Hole, ...]
+    """The missing parts."""
     block: Callable[[int], bytes]
+    """Function that returns a block's bytes by its number."""
     _kept: Callable[[int], bytes] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -122,22 +112,15 @@ _LARGEST = 10_000_000  # largest description [bytes]
 
 @dataclass(frozen=True)
 class BagAnnouncement:
-    """Files and messages by the description of a ROS 2 bag.
-
-    Parameters
-    ----------
-    files
-        Names of the storage files.
-    messages
-        Number of messages of each topic.
-    start, seconds
-        Begin and duration of the recording [s].
-    """
+    """Files and messages by the description of a ROS 2 bag."""
 
     files: tuple[str, ...] = ()
+    """Names of the storage files."""
     messages: dict[str, int] = field(default_factory=dict)
+    """Number of messages of each topic."""
     start: float = 0.0
     seconds: float = 0.0
+    """Begin and duration of the recording [s]."""
 
     def missing_files(self, folder: Path) -> list[str]:
         """Return the names of missing files."""

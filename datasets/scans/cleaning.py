@@ -22,25 +22,17 @@ FARTHEST = 1000.0
 
 @dataclass(frozen=True)
 class RangeRules:
-    """The rules of cleaning for a laser.
-
-    Parameters
-    ----------
-    range_min, range_max
-        Limits [m] that replace those of the scan; None for those of the scan.
-    no_return_codes
-        Ranges [m] that mean no return, also within the limits.
-    no_return
-        "free" turns such a beam into +inf, "drop" into nan.
-    offset
-        Correction that is added to all measured ranges and to the limits [m].
-    """
+    """The rules of cleaning for a laser."""
 
     range_min: float | None
     range_max: float | None
+    """Limits [m] that replace those of the scan; None for those of the scan."""
     no_return_codes: tuple[float, ...]
+    """Ranges [m] that mean no return, also within the limits."""
     no_return: Literal["free", "drop"]
+    """"free" turns such a beam into +inf, "drop" into nan."""
     offset: float = 0.0
+    """Correction that is added to all measured ranges and to the limits [m]."""
 
     def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
         """Return clean ranges (S, N) and their limits [m] with the offset; ranges that become negative are nan."""
@@ -62,18 +54,12 @@ class RangeRules:
 
 
 class CleanRanges(NamedTuple):
-    """Clean ranges of scans, and the number of beams by result for each scan.
-
-    Parameters
-    ----------
-    ranges
-        As in `LaserScan` (REP 117), (S, N) [m]: finite hits, +inf for nothing in range, nan for no information.
-    beams
-        Numbers of beams (S, 5) that met each of the `FATES`.
-    """
+    """Clean ranges of scans, and the number of beams by result for each scan."""
 
     ranges: FloatArray
+    """As in `LaserScan` (REP 117), (S, N) [m]: finite hits, +inf for nothing in range, nan for no information."""
     beams: npt.NDArray[np.intp]
+    """Numbers of beams (S, 5) that met each of the `FATES`."""
 
 
 def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:

@@ -14,21 +14,14 @@ _FEWEST = 5
 
 
 class ClockFinding(NamedTuple):
-    """Result of comparing two clocks.
-
-    Parameters
-    ----------
-    offset
-        Difference between the clocks, to be added to stamps of scans [s].
-    steady_lag
-        Usual bag time minus stamp of the scans [s]; None if it varies too much.
-    warning
-        A warning about an error or a correction.
-    """
+    """Result of comparing two clocks."""
 
     offset: float
+    """Difference between the clocks, to be added to stamps of scans [s]."""
     steady_lag: float | None
+    """Usual bag time minus stamp of the scans [s]; None if it varies too much."""
     warning: str | None
+    """A warning about an error or a correction."""
 
 
 def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> tuple[float, float]:

@@ -41,8 +41,6 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
 
     Parameters
     ----------
-    beams
-        Number of beams.
     angle_increment
         Stated step [rad].
     """
@@ -95,28 +93,19 @@ class RawScan(NamedTuple):
 
 
 class CleanScan(NamedTuple):
-    """A scan with clean ranges.
-
-    Parameters
-    ----------
-    ranges
-        As in `LaserScan`, (N,) [m]; a copy of its own.
-    range_min, range_max
-        Limits [m].
-    farthest_m
-        Longest recorded range of a hit without offset [m]; 0 without hits.
-    says_nothing
-        Whether all ranges are nan.
-    beams
-        Numbers of beams by result, in the order of `FATES`.
-    """
+    """A scan with clean ranges."""
 
     ranges: FloatArray
+    """As in `LaserScan`, (N,) [m]; a copy of its own."""
     range_min: float
     range_max: float
+    """Limits [m]."""
     farthest_m: float
+    """Longest recorded range of a hit without offset [m]; 0 without hits."""
     says_nothing: bool
+    """Whether all ranges are nan."""
     beams: list[int]
+    """Numbers of beams by result, in the order of `FATES`."""
 
 
 class ScanIntake:

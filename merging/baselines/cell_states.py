@@ -19,18 +19,12 @@ IS_UNKNOWN, IS_FREE, IS_WALL = 0, 1, 2
 
 @dataclass(frozen=True)
 class CellStates:
-    """The most likely state of each cell of a map.
-
-    Parameters
-    ----------
-    geometry
-        Geometry of the cells.
-    states
-        IS_UNKNOWN, IS_FREE or IS_WALL (rows, cols).
-    """
+    """The most likely state of each cell of a map."""
 
     geometry: GridGeometry
+    """Geometry of the cells."""
     states: npt.NDArray[np.uint8]
+    """IS_UNKNOWN, IS_FREE or IS_WALL (rows, cols)."""
 
     @classmethod
     def of(cls, grid: TbmGrid) -> "CellStates":
@@ -82,18 +76,12 @@ def evenly(chosen: npt.NDArray[np.bool_], limit: int | None) -> npt.NDArray[np.i
 
 @dataclass(frozen=True)
 class CellField:
-    """An array over the cells of a grid that is sampled at points.
-
-    Parameters
-    ----------
-    framed
-        The flat array with a margin of one cell for all points outside of the grid.
-    geometry
-        Geometry of the cells without the margin.
-    """
+    """An array over the cells of a grid that is sampled at points."""
 
     framed: Field
+    """The flat array with a margin of one cell for all points outside of the grid."""
     geometry: GridGeometry
+    """Geometry of the cells without the margin."""
 
     @classmethod
     def of(cls, values: npt.ArrayLike, geometry: GridGeometry, outside: float = 0.0) -> "CellField":

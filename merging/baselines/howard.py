@@ -24,21 +24,14 @@ METRES, DEGREES = 0.05, 1.0
 
 
 class Encounter(NamedTuple):
-    """The measurement of two robots that see each other.
-
-    Parameters
-    ----------
-    T_target_robot
-        Pose of the target's robot in its map.
-    T_robot_other
-        Measured pose of the source's robot in the frame of the target's robot.
-    T_source_other
-        Pose of the source's robot in its map.
-    """
+    """The measurement of two robots that see each other."""
 
     T_target_robot: SE2
+    """Pose of the target's robot in its map."""
     T_robot_other: SE2
+    """Measured pose of the source's robot in the frame of the target's robot."""
     T_source_other: SE2
+    """Pose of the source's robot in its map."""
 
 
 def align(encounters: Sequence[Encounter]) -> Alignment:

@@ -20,19 +20,13 @@ Score = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Placing:
-    """Transforms points between two maps under placements (K, 3): a shift x, y [m] and a rotation [rad].
-
-    Parameters
-    ----------
-    target_centre, source_centre
-        Centroids of the known cells of the maps, each in its own frame.
-    reach_m
-        Largest shift at which the maps can overlap.
-    """
+    """Transforms points between two maps under placements (K, 3): a shift x, y [m] and a rotation [rad]."""
 
     target_centre: complex
     source_centre: complex
+    """Centroids of the known cells of the maps, each in its own frame."""
     reach_m: float
+    """Largest shift at which the maps can overlap."""
 
     @classmethod
     def of(cls, target: CellStates, source: CellStates) -> "Placing":
@@ -78,16 +72,11 @@ def climb(score: Score, places: FloatArray, step_m: float, step_rad: float, halv
 
 @dataclass(frozen=True)
 class Agreement:
-    """Shares of the source's known cells that agree with the target's, and that contradict them.
-
-    Parameters
-    ----------
-    agreeing, disagreeing
-        One for each place (K,).
-    """
+    """Shares of the source's known cells that agree with the target's, and that contradict them."""
 
     agreeing: FloatArray
     disagreeing: FloatArray
+    """One for each place (K,)."""
 
     @classmethod
     def of(
@@ -186,21 +175,14 @@ Channel = tuple[Points, Reals]
 
 @dataclass(frozen=True)
 class ShiftSearch:
-    """The target of a search; the source is given already rotated.
-
-    Parameters
-    ----------
-    spectra
-        Fourier transforms of the target's channels.
-    size
-        Rows and columns of the images.
-    cell_m
-        Side of their cells [m].
-    """
+    """The target of a search; the source is given already rotated."""
 
     spectra: tuple[npt.NDArray[np.complexfloating], ...]
+    """Fourier transforms of the target's channels."""
     size: tuple[int, int]
+    """Rows and columns of the images."""
     cell_m: float
+    """Side of their cells [m]."""
 
     @classmethod
     def over(cls, channels: Sequence[Channel], reach_m: float, cell_m: float) -> "ShiftSearch":

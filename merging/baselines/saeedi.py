@@ -42,21 +42,14 @@ _FINALISTS = 24
 
 @dataclass(frozen=True)
 class VoronoiDiagram:
-    """The lines midway between walls.
-
-    Parameters
-    ----------
-    points
-        Its cells (N,).
-    probabilities
-        Of being free (N,).
-    clearances_m
-        Distances to the nearest wall (N,) [m].
-    """
+    """The lines midway between walls."""
 
     points: Points
+    """Its cells (N,)."""
     probabilities: FloatArray
+    """Of being free (N,)."""
     clearances_m: FloatArray
+    """Distances to the nearest wall (N,) [m]."""
 
     @classmethod
     def of(cls, grid: TbmGrid, states: CellStates, min_apart_m: float) -> "VoronoiDiagram":

@@ -24,19 +24,13 @@ class Described:
 
 @dataclass(frozen=True)
 class DescriptorMatches:
-    """The nearest descriptor of each descriptor, and the ratio of the distances.
-
-    Parameters
-    ----------
-    target_points, source_points
-        Points (M, 2) of each match [m].
-    ratios
-        Distance (M,) of the nearest over that of the second nearest.
-    """
+    """The nearest descriptor of each descriptor, and the ratio of the distances."""
 
     target_points: FloatArray
     source_points: FloatArray
+    """Points (M, 2) of each match [m]."""
     ratios: FloatArray
+    """Distance (M,) of the nearest over that of the second nearest."""
 
     def clearer_than(self, ratio: float) -> "DescriptorMatches":
         """Return the matches that pass Lowe's test."""
@@ -78,18 +72,12 @@ class _Detector(Protocol):
 
 @dataclass(frozen=True)
 class Detector:
-    """A kind of keypoint.
-
-    Parameters
-    ----------
-    create
-        Function that returns OpenCV's detector, sensitive enough for the requested number of keypoints.
-    norm
-        Norm of the distance between descriptors.
-    """
+    """A kind of keypoint."""
 
     create: Callable[[int], object]
+    """Function that returns OpenCV's detector, sensitive enough for the requested number of keypoints."""
     norm: int
+    """Norm of the distance between descriptors."""
 
 
 class _Brief:
@@ -134,21 +122,14 @@ DETECTORS: Mapping[str, Detector] = {
 
 @dataclass(frozen=True)
 class DetectorResult:
-    """The result of a detector on a pair.
-
-    Parameters
-    ----------
-    matches
-        Matches that passed Lowe's test.
-    share_right
-        Share of matches that are right by the true pose; nan without matches.
-    share_inliers
-        Share of inliers of an affine transform by RANSAC, without the truth; nan without a transform.
-    """
+    """The result of a detector on a pair."""
 
     matches: int
+    """Matches that passed Lowe's test."""
     share_right: float
+    """Share of matches that are right by the true pose; nan without matches."""
     share_inliers: float
+    """Share of inliers of an affine transform by RANSAC, without the truth; nan without a transform."""
 
 
 def compare_detectors(pair: MapPair, keypoints: int, ratio: float, tolerance_m: float) -> dict[str, DetectorResult]:

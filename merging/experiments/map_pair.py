@@ -13,23 +13,16 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 
 @dataclass(frozen=True)
 class MapPair:
-    """Two maps of one place.
-
-    Parameters
-    ----------
-    target_name, source_name
-        Names of the maps.
-    target, source
-        Grids of the maps.
-    T_target_source
-        True pose of the source in the target's frame.
-    """
+    """Two maps of one place."""
 
     target_name: str
     source_name: str
+    """Names of the maps."""
     target: TbmGrid
     source: TbmGrid
+    """Grids of the maps."""
     T_target_source: SE2
+    """True pose of the source in the target's frame."""
 
     @property
     def name(self) -> str:
@@ -68,26 +61,18 @@ SHARE = 0.51
 
 @dataclass(frozen=True)
 class Halves:
-    """A map, its halves and their fusions, all of the same size.
-
-    Parameters
-    ----------
-    original, left, right
-        The map and its halves.
-    conjunctive
-        Fusion by the conjunctive rule, with cells that are known in one half only.
-    disjunctive
-        Fusion by the paper's disjunctive rule: cells that are unknown in a half are unknown.
-    union
-        Fusion by the disjunctive rule of this project, which ignores unknown cells of a map.
-    """
+    """A map, its halves and their fusions, all of the same size."""
 
     original: TbmGrid
     left: TbmGrid
     right: TbmGrid
+    """The map and its halves."""
     conjunctive: TbmGrid
+    """Fusion by the conjunctive rule, with cells that are known in one half only."""
     disjunctive: TbmGrid
+    """Fusion by the paper's disjunctive rule: cells that are unknown in a half are unknown."""
     union: TbmGrid
+    """Fusion by the disjunctive rule of this project, which ignores unknown cells of a map."""
 
     def known_share(self, fused: TbmGrid) -> float:
         """Return the share of the original's known cells that a fused map knows."""

@@ -19,18 +19,12 @@ MODIFICATIONS: Mapping[str, Descriptor] = {"a": "pignistic", "b": "concatenated"
 
 
 class Variant(NamedTuple):
-    """Differences between the paper and its program.
-
-    Parameters
-    ----------
-    bits
-        Length of the descriptor of an image: 128 in the paper, which is the first half of the 256 of OpenCV's ORB.
-    unknown
-        Whether the third image shows the unknown mass, as in the paper, or is inverted, as in its program.
-    """
+    """Differences between the paper and its program."""
 
     bits: Literal[128, 256]
+    """Length of the descriptor of an image: 128 in the paper, which is the first half of the 256 of OpenCV's ORB."""
     unknown: Literal["as it is", "inverted"]
+    """Whether the third image shows the unknown mass, as in the paper, or is inverted, as in its program."""
 
 
 AS_WRITTEN = Variant(128, "as it is")
@@ -47,21 +41,14 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """The measurements.
-
-    Parameters
-    ----------
-    shares
-        For every setting the share of right matches in each pair (P,); nan if nothing matched.
-    matches
-        For every setting the number of matches in each pair (P,).
-    found
-        Numbers of keypoints found in each map (2 P,), by the requested number.
-    """
+    """The measurements."""
 
     shares: dict[Setting, FloatArray] = field(default_factory=dict)
+    """For every setting the share of right matches in each pair (P,); nan if nothing matched."""
     matches: dict[Setting, npt.NDArray[np.int64]] = field(default_factory=dict)
+    """For every setting the number of matches in each pair (P,)."""
     found: dict[int, npt.NDArray[np.int64]] = field(default_factory=dict)
+    """Numbers of keypoints found in each map (2 P,), by the requested number."""
 
 
 _Keypoints = tuple[FloatArray, dict[str, npt.NDArray[np.uint8]]]
@@ -81,8 +68,6 @@ def compare_modifications(
     ----------
     tolerance_m
         Largest distance of a right match from its true position [m].
-    say
-        Receives the progress.
     """
     studies = {variant: Study() for variant in variants}
     for count in keypoints:

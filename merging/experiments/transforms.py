@@ -20,30 +20,21 @@ from tbmslam.map.tbm_map import TbmMap
 
 @dataclass(frozen=True)
 class TransformResult:
-    """The transforms of a pair.
-
-    Parameters
-    ----------
-    matches, right
-        Number of matches that pass Lowe's test, and number of right matches.
-    least_m, most_m, geometric_mean_m
-        Distances of all matches after the affine transform, as in the paper [m]; None without a transform.
-    affine_error_m
-        Mean true error of the source's cells under the transform [m].
-    rigid_error_m
-        Mean true error under the rigid motion of most matches [m].
-    default_error_m
-        Mean true error of the default method, which uses no keypoints [m]; None if it refuses.
-    """
+    """The transforms of a pair."""
 
     matches: int
     right: int
+    """Number of matches that pass Lowe's test, and number of right matches."""
     least_m: float | None
     most_m: float | None
     geometric_mean_m: float | None
+    """Distances of all matches after the affine transform, as in the paper [m]; None without a transform."""
     affine_error_m: float | None
+    """Mean true error of the source's cells under the transform [m]."""
     rigid_error_m: float | None
+    """Mean true error under the rigid motion of most matches [m]."""
     default_error_m: float | None
+    """Mean true error of the default method, which uses no keypoints [m]; None if it refuses."""
 
 
 def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -> TransformResult:
@@ -88,18 +79,12 @@ def _matrix(motion: SE2) -> FloatArray:
 
 @dataclass(frozen=True)
 class DurationResult:
-    """Times of a pair.
-
-    Parameters
-    ----------
-    area_m2
-        Area of the rectangle around the merged map, as in the paper [m^2].
-    milliseconds
-        Wall time (R,) of each run [ms].
-    """
+    """Times of a pair."""
 
     area_m2: float
+    """Area of the rectangle around the merged map, as in the paper [m^2]."""
     milliseconds: FloatArray
+    """Wall time (R,) of each run [ms]."""
 
 
 def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig | None = None) -> DurationResult:

@@ -21,21 +21,14 @@ from tbmslam.optimisation.pose_graph import MotionEdge
 
 @dataclass(frozen=True)
 class Group:
-    """Maps that belong together.
-
-    Parameters
-    ----------
-    poses
-        T_group_map of every map in it; the group's frame is that of its first map.
-    used
-        The pairs whose alignment, or an alternative of it, agrees with these poses.
-    outvoted
-        The accepted pairs that do not agree with them.
-    """
+    """Maps that belong together."""
 
     poses: Mapping[str, SE2]
+    """T_group_map of every map in it; the group's frame is that of its first map."""
     used: tuple[Pair, ...] = ()
+    """The pairs whose alignment, or an alternative of it, agrees with these poses."""
     outvoted: tuple[Pair, ...] = ()
+    """The accepted pairs that do not agree with them."""
 
     def __len__(self) -> int:
         """Return the number of maps."""

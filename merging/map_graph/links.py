@@ -22,18 +22,12 @@ _ACCEPTED, _REFUSED = 0.9, 0.85
 
 
 class Edge(NamedTuple):
-    """A pose hypothesis of a pair of maps.
-
-    Parameters
-    ----------
-    pair
-        The target and the source.
-    hypothesis
-        Pose of the source in the target's frame.
-    """
+    """A pose hypothesis of a pair of maps."""
 
     pair: Pair
+    """The target and the source."""
     hypothesis: PoseHypothesis
+    """Pose of the source in the target's frame."""
 
     @property
     def motion(self) -> SE2:
@@ -139,25 +133,17 @@ _Indices = npt.NDArray[np.intp]
 
 
 class GroupLink(NamedTuple):
-    """A relative pose of two groups.
-
-    Parameters
-    ----------
-    support
-        Log odds that it is right.
-    wall_m
-        Length of the walls that agree [m].
-    first, second
-        Indices of the groups.
-    motion
-        Pose of the second group in the frame of the first.
-    """
+    """A relative pose of two groups."""
 
     support: float
+    """Log odds that it is right."""
     wall_m: float
+    """Length of the walls that agree [m]."""
     first: int
     second: int
+    """Indices of the groups."""
     motion: SE2
+    """Pose of the second group in the frame of the first."""
 
 
 class GroupLinks:

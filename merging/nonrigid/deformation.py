@@ -24,21 +24,14 @@ _ROUNDS = 8
 
 @dataclass(frozen=True)
 class Deformation:
-    """A mapping of points from a source map to a target map: the mean of rigid transforms, weighted by distance.
-
-    Parameters
-    ----------
-    centroids
-        Centroids of the tiles (N, 2) in the source's frame [m].
-    motions
-        T_target_source of each tile.
-    reach_m
-        Standard deviation of the Gaussian weight of a tile over the distance from its centroid [m].
-    """
+    """A mapping of points from a source map to a target map: the mean of rigid transforms, weighted by distance."""
 
     centroids: FloatArray
+    """Centroids of the tiles (N, 2) in the source's frame [m]."""
     motions: Sequence[SE2]
+    """T_target_source of each tile."""
     reach_m: float
+    """Standard deviation of the Gaussian weight of a tile over the distance from its centroid [m]."""
 
     @classmethod
     def of_rigid(cls, T_target_source: SE2) -> "Deformation":

@@ -50,41 +50,20 @@ _MIN_SCALE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class DeformedRivals:
-    """The evidence for a pose and for its rivals, each after the map was deformed to fit there.
-
-    Parameters
-    ----------
-    motions
-        Initial T_target_source (K,); the pose in question is the first.
-    evidence
-        The evidence for each of them (K,).
-    decoys
-        The evidence for poses of the mirror image (D,).
-    """
+    """The evidence for a pose and for its rivals, each after the map was deformed to fit there."""
 
     motions: Sequence[SE2]
+    """Initial T_target_source (K,); the pose in question is the first."""
     evidence: Sequence[Evidence]
+    """The evidence for each of them (K,)."""
     decoys: Sequence[Evidence]
+    """The evidence for poses of the mirror image (D,)."""
 
     @classmethod
     def of(
         cls, target: WallMap, source: DeformableMap, pose: SE2, proposals: list[SE2], config: MergeConfig
     ) -> "DeformedRivals":
-        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image.
-
-        Parameters
-        ----------
-        target
-            The fixed map.
-        source
-            The map to deform.
-        pose
-            The pose in question, T_target_source.
-        proposals
-            Proposed T_target_source, the best first.
-        config
-            The parameters of the deformation and the verification.
-        """
+        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image."""
         mirror = DeformableMap.of(mirrored(source.grid), config)
         decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
         poses = [pose, *_rivals(target, source, proposals, config)]
@@ -118,45 +97,25 @@ def _evidence(target: WallMap, source: DeformableMap, pose: SE2, config: MergeCo
 
 @dataclass(frozen=True)
 class NonrigidRegistration:
-    """The registration of two maps of which one was deformed.
-
-    Parameters
-    ----------
-    alignment
-        The accepted alignment: the nearest rigid transform, with the evidence of the deformed map.
-    deformation
-        The deformation of the source to the target's frame.
-    """
+    """The registration of two maps of which one was deformed."""
 
     alignment: Alignment
+    """The accepted alignment: the nearest rigid transform, with the evidence of the deformed map."""
     deformation: Deformation
+    """The deformation of the source to the target's frame."""
 
 
 class Peak(NamedTuple):
-    """The best pose of a correlation.
-
-    Parameters
-    ----------
-    motion
-        The pose of the map with less wall in the other's frame, `Alignment.T_more_less`.
-    lead
-        Its score divided by that of the next pose.
-    """
+    """The best pose of a correlation."""
 
     motion: SE2
+    """The pose of the map with less wall in the other's frame, `Alignment.T_more_less`."""
     lead: float
+    """Its score divided by that of the next pose."""
 
 
 def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> NonrigidRegistration | None:
-    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted.
-
-    Parameters
-    ----------
-    target, source
-        The maps.
-    config
-        The parameters of the deformation and the verification.
-    """
+    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted."""
     if not (config.nonrigid.enabled and config.method == "correlation"):
         return None
     resolution = comparison_resolution([target.grid, source.grid], config)
@@ -280,17 +239,7 @@ def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
 def register_refused_pairs(
     found: MergeState, config: MergeConfig, executor: Executor
 ) -> dict[Pair, NonrigidRegistration]:
-    """Register refused pairs of maps of different groups non-rigidly; return the accepted registrations.
-
-    Parameters
-    ----------
-    found
-        The state of the merge.
-    config
-        The parameters of the deformation and the verification.
-    executor
-        Executes the registrations.
-    """
+    """Register refused pairs of maps of different groups non-rigidly; return the accepted registrations."""
     pairs = [pair for pair in found.apart() if may_be_deformed(found.alignments[pair], config)]
     if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}

@@ -26,8 +26,6 @@ def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -
 
     Parameters
     ----------
-    grid
-        The map.
     side_m
         Longest side of a tile [m]; it is increased where there would be too many tiles.
     most
@@ -64,21 +62,14 @@ def _cut_out(grid: TbmGrid, rows: tuple[int, int], cols: tuple[int, int]) -> Tbm
 
 @dataclass(frozen=True)
 class DeformableMap:
-    """A map that may be deformed.
-
-    Parameters
-    ----------
-    grid
-        Its cells.
-    structure
-        Its walls and free space.
-    config
-        The parameters, with the size of the tiles.
-    """
+    """A map that may be deformed."""
 
     grid: TbmGrid
+    """Its cells."""
     structure: WallMap
+    """Its walls and free space."""
     config: MergeConfig
+    """The parameters, with the size of the tiles."""
 
     @classmethod
     def of(cls, grid: TbmGrid, config: MergeConfig, structure: WallMap | None = None) -> "DeformableMap":
@@ -96,41 +87,21 @@ class DeformableMap:
 
 @dataclass(frozen=True)
 class DeformedMap:
-    """A map that was deformed to fit another map.
-
-    Parameters
-    ----------
-    deformation
-        The deformation.
-    motion
-        The rigid T_target_source nearest to it, which aligns the deformed map.
-    residual_m, residual_rad
-        RMS differences between the tiles' transforms and `motion` [m], [rad].
-    grid
-        The deformed map in its own frame.
-    """
+    """A map that was deformed to fit another map."""
 
     deformation: Deformation
+    """The deformation."""
     motion: SE2
+    """The rigid T_target_source nearest to it, which aligns the deformed map."""
     residual_m: float
     residual_rad: float
+    """RMS differences between the tiles' transforms and `motion` [m], [rad]."""
     grid: TbmGrid
+    """The deformed map in its own frame."""
 
 
 def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> DeformedMap | None:
-    """Deform a source map to fit a target map near an initial pose; None if fewer than two of its tiles fit.
-
-    Parameters
-    ----------
-    target
-        The fixed map.
-    source
-        The map to deform.
-    start
-        Initial T_target_source.
-    config
-        The parameters of the registration of tiles.
-    """
+    """Deform a source map to fit a target map near an initial pose; None if fewer than two of its tiles fit."""
     deformation = Deformation.of_rigid(start)
     for tiles in source.rounds:
         fitting = _registered_tiles(target, tiles, deformation, config)

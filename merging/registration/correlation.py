@@ -102,18 +102,12 @@ class _Layout:
 
 
 class Proposals(NamedTuple):
-    """The most promising motions of one map in the frame of another.
-
-    Parameters
-    ----------
-    motions
-        T_target_source (K,), the best first, no two of them alike.
-    scores
-        How much more wall agrees there than disagrees (K,), about [m].
-    """
+    """The most promising motions of one map in the frame of another."""
 
     motions: list[SE2]
+    """T_target_source (K,), the best first, no two of them alike."""
     scores: FloatArray
+    """How much more wall agrees there than disagrees (K,), about [m]."""
 
 
 def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> Proposals:

@@ -24,23 +24,16 @@ _OUTSIDE = (128, 0, 0, 255)
 
 @dataclass(frozen=True)
 class Channels:
-    """8-bit images (rows, cols) of a grid, one pixel a cell; the paper's figure 1.
-
-    Parameters
-    ----------
-    geometry
-        Where the images' cells lie in the grid's frame.
-    pignistic
-        Probability of being free: free is white, occupied black, unknown grey.
-    occupied, free, unknown
-        The mass on each, 255 for all of it. The conflict is normalised first, as in the paper.
-    """
+    """8-bit images (rows, cols) of a grid, one pixel a cell; the paper's figure 1."""
 
     geometry: GridGeometry
+    """Where the images' cells lie in the grid's frame."""
     pignistic: Image
+    """Probability of being free: free is white, occupied black, unknown grey."""
     occupied: Image
     free: Image
     unknown: Image
+    """The mass on each, 255 for all of it. The conflict is normalised first, as in the paper."""
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, border: int = 0) -> "Channels":
@@ -87,18 +80,12 @@ _BITWISE: dict[Descriptor, np.ufunc] = {"and": np.bitwise_and, "or": np.bitwise_
 
 @dataclass(frozen=True)
 class Features:
-    """Keypoints of one map.
-
-    Parameters
-    ----------
-    points
-        Where they are (N, 2), in the map's frame [m].
-    descriptors
-        What they look like (N, bytes).
-    """
+    """Keypoints of one map."""
 
     points: FloatArray
+    """Where they are (N, 2), in the map's frame [m]."""
     descriptors: npt.NDArray[np.uint8]
+    """What they look like (N, bytes)."""
 
     @classmethod
     def none(cls) -> "Features":
@@ -112,16 +99,11 @@ class Features:
 
 @dataclass(frozen=True)
 class Matches:
-    """Keypoints of two maps that look alike: row i of one belongs to row i of the other.
-
-    Parameters
-    ----------
-    target_points, source_points
-        Where they are (M, 2), each in its own map's frame [m].
-    """
+    """Keypoints of two maps that look alike: row i of one belongs to row i of the other."""
 
     target_points: FloatArray
     source_points: FloatArray
+    """Where they are (M, 2), each in its own map's frame [m]."""
 
     def __len__(self) -> int:
         """Return the number of matches."""

@@ -13,24 +13,16 @@ from tbmslam.geometry.se2 import SE2, FloatArray
 
 @dataclass(frozen=True)
 class Consensus:
-    """A motion and the matches that support it.
-
-    Parameters
-    ----------
-    T_target_source
-        The rigid motion with the least squared distance over the inliers.
-    inliers
-        Which matches (M,) it brings together.
-    rmse_m
-        Root mean square distance of the inliers after the motion [m].
-    scale
-        The factor that would fit the inliers best if the motion could stretch; 1 for two maps in metres.
-    """
+    """A motion and the matches that support it."""
 
     T_target_source: SE2
+    """The rigid motion with the least squared distance over the inliers."""
     inliers: npt.NDArray[np.bool_]
+    """Which matches (M,) it brings together."""
     rmse_m: float
+    """Root mean square distance of the inliers after the motion [m]."""
     scale: float
+    """The factor that would fit the inliers best if the motion could stretch; 1 for two maps in metres."""
 
     @property
     def count(self) -> int:

@@ -27,8 +27,6 @@ def merge_page(
 
     Parameters
     ----------
-    merge
-        The merge.
     maps
         The maps, by name.
     config

@@ -43,20 +43,14 @@ _ONE_DRIVE = 0.5
 
 
 class SharedScans(NamedTuple):
-    """Two maps with common keyframes.
-
-    Parameters
-    ----------
-    first, second
-        The names of the maps.
-    shared, of
-        The number of common keyframes, and the number of keyframes of the map with fewer.
-    """
+    """Two maps with common keyframes."""
 
     first: str
     second: str
+    """The names of the maps."""
     shared: int
     of: int
+    """The number of common keyframes, and the number of keyframes of the map with fewer."""
 
 
 def duplicate_drives(maps: Mapping[str, TbmMap]) -> list[SharedScans]:

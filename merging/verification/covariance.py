@@ -31,19 +31,7 @@ _MANY_WALLS = 4000
 def covariance_of(
     target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits, config: ExactnessConfig
 ) -> Covariance:
-    """Return the covariance of an alignment, from the walls of both maps that agree.
-
-    Parameters
-    ----------
-    target, source
-        The maps.
-    T_target_source
-        The refined alignment.
-    limits
-        The thresholds of agreement.
-    config
-        The accuracy of a metre of wall.
-    """
+    """Return the covariance of an alignment, from the walls of both maps that agree."""
     metres, points, normals = (
         np.concatenate(both)
         for both in zip(

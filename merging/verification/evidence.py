@@ -56,22 +56,15 @@ _TOUCHING = 3
 
 @dataclass(frozen=True)
 class Pieces:
-    """Numbers of blocks, each the mean of both directions of the comparison.
-
-    Parameters
-    ----------
-    agreeing, conflicting
-        Shares of the walls that agree and that conflict, summed over the blocks.
-    compared
-        Blocks with walls in the known area of the other map.
-    corners
-        Blocks with agreeing walls of different directions.
-    """
+    """Numbers of blocks, each the mean of both directions of the comparison."""
 
     agreeing: float
     conflicting: float
+    """Shares of the walls that agree and that conflict, summed over the blocks."""
     compared: float
+    """Blocks with walls in the known area of the other map."""
     corners: float
+    """Blocks with agreeing walls of different directions."""
 
 
 @dataclass(frozen=True)
@@ -80,51 +73,36 @@ class Evidence:
 
     Each length is the mean of two directions: the walls of each map are compared with the other map. Movable objects
     have little weight (`merging.walls`).
-
-    Parameters
-    ----------
-    overlap_m2
-        Area known to both maps [m^2].
-    compared_wall_m
-        Walls in the known area of the other map [m].
-    agreed_wall_m
-        Compared walls near a wall of the other map that faces the same way [m].
-    conflicting_wall_m
-        Compared walls on free space of the other map, far from all of its walls [m].
-    unseen_wall_m
-        Walls that the other robot did not see although it saw free space in front of them [m].
-    weakest_wall_m
-        Length of agreeing wall that resists a shift in the least constrained direction [m].
-    rmse_m
-        Root mean square distance between agreeing walls, to half a cell [m]; None if none agree.
-    agreement, conflict
-        Shares of the compared walls that agree and that conflict. The rest is near a wall, but not near enough, or
-        faces another way.
-    larger_wall_m
-        Length of all walls of the map with more walls [m].
-    seen_through_m
-        Unbroken stretches of wall that the other robot saw through [m].
-    agreed_things_m, compared_things_m
-        Outlines of movable objects in the known area of the other map: those that agree, and all [m]. They mostly agree
-        within one visit and seldom between two.
-    pieces
-        The evidence by blocks of the floor.
     """
 
     overlap_m2: float
+    """Area known to both maps [m^2]."""
     compared_wall_m: float
+    """Walls in the known area of the other map [m]."""
     agreed_wall_m: float
+    """Compared walls near a wall of the other map that faces the same way [m]."""
     conflicting_wall_m: float
+    """Compared walls on free space of the other map, far from all of its walls [m]."""
     unseen_wall_m: float
+    """Walls that the other robot did not see although it saw free space in front of them [m]."""
     weakest_wall_m: float
+    """Length of agreeing wall that resists a shift in the least constrained direction [m]."""
     rmse_m: float | None
+    """Root mean square distance between agreeing walls, to half a cell [m]; None if none agree."""
     agreement: float
     conflict: float
+    """Shares of the compared walls that agree and that conflict. The rest is near a wall, but not near enough, or faces
+    another way."""
     larger_wall_m: float
+    """Length of all walls of the map with more walls [m]."""
     seen_through_m: float
+    """Unbroken stretches of wall that the other robot saw through [m]."""
     agreed_things_m: float
     compared_things_m: float
+    """Outlines of movable objects in the known area of the other map: those that agree, and all [m]. They mostly agree
+    within one visit and seldom between two."""
     pieces: Pieces
+    """The evidence by blocks of the floor."""
 
 
 def support_m(

@@ -18,21 +18,14 @@ from tbmslam.kernels.grids import resampling as kernels
 
 @dataclass(frozen=True)
 class PlacedGrid:
-    """A grid that is resampled on the cells of another frame, some rows at a time.
-
-    Parameters
-    ----------
-    grid
-        The source grid.
-    T_target_source
-        Pose of the source's frame in the target's frame.
-    geometry
-        The target's cells in its frame, with any resolution, size and origin.
-    """
+    """A grid that is resampled on the cells of another frame, some rows at a time."""
 
     grid: TbmGrid
+    """The source grid."""
     T_target_source: SE2
+    """Pose of the source's frame in the target's frame."""
     geometry: GridGeometry
+    """The target's cells in its frame, with any resolution, size and origin."""
 
     def __post_init__(self) -> None:
         """Check transform and geometry."""

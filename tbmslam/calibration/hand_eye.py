@@ -43,21 +43,14 @@ class SensorPlace(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Motions between two poses each, and their linear equations.
-
-    Parameters
-    ----------
-    ends
-        Indices of the first and the last pose of each motion (2, M).
-    slopes
-        Coefficients (M, 2, 5) of the laser's x, y, of the cosine and sine of its rotation, and of the lag.
-    sides
-        Right sides (M, 2) [m].
-    """
+    """Motions between two poses each, and their linear equations."""
 
     ends: npt.NDArray[np.int64]
+    """Indices of the first and the last pose of each motion (2, M)."""
     slopes: FloatArray
+    """Coefficients (M, 2, 5) of the laser's x, y, of the cosine and sine of its rotation, and of the lag."""
     sides: FloatArray
+    """Right sides (M, 2) [m]."""
 
 
 def sensor_place(

@@ -55,8 +55,6 @@ def fit_laser(
 
     Parameters
     ----------
-    keyframes
-        The scans.
     poses
         Adjusted poses (K, 3) of the laser at the keyframes.
     steps
@@ -143,10 +141,6 @@ def laser_warnings(
     ----------
     errors
         Estimated errors of the scans as they were read.
-    keyframes
-        The scans.
-    config
-        The thresholds.
     range_offset
         The correction that was added to every range when it was read [m].
     """

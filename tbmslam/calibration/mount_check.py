@@ -51,8 +51,6 @@ def mount_warning(keyframes: Keyframes, odometry: FloatArray, config: MountCheck
         Scans at their final poses.
     odometry
         Poses (K, 3) of the robot at the same moments by odometry; nan where there was none.
-    config
-        The thresholds.
     """
     if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
         return None
@@ -108,18 +106,12 @@ _SURE = 4.0
 
 
 class MountChange(NamedTuple):
-    """A rotation of the laser on its robot during the drive.
-
-    Parameters
-    ----------
-    keyframe
-        The first keyframe after it.
-    turn
-        The rotation, counterclockwise [rad].
-    """
+    """A rotation of the laser on its robot during the drive."""
 
     keyframe: int
+    """The first keyframe after it."""
     turn: float
+    """The rotation, counterclockwise [rad]."""
 
 
 def mount_changes(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, least: float) -> list[MountChange]:

@@ -22,18 +22,12 @@ _LONGEST_SIDE, _MARGIN, _LEGEND_WIDTH, _LEGEND_HEIGHT = 1600, 20, 300, 46
 
 @dataclass(frozen=True)
 class Backdrop:
-    """Walls behind a trajectory.
-
-    Parameters
-    ----------
-    labels
-        What each cell (rows, cols) is.
-    geometry
-        Geometry of the cells in the trajectory's frame.
-    """
+    """Walls behind a trajectory."""
 
     labels: Labels
+    """What each cell (rows, cols) is."""
     geometry: GridGeometry
+    """Geometry of the cells in the trajectory's frame."""
 
 
 def draw_trajectory_errors(

@@ -17,37 +17,27 @@ Labels = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class MapAgreement:
-    """Comparison of the cells of a map with the truth.
-
-    Parameters
-    ----------
-    known_both, known_map, known_truth
-        Numbers of known cells: in both, in the map, in the truth.
-    agree
-        Share of the cells known in both with equal labels.
-    agree_nearby
-        The same with neighbours: the map's label is true of the cell or a neighbour, and
-        the other way round. Maps whose cells lie across one another put the same thin wall into other cells.
-    agree_occupied, agree_free
-        Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none.
-    found_occupied, found_free
-        Share of the truly occupied (free) cells, of those known to both, that the map calls so; NaN if there are
-        none.
-    wall_distance
-        Mean distance from the map's occupied cells, of those known to both, to the nearest true one [cells]: walls are
-        thin, so half a cell of error moves many of them to the neighbour's cell. NaN if there are none.
-    """
+    """Comparison of the cells of a map with the truth."""
 
     known_both: int
     known_map: int
     known_truth: int
+    """Numbers of known cells: in both, in the map, in the truth."""
     agree: float
+    """Share of the cells known in both with equal labels."""
     agree_nearby: float
+    """The same with neighbours: the map's label is true of the cell or a neighbour, and the other way round. Maps whose
+    cells lie across one another put the same thin wall into other cells."""
     agree_occupied: float
     agree_free: float
+    """Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none."""
     found_occupied: float
     found_free: float
+    """Share of the truly occupied (free) cells, of those known to both, that the map calls so; NaN if there are
+    none."""
     wall_distance: float
+    """Mean distance from the map's occupied cells, of those known to both, to the nearest true one [cells]: walls are
+    thin, so half a cell of error moves many of them to the neighbour's cell. NaN if there are none."""
 
 
 def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
@@ -55,8 +45,6 @@ def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
 
     Parameters
     ----------
-    grid
-        The map.
     min_evidence
         Largest mass of free and occupied, normalised without conflict, of UNKNOWN cells.
     """

@@ -120,41 +120,27 @@ class RelationsError(TbmSlamError):
 
 @dataclass(frozen=True)
 class Relations:
-    """True motions between pairs of times.
-
-    Parameters
-    ----------
-    stamps
-        Moments (N, 2) [s]: from, to.
-    motions
-        Pose (N, 3) at the second moment in the frame of the first: x, y [m], theta [rad].
-    """
+    """True motions between pairs of times."""
 
     stamps: FloatArray
+    """Moments (N, 2) [s]: from, to."""
     motions: FloatArray
+    """Pose (N, 3) at the second moment in the frame of the first: x, y [m], theta [rad]."""
 
 
 @dataclass(frozen=True)
 class RelationErrors:
-    """Errors of estimated motions between the times of relations.
-
-    Parameters
-    ----------
-    translations_m, rotations_deg
-        Absolute error (M,) of every relation that could be checked.
-    checked
-        Indices (M,) of these relations.
-    pairs
-        Indices (M, 2) of the estimated poses that each of them was checked at: from, to.
-    unmatched
-        Relations without an estimated pose at one of their times.
-    """
+    """Errors of estimated motions between the times of relations."""
 
     translations_m: FloatArray
     rotations_deg: FloatArray
+    """Absolute error (M,) of every relation that could be checked."""
     checked: npt.NDArray[np.int64]
+    """Indices (M,) of these relations."""
     pairs: npt.NDArray[np.int64]
+    """Indices (M, 2) of the estimated poses that each of them was checked at: from, to."""
     unmatched: int
+    """Relations without an estimated pose at one of their times."""
 
 
 def read_relations(path: Path) -> Relations:
@@ -184,10 +170,6 @@ def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: flo
 
     Parameters
     ----------
-    relations
-        The true relations.
-    trajectory
-        The estimated trajectory.
     tolerance
         Largest difference between the stamps of a pose and of a relation [s].
     """

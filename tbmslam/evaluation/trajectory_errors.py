@@ -41,18 +41,12 @@ class TrajectoryAlignmentError(TbmSlamError):
 
 @dataclass(frozen=True)
 class TrajectoryAlignment:
-    """Alignment of an estimated trajectory with a reference.
-
-    Parameters
-    ----------
-    T_reference_estimate
-        Transform from the estimate's frame to the reference's.
-    errors_m
-        Distance (M,) left at every pose that both have [m].
-    """
+    """Alignment of an estimated trajectory with a reference."""
 
     T_reference_estimate: SE2
+    """Transform from the estimate's frame to the reference's."""
     errors_m: FloatArray
+    """Distance (M,) left at every pose that both have [m]."""
 
     @property
     def ate_m(self) -> float:
@@ -87,41 +81,27 @@ def align_trajectories(
 
 @dataclass(frozen=True)
 class AbsoluteErrors:
-    """Distances after the alignment of the estimate with the truth.
-
-    Parameters
-    ----------
-    T_truth_estimate
-        Transform from the estimate's frame to the truth's.
-    points
-        Estimated positions (M, 2) in the truth's frame, in the order of the estimate [m].
-    errors_m
-        Their distances (M,) from the truth.
-    unmatched
-        Number of estimated poses without a true pose at their stamp.
-    """
+    """Distances after the alignment of the estimate with the truth."""
 
     T_truth_estimate: SE2
+    """Transform from the estimate's frame to the truth's."""
     points: FloatArray
+    """Estimated positions (M, 2) in the truth's frame, in the order of the estimate [m]."""
     errors_m: FloatArray
+    """Their distances (M,) from the truth."""
     unmatched: int
+    """Number of estimated poses without a true pose at their stamp."""
 
 
 @dataclass(frozen=True)
 class RelativeErrors:
-    """Errors of the steps of an estimated trajectory.
-
-    Parameters
-    ----------
-    points
-        Estimated positions (K, 2) at which the steps end, in the estimate's frame [m].
-    translations_m, rotations_deg
-        Absolute error (K,) of each step.
-    """
+    """Errors of the steps of an estimated trajectory."""
 
     points: FloatArray
+    """Estimated positions (K, 2) at which the steps end, in the estimate's frame [m]."""
     translations_m: FloatArray
     rotations_deg: FloatArray
+    """Absolute error (K,) of each step."""
 
 
 def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
@@ -210,21 +190,15 @@ def _motions(poses: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Statistics of absolute errors, in their unit.
-
-    Parameters
-    ----------
-    rmse
-        Root mean square.
-    mean, standard_deviation, median, maximum
-        The usual statistics, with the standard deviation of the population.
-    """
+    """Statistics of absolute errors, in their unit."""
 
     rmse: float
+    """Root mean square."""
     mean: float
     standard_deviation: float
     median: float
     maximum: float
+    """The usual statistics, with the standard deviation of the population."""
 
     @classmethod
     def of(cls, errors: FloatArray) -> "ErrorStatistics":

@@ -10,18 +10,12 @@ from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angles
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Poses over time.
-
-    Parameters
-    ----------
-    stamps
-        Times (N,) [s], in the order of the recording (not sorted: some recorders step back).
-    poses
-        Poses (N, 3): x [m], y [m], theta [rad].
-    """
+    """Poses over time."""
 
     stamps: FloatArray
+    """Times (N,) [s], in the order of the recording (not sorted: some recorders step back)."""
     poses: FloatArray
+    """Poses (N, 3): x [m], y [m], theta [rad]."""
 
     def __post_init__(self) -> None:
         """Check that stamps and poses are finite and of equal number."""

@@ -24,8 +24,6 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
 
     Parameters
     ----------
-    path
-        The file to write.
     make_way
         Called when the new file is on the disk, where nothing but an interruption can keep it from its name any more:
         removes what would be wrong beside it.

@@ -36,24 +36,16 @@ _MAX_CELL_M = 1.0
 
 @dataclass(frozen=True)
 class RosMapHeader:
-    """The content of a map's yaml file.
-
-    Parameters
-    ----------
-    image
-        Path of the picture.
-    resolution
-        Side of a pixel [m].
-    T_map_image
-        Pose of the picture's lower left corner.
-    pixels
-        Meaning of the pixels.
-    """
+    """The content of a map's yaml file."""
 
     image: Path
+    """Path of the picture."""
     resolution: float
+    """Side of a pixel [m]."""
     T_map_image: SE2
+    """Pose of the picture's lower left corner."""
     pixels: PixelRule
+    """Meaning of the pixels."""
 
 
 def read_ros_map_header(path: Path) -> RosMapHeader:

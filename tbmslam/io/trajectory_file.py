@@ -98,18 +98,12 @@ _FIELDS = 4
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """The true trajectory of a robot or its laser.
-
-    Parameters
-    ----------
-    trajectory
-        The poses.
-    frame
-        Body whose poses they are.
-    """
+    """The true trajectory of a robot or its laser."""
 
     trajectory: Trajectory
+    """The poses."""
     frame: Frame
+    """Body whose poses they are."""
 
     def of_robot(self, T_robot_sensor: SE2) -> Trajectory:
         """Return the trajectory of the robot from that of its laser."""

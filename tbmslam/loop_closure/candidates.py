@@ -104,18 +104,12 @@ _SUBMAPS_KEPT = 500
 
 
 class NearTargets(NamedTuple):
-    """Targets near a keyframe, the nearest first.
-
-    Parameters
-    ----------
-    targets
-        Their numbers (T,).
-    distances
-        How far the keyframe is from their ways (T,) [m].
-    """
+    """Targets near a keyframe, the nearest first."""
 
     targets: npt.NDArray[np.int64]
+    """Their numbers (T,)."""
     distances: FloatArray
+    """How far the keyframe is from their ways (T,) [m]."""
 
 
 class ClosingTargets:
@@ -131,8 +125,6 @@ class ClosingTargets:
         What the drive's keyframes hit.
     config
         How submaps are made.
-    surfels
-        What makes a surface.
     min_gap
         Travelled length after which a stretch may be met again [m].
     familiar

@@ -53,8 +53,6 @@ class PlaceIndex:
 
         Parameters
         ----------
-        signature
-            What is looked for.
         log_prior
             What is known otherwise of each place (P,), of the first ones at least; -inf leaves a place out.
         """

@@ -94,15 +94,7 @@ class LoopClosingConfig(FrozenConfig):
 
 
 class LoopCloser:
-    """Finds closures in a drive and returns the drive corrected.
-
-    Parameters
-    ----------
-    config
-        When a place is taken for one seen before.
-    surfels
-        What makes a surface.
-    """
+    """Finds closures in a drive and returns the drive corrected."""
 
     def __init__(self, config: LoopClosingConfig, surfels: SurfelConfig) -> None:
         self._config = config
@@ -117,8 +109,6 @@ class LoopCloser:
         ----------
         poses
             Poses (N, 3) of the laser as tracked.
-        scans
-            What they hit.
         chain
             Motions between consecutive keyframes.
         progress

@@ -34,31 +34,21 @@ class ClosureVotesConfig(FrozenConfig):
 
 
 class PlacedBundle(NamedTuple):
-    """Where a keyframe's bundle lies in a target.
-
-    Parameters
-    ----------
-    keyframe, target
-        Their numbers.
-    anchor
-        The keyframe in whose frame the target is.
-    pose
-        Where the keyframe lies there.
-    hessian
-        Curvature (3, 3) of the directions that are determined.
-    weight
-        How much it counts beside others.
-    violated
-        Share of the bundle in space that the target knows to be free.
-    """
+    """Where a keyframe's bundle lies in a target."""
 
     keyframe: int
     target: int
+    """Their numbers."""
     anchor: int
+    """The keyframe in whose frame the target is."""
     pose: SE2
+    """Where the keyframe lies there."""
     hessian: FloatArray
+    """Curvature (3, 3) of the directions that are determined."""
     weight: float = 1.0
+    """How much it counts beside others."""
     violated: float = 0.0
+    """Share of the bundle in space that the target knows to be free."""
 
 
 class ClosureVotes:
@@ -66,8 +56,6 @@ class ClosureVotes:
 
     Parameters
     ----------
-    config
-        What they must show.
     travelled
         Length of the way up to each keyframe (K,) [m].
     """

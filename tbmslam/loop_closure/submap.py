@@ -45,43 +45,28 @@ class SubmapConfig(FrozenConfig):
 
 @dataclass(frozen=True)
 class Find:
-    """Where points agree best with a submap.
-
-    Parameters
-    ----------
-    pose
-        The place.
-    ambiguity
-        Score of the best place elsewhere over the score here: 1 means that nothing tells them apart.
-    at_border
-        Whether the place lies on the border of what was searched: a better one may lie beyond.
-    """
+    """Where points agree best with a submap."""
 
     pose: SE2
+    """The place."""
     ambiguity: float
+    """Score of the best place elsewhere over the score here: 1 means that nothing tells them apart."""
     at_border: bool
+    """Whether the place lies on the border of what was searched: a better one may lie beyond."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How well points fit a submap after being laid onto its surfaces.
-
-    Parameters
-    ----------
-    pose
-        Where their frame lies.
-    hessian
-        Curvature (3, 3) there in x, y [1/m^2] and theta.
-    matched
-        Share of the points on surfaces.
-    violated
-        Share of the points in space that the submap knows to be free.
-    """
+    """How well points fit a submap after being laid onto its surfaces."""
 
     pose: SE2
+    """Where their frame lies."""
     hessian: FloatArray
+    """Curvature (3, 3) there in x, y [1/m^2] and theta."""
     matched: float
+    """Share of the points on surfaces."""
     violated: float
+    """Share of the points in space that the submap knows to be free."""
 
 
 class Submap:

@@ -19,17 +19,12 @@ class DriveMotions:
 
     Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
     and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
-
-    Parameters
-    ----------
-    steps
-        Motions (S, 3): x [m], y [m], theta [rad] of the later laser as seen from the earlier.
-    informations
-        Inverse covariances (S, 3, 3) of an error in x, y [m] and theta [rad] in the later laser's frame.
     """
 
     steps: FloatArray
+    """Motions (S, 3): x [m], y [m], theta [rad] of the later laser as seen from the earlier."""
     informations: FloatArray
+    """Inverse covariances (S, 3, 3) of an error in x, y [m] and theta [rad] in the later laser's frame."""
 
     def __post_init__(self) -> None:
         """Check the shapes and values of the arrays."""

@@ -26,19 +26,13 @@ _FARTHEST = 1e5
 
 @dataclass(frozen=True)
 class MapEdit:
-    """A change of a map.
-
-    Parameters
-    ----------
-    kind
-        "crop" keeps a rectangle; "erase", "free" and "occupy" make one unknown, free or occupied, each from corner to
-        opposite corner; "wall" draws one from point to point; "rotate" turns the map about the origin of its frame.
-    values
-        x0, y0, x1, y1 [m] in the frame that the map has by then; of "rotate" the angle, anticlockwise [degrees].
-    """
+    """A change of a map."""
 
     kind: Kind
+    """"crop" keeps a rectangle; "erase", "free" and "occupy" make one unknown, free or occupied, each from corner to
+    opposite corner; "wall" draws one from point to point; "rotate" turns the map about the origin of its frame."""
     values: tuple[float, ...]
+    """x0, y0, x1, y1 [m] in the frame that the map has by then; of "rotate" the angle, anticlockwise [degrees]."""
 
     def __post_init__(self) -> None:
         """Check kind and numbers of the edit."""

@@ -12,36 +12,24 @@ from tbmslam.sensing.laser_scan import LaserScan
 
 @dataclass(frozen=True)
 class Keyframes:
-    """Scans at poses, as arrays.
-
-    Parameters
-    ----------
-    stamps
-        Times (K,) [s].
-    poses
-        Poses (K, 3) of the robot in the map: x [m], y [m], theta [rad].
-    sensor_poses
-        Poses (K, 3) of the laser on the robot.
-    beams
-        Angle and range limits (K, 4): angle_min, angle_increment [rad], range_min, range_max [m].
-    offsets
-        Begin of each scan in `ranges`, and end of the last scan (K + 1,).
-    ranges
-        All scans' ranges one after another, float32 [m], coded as in `LaserScan`.
-    beam_steps
-        Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad].
-    indices
-        Which pose (K,) of the drive's trajectory each was taken at; they rise, while stamps may step back.
-    """
+    """Scans at poses, as arrays."""
 
     stamps: FloatArray
+    """Times (K,) [s]."""
     poses: FloatArray
+    """Poses (K, 3) of the robot in the map: x [m], y [m], theta [rad]."""
     sensor_poses: FloatArray
+    """Poses (K, 3) of the laser on the robot."""
     beams: FloatArray
+    """Angle and range limits (K, 4): angle_min, angle_increment [rad], range_min, range_max [m]."""
     offsets: npt.NDArray[np.int64]
+    """Begin of each scan in `ranges`, and end of the last scan (K + 1,)."""
     ranges: npt.NDArray[np.float32]
+    """All scans' ranges one after another, float32 [m], coded as in `LaserScan`."""
     beam_steps: FloatArray
+    """Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad]."""
     indices: npt.NDArray[np.int64]
+    """Which pose (K,) of the drive's trajectory each was taken at; they rise, while stamps may step back."""
 
     def __post_init__(self) -> None:
         """Check the shapes and values of the arrays."""

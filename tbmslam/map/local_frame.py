@@ -18,15 +18,10 @@ FAR_M = 1000.0
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """A near frame in a far frame: translated by whole metres and not rotated.
-
-    Parameters
-    ----------
-    T_far_near
-        Pose of the near frame in the far frame; the identity if the origin of the far frame is near.
-    """
+    """A near frame in a far frame: translated by whole metres and not rotated."""
 
     T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # immutable
+    """Pose of the near frame in the far frame; the identity if the origin of the far frame is near."""
     is_far: bool = field(init=False)
     """Whether the two frames differ."""
 

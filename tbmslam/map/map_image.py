@@ -22,18 +22,12 @@ _HEAD_BYTES, _MOST_BYTES = 1 << 16, 1 << 30
 
 @dataclass(frozen=True)
 class MapImage:
-    """A decoded picture.
-
-    Parameters
-    ----------
-    pixels
-        Unsigned integers (rows, cols, channels), the top row first: grey, or three colours, then perhaps alpha.
-    maximum
-        Value of full brightness.
-    """
+    """A decoded picture."""
 
     pixels: npt.NDArray[Any]
+    """Unsigned integers (rows, cols, channels), the top row first: grey, or three colours, then perhaps alpha."""
     maximum: int
+    """Value of full brightness."""
 
     @property
     def alpha(self) -> npt.NDArray[Any] | None:
@@ -153,25 +147,17 @@ FREE_THRESHOLD = 0.196
 
 @dataclass(frozen=True)
 class PixelRule:
-    """The meaning of the values of pixels.
-
-    Parameters
-    ----------
-    negate
-        Whether white means occupied.
-    occupied_threshold, free_threshold
-        Occupancies above and below which a pixel counts as occupied and free.
-    mode
-        Free, occupied or unknown; occupancies in between as well; or the occupancy itself.
-    alpha
-        In trinary mode, whether pixels that are not opaque are unknown, or alpha is averaged with the colours.
-    """
+    """The meaning of the values of pixels."""
 
     negate: bool = False
+    """Whether white means occupied."""
     occupied_threshold: float = OCCUPIED_THRESHOLD
     free_threshold: float = FREE_THRESHOLD
+    """Occupancies above and below which a pixel counts as occupied and free."""
     mode: Mode = "trinary"
+    """Free, occupied or unknown; occupancies in between as well; or the occupancy itself."""
     alpha: Alpha = "unknown"
+    """In trinary mode, whether pixels that are not opaque are unknown, or alpha is averaged with the colours."""
 
     @property
     def averages_alpha(self) -> bool:

@@ -43,15 +43,7 @@ class InsertionConfig(FrozenConfig):
 
 
 class ScanInserter:
-    """Inserts scans taken at known poses.
-
-    Parameters
-    ----------
-    sensor_model
-        The evidence of a beam for a cell.
-    config
-        Which beams are used.
-    """
+    """Inserts scans taken at known poses."""
 
     def __init__(self, sensor_model: SensorModelConfig, config: InsertionConfig) -> None:
         self._sensor_model = sensor_model
@@ -63,8 +55,6 @@ class ScanInserter:
 
         Parameters
         ----------
-        scan
-            The scan.
         T_map_sensor
             Pose of the laser in the grid's frame.
         grid

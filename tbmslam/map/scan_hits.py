@@ -16,19 +16,13 @@ _ALL = 1 << 62
 
 @dataclass(frozen=True, eq=False)
 class ScanHits:
-    """The hits of keyframes, each in its sensor's frame, where single precision is exact to a micrometre.
-
-    Parameters
-    ----------
-    points, normals
-        Hits (P, 2) [m] of all scans in their order, and normals (P, 2) of the surfaces, towards the laser.
-    offsets
-        Begin of each scan's hits, and end of the last scan's hits (K + 1,).
-    """
+    """The hits of keyframes, each in its sensor's frame, where single precision is exact to a micrometre."""
 
     points: npt.NDArray[np.float32]
     normals: npt.NDArray[np.float32]
+    """Hits (P, 2) [m] of all scans in their order, and normals (P, 2) of the surfaces, towards the laser."""
     offsets: npt.NDArray[np.int64]
+    """Begin of each scan's hits, and end of the last scan's hits (K + 1,)."""
 
     @classmethod
     def of(cls, keyframes: Keyframes, max_range: float) -> "ScanHits":

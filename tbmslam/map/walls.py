@@ -85,8 +85,6 @@ def slide(
 
     Parameters
     ----------
-    target, source
-        The maps.
     target_some, source_some
         Indices of the walls that are matched.
     motions

@@ -77,13 +77,7 @@ class BlockedSpans:
 
 
 class _Timetable:
-    """Spans sorted by their ends, to find the spans at a time quickly.
-
-    Parameters
-    ----------
-    spans
-        The spans, in any order.
-    """
+    """Spans sorted by their ends, to find the spans at a time quickly."""
 
     def __init__(self, spans: Sequence[_Span]) -> None:
         self._spans = sorted(spans, key=lambda span: span.until)
@@ -141,11 +135,6 @@ class BlockedBeamsConfig(FrozenConfig):
 
 class BlockedBeams:
     """Detects blocked beams while the robot moves.
-
-    Parameters
-    ----------
-    config
-        When a beam counts as blocked.
 
     Attributes
     ----------
@@ -244,15 +233,7 @@ class _Reported(NamedTuple):
 
 
 class LaserView:
-    """Removes blocked beams from the scans of one laser, and reports them.
-
-    Parameters
-    ----------
-    config
-        When a beam counts as blocked.
-    incidents
-        Receives the reports.
-    """
+    """Removes blocked beams from the scans of one laser, and reports them."""
 
     def __init__(self, config: BlockedBeamsConfig, incidents: Incidents) -> None:
         self._incidents = incidents

@@ -31,11 +31,6 @@ LOST_WITHOUT_ODOMETRY = f"the scan matches nothing known: without odometry the m
 class DriveMonitor:
     """Checks one drive.
 
-    Parameters
-    ----------
-    beams, odometry
-        Thresholds of the checks.
-
     Attributes
     ----------
     incidents

@@ -90,18 +90,12 @@ _LARGE_SHARE = 0.1
 
 
 class UndeterminedMotion(NamedTuple):
-    """The parts of a drive whose motion is undetermined.
-
-    Parameters
-    ----------
-    share
-        Share of the drive's time, in [0, 1].
-    intervals
-        Begin and end (S, 2) of each interval that is long enough for a warning [s].
-    """
+    """The parts of a drive whose motion is undetermined."""
 
     share: float
+    """Share of the drive's time, in [0, 1]."""
     intervals: FloatArray
+    """Begin and end (S, 2) of each interval that is long enough for a warning [s]."""
 
     def warnings(self) -> list[EndWarning]:
         """Return a warning for each interval, or one for the whole drive if the share is large."""

@@ -10,24 +10,16 @@ SOON_S = 5.0
 
 
 class Incident(NamedTuple):
-    """One incident.
-
-    Parameters
-    ----------
-    stamp
-        When it began [s].
-    what
-        What happened, as text after "at 12.3 s: ".
-    seconds
-        How long it lasted [s]; 0 for a moment.
-    all_along
-        Whether it holds for the whole drive.
-    """
+    """One incident."""
 
     stamp: float
+    """When it began [s]."""
     what: str
+    """What happened, as text after "at 12.3 s: "."""
     seconds: float = 0.0
+    """How long it lasted [s]; 0 for a moment."""
     all_along: bool = False
+    """Whether it holds for the whole drive."""
 
     def text(self, start: float) -> str:
         """Return one line, with the time since the start of the drive if it has one."""
@@ -113,22 +105,14 @@ class Incidents:
 
 
 class EndWarning(NamedTuple):
-    """A warning at the end of a drive.
-
-    Parameters
-    ----------
-    subject
-        Its subject, one word.
-    what
-        The fact and the remedy.
-    stamp, seconds
-        When it began and how long it lasted [s].
-    all_along
-        Whether it holds for the whole drive.
-    """
+    """A warning at the end of a drive."""
 
     subject: str
+    """Its subject, one word."""
     what: str
+    """The fact and the remedy."""
     stamp: float = 0.0
     seconds: float = 0.0
+    """When it began and how long it lasted [s]."""
     all_along: bool = True
+    """Whether it holds for the whole drive."""

@@ -195,8 +195,6 @@ def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> 
 
     Parameters
     ----------
-    before, after
-        The two scans.
     T_before_after
         Pose of the laser at the later scan in its frame at the earlier scan.
     """

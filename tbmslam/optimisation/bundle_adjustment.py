@@ -95,8 +95,6 @@ def adjust(
     ----------
     poses
         Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other; the first hardly moves.
-    drives
-        What they hit.
     chain
         Motions between keyframes that are believed; those from each keyframe of a drive to its next come in order.
     closures
@@ -239,8 +237,6 @@ class WallLines:
 
     Parameters
     ----------
-    hits
-        What the stretches hit.
     every
         Every so manieth is used.
     poses

@@ -14,22 +14,15 @@ from tbmslam.kernels.adjustment.chains import compose_chain
 
 @dataclass(frozen=True, eq=False)
 class MotionEdge:
-    """A measured motion between two poses of the graph.
-
-    Parameters
-    ----------
-    source, target
-        Indices of the poses.
-    T_source_target
-        The target as seen from the source.
-    information
-        Inverse covariance (3, 3) of an error in x, y [m] and theta [rad] in the target's frame.
-    """
+    """A measured motion between two poses of the graph."""
 
     source: int
     target: int
+    """Indices of the poses."""
     T_source_target: SE2
+    """The target as seen from the source."""
     information: FloatArray
+    """Inverse covariance (3, 3) of an error in x, y [m] and theta [rad] in the target's frame."""
 
 
 class EdgeArrays(NamedTuple):
@@ -72,11 +65,6 @@ class MotionChain:
 
     Poses without edges of their own need not be solved for: a chain of motions between two others is one motion whose
     covariance is the sum of theirs, carried to its end (first order; Sola et al., eq. 54).
-
-    Parameters
-    ----------
-    chain
-        Motions between consecutive poses.
 
     Attributes
     ----------

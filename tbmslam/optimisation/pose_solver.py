@@ -20,8 +20,6 @@ class PoseSolver:
 
     Parameters
     ----------
-    system
-        The equations.
     poses
         The poses (N, 3).
     bends

@@ -45,10 +45,6 @@ class Progress:
 
         Parameters
         ----------
-        items
-            The items.
-        step
-            Name of the step.
         total, unit
             Largest number of items, if known, and their name.
         label
@@ -71,36 +67,20 @@ class Progress:
 
 @dataclass(frozen=True)
 class Call:
-    """A call to run.
-
-    Parameters
-    ----------
-    name
-        Unique among the calls that run together.
-    function
-        A function of a module; another process imports it by its name.
-    arguments
-        Plain values, or other calls as inputs: their results are passed. Calls share an input by its name; it runs once
-        in each process, or once on a cluster, and its result must not be changed.
-    """
+    """A call to run."""
 
     name: str
+    """Unique among the calls that run together."""
     function: Callable[..., Any]
+    """A function of a module; another process imports it by its name."""
     arguments: tuple[object, ...] = ()
+    """Plain values, or other calls as inputs: their results are passed. Calls share an input by its name; it runs once
+    in each process, or once on a cluster, and its result must not be changed."""
 
 
 @dataclass(frozen=True)
 class Executor:
     """Runs calls and shows their progress.
-
-    Parameters
-    ----------
-    workers
-        Number of processes on this machine.
-    scheduler
-        Address of a Dask scheduler whose workers run the calls; None for this machine.
-    progress
-        Receives the duration of each step and its progress.
 
     Raises
     ------
@@ -109,8 +89,11 @@ class Executor:
     """
 
     workers: int = 1
+    """Number of processes on this machine."""
     scheduler: str | None = None
+    """Address of a Dask scheduler whose workers run the calls; None for this machine."""
     progress: Progress = field(default_factory=Progress)
+    """Receives the duration of each step and its progress."""
 
     def __post_init__(self) -> None:
         """Check the number of workers."""
@@ -128,8 +111,6 @@ class Executor:
 
         Parameters
         ----------
-        calls
-            The calls.
         step, unit
             Names of the step and of its items for the progress; nothing is shown if empty.
         most_inputs

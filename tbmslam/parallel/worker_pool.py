@@ -85,17 +85,7 @@ class WorkerDiedError(TbmSlamError):
 
 
 class WorkerPool(ProcessPoolExecutor):
-    """Processes that ignore Ctrl-C: the process that started them receives it and stops them.
-
-    Parameters
-    ----------
-    workers
-        The largest number of processes.
-    initializer
-        Function that each process calls first.
-    interrupt
-        State that tells whether the processes were stopped.
-    """
+    """Processes that ignore Ctrl-C: the process that started them receives it and stops them."""
 
     def __init__(self, workers: int, initializer: Callable[[], object] | None, interrupt: DeferredInterrupt) -> None:
         context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork

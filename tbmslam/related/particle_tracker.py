@@ -25,8 +25,6 @@ class TileMaps:
 
     Parameters
     ----------
-    count
-        The number of maps.
     resolution
         Side of a cell [m].
     max_cells
@@ -133,13 +131,7 @@ class TileMaps:
 
 
 class Ancestry:
-    """The particles' weights and the family tree of their poses.
-
-    Parameters
-    ----------
-    count
-        The number of particles.
-    """
+    """The particles' weights and the family tree of their poses."""
 
     def __init__(self, count: int) -> None:
         self._count = count

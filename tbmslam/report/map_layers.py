@@ -114,8 +114,6 @@ def incident_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
 
     Parameters
     ----------
-    drive
-        The drive.
     incidents
         The incidents of run.json: objects with `stamp` [s], `at_s` [s], `what` and `all_along`. Others are ignored.
     group

@@ -63,18 +63,12 @@ MOST_SHEETS = 30
 
 @dataclass(frozen=True)
 class MappedRobot:
-    """A map and the run that made it.
-
-    Parameters
-    ----------
-    tbm_map
-        The map.
-    run
-        The content of run.json: recording, counts, warnings, versions, config, result.
-    """
+    """A map and the run that made it."""
 
     tbm_map: TbmMap
+    """The map."""
     run: Mapping[str, object] = field(default_factory=dict)
+    """The content of run.json: recording, counts, warnings, versions, config, result."""
 
     def entry(self, *path: str) -> object:
         """Return an entry of the run, or None."""
@@ -109,8 +103,6 @@ def maps_page(
 
     Parameters
     ----------
-    robots
-        The maps by name.
     making
         The run of the program.
     failure

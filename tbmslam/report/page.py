@@ -19,27 +19,18 @@ _ASSETS = files("tbmslam.report") / "assets"
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text.
-
-    Parameters
-    ----------
-    title
-        The heading.
-    heads
-        Names of the columns. Columns of numbers begin with #.
-    rows
-        The cells of each row.
-    note
-        A remark below the table.
-    colours
-        CSS colour of each row's mark; empty for none.
-    """
+    """A table of text."""
 
     title: str
+    """The heading."""
     heads: Sequence[str]
+    """Names of the columns. Columns of numbers begin with #."""
     rows: Sequence[Sequence[str]]
+    """The cells of each row."""
     note: str = ""
+    """A remark below the table."""
     colours: Sequence[str] = ()
+    """CSS colour of each row's mark; empty for none."""
 
 
 @dataclass(frozen=True)
@@ -57,85 +48,57 @@ class Picture:
 
 @dataclass(frozen=True)
 class Card:
-    """A decision with its reason and the evidence.
-
-    Parameters
-    ----------
-    title
-        The question.
-    verdict
-        The decision in a word.
-    good
-        Whether the decision is positive.
-    reason
-        The reason, one sentence.
-    figures
-        Numbers, by name.
-    pictures
-        Pictures of the evidence.
-    copied
-        The text that a button copies, such as a pose; no button if empty.
-    """
+    """A decision with its reason and the evidence."""
 
     title: str
+    """The question."""
     verdict: str
+    """The decision in a word."""
     good: bool
+    """Whether the decision is positive."""
     reason: str
+    """The reason, one sentence."""
     figures: Mapping[str, str] = field(default_factory=dict)
+    """Numbers, by name."""
     pictures: Sequence[Picture] = ()
+    """Pictures of the evidence."""
     copied: str = ""
+    """The text that a button copies, such as a pose; no button if empty."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """The content of a report.
-
-    Parameters
-    ----------
-    title, verdict
-        The task, and its result in one sentence.
-    good
-        Whether the task succeeded.
-    figures
-        The most important numbers, by name.
-    sheets
-        The maps.
-    warnings
-        Possible problems of the data or the result, one sentence each.
-    tables
-        Tables of figures.
-    downloads
-        Addresses of files beside the page, by the name of the robot.
-    cards, cards_title, cards_note
-        Decisions, with a heading and a remark.
-    seconds
-        Duration of each step [s].
-    command
-        The command line.
-    versions
-        Versions of the program and its dependencies.
-    config
-        All parameters; may be nested.
-    defaults
-        The default parameters. Parameters with other values are marked; none are marked if this is empty.
-    """
+    """The content of a report."""
 
     title: str
     verdict: str
+    """The task, and its result in one sentence."""
     good: bool = True
+    """Whether the task succeeded."""
     figures: Mapping[str, str] = field(default_factory=dict)
+    """The most important numbers, by name."""
     sheets: Sequence[Sheet] = ()
+    """The maps."""
     warnings: Sequence[str] = ()
+    """Possible problems of the data or the result, one sentence each."""
     tables: Sequence[Table] = ()
+    """Tables of figures."""
     downloads: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Addresses of files beside the page, by the name of the robot."""
     cards: Sequence[Card] = ()
     cards_title: str = ""
     cards_note: str = ""
+    """Decisions, with a heading and a remark."""
     seconds: Mapping[str, float] = field(default_factory=dict)
+    """Duration of each step [s]."""
     command: str = ""
+    """The command line."""
     versions: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the program and its dependencies."""
     config: Mapping[str, object] = field(default_factory=dict)
+    """All parameters; may be nested."""
     defaults: Mapping[str, object] = field(default_factory=dict)
+    """The default parameters. Parameters with other values are marked; none are marked if this is empty."""
 
     def to_html(self) -> str:
         """Return the page; text from files is escaped."""
@@ -203,21 +166,14 @@ _NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
 
 @dataclass(frozen=True)
 class Making:
-    """The run of a program, for its report.
-
-    Parameters
-    ----------
-    command
-        The command line.
-    seconds
-        Duration of each step [s].
-    defaults
-        The default parameters; may be nested.
-    """
+    """The run of a program, for its report."""
 
     command: str = ""
+    """The command line."""
     seconds: Mapping[str, float] = field(default_factory=dict)
+    """Duration of each step [s]."""
     defaults: Mapping[str, object] = field(default_factory=dict)
+    """The default parameters; may be nested."""
 
 
 def versions() -> dict[str, str]:

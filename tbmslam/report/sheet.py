@@ -27,18 +27,12 @@ _INDEXED = 3
 
 @dataclass(frozen=True)
 class Palette:
-    """The colours of the levels 0, 1, 2, ... of a picture.
-
-    Parameters
-    ----------
-    colours
-        Red, green and blue of every level; all differ, so that a colour identifies its level.
-    alphas
-        Opacity of the first levels, 0 to 255; the others are opaque.
-    """
+    """The colours of the levels 0, 1, 2, ... of a picture."""
 
     colours: tuple[Colour, ...]
+    """Red, green and blue of every level; all differ, so that a colour identifies its level."""
     alphas: tuple[int, ...] = ()
+    """Opacity of the first levels, 0 to 255; the others are opaque."""
 
     def __post_init__(self) -> None:
         """Check that the colours identify the levels."""
@@ -89,24 +83,16 @@ _MOST_STEPS, _MOST_STEPS_OF_ALL, _LEAST_STEPS = 1000, 10_000, 20
 
 @dataclass(frozen=True)
 class DriveTrack:
-    """A drive over time as a few poses with linear motion between them.
-
-    Parameters
-    ----------
-    label
-        The name of the robot, as on the switch of the drive.
-    colour
-        Red, green, blue.
-    times
-        Time since the begin of the drive (K,), non-decreasing [s].
-    poses
-        Poses (K, 3): x [m], y [m], theta [rad].
-    """
+    """A drive over time as a few poses with linear motion between them."""
 
     label: str
+    """The name of the robot, as on the switch of the drive."""
     colour: Colour
+    """Red, green, blue."""
     times: FloatArray
+    """Time since the begin of the drive (K,), non-decreasing [s]."""
     poses: FloatArray
+    """Poses (K, 3): x [m], y [m], theta [rad]."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script: rows of tenths of a second, x and y in centimetres, and degrees."""
@@ -151,30 +137,20 @@ def _kept(poses: FloatArray, most: int) -> np.ndarray[tuple[int], np.dtype[np.in
 
 @dataclass(frozen=True)
 class Switch:
-    """The switch of a layer.
-
-    Parameters
-    ----------
-    group
-        The heading of the group of switches.
-    label
-        The name of the layer, or the name of the robot in a group with columns.
-    column
-        The name of the layer in a group with columns.
-    only_one
-        Whether at most one layer of the group is shown at a time.
-    shown
-        Whether the layer is shown at first.
-    note
-        The explanation of the layer.
-    """
+    """The switch of a layer."""
 
     group: str
+    """The heading of the group of switches."""
     label: str
+    """The name of the layer, or the name of the robot in a group with columns."""
     column: str = ""
+    """The name of the layer in a group with columns."""
     only_one: bool = False
+    """Whether at most one layer of the group is shown at a time."""
     shown: bool = False
+    """Whether the layer is shown at first."""
     note: str = ""
+    """The explanation of the layer."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script."""
@@ -183,30 +159,20 @@ class Switch:
 
 @dataclass(frozen=True)
 class Raster:
-    """A picture of cells.
-
-    Parameters
-    ----------
-    switch
-        The switch of the layer.
-    geometry
-        The geometry of the cells.
-    levels
-        A level of the palette for every cell (rows, cols); the first row has the smallest y.
-    palette
-        The colours.
-    unit
-        The value of one level, which the page shows at the cursor; None to show no value.
-    opacity
-        The opacity of the layer.
-    """
+    """A picture of cells."""
 
     switch: Switch
+    """The switch of the layer."""
     geometry: GridGeometry
+    """The geometry of the cells."""
     levels: Levels
+    """A level of the palette for every cell (rows, cols); the first row has the smallest y."""
     palette: Palette
+    """The colours."""
     unit: float | None = None
+    """The value of one level, which the page shows at the cursor; None to show no value."""
     opacity: float = 1.0
+    """The opacity of the layer."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script, with the picture as a data URL."""
@@ -225,27 +191,19 @@ class Raster:
 
 @dataclass(frozen=True)
 class Marks:
-    """Points in one colour.
-
-    Parameters
-    ----------
-    switch
-        The switch of the layer.
-    kind
-        A `line` through all points, `dots`, or `links` between the first and the second, the third and the fourth, ...
-    points
-        Points (N, 2) [m].
-    colour
-        Red, green, blue.
-    texts
-        The text of each dot, which the page shows at the cursor; may be empty.
-    """
+    """Points in one colour."""
 
     switch: Switch
+    """The switch of the layer."""
     kind: Kind
+    """A `line` through all points, `dots`, or `links` between the first and the second, the third and the fourth,
+    ..."""
     points: FloatArray
+    """Points (N, 2) [m]."""
     colour: Colour
+    """Red, green, blue."""
     texts: Sequence[str] = ()
+    """The text of each dot, which the page shows at the cursor; may be empty."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script, with coordinates rounded to millimetres."""
@@ -261,24 +219,16 @@ class Marks:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A map with its layers.
-
-    Parameters
-    ----------
-    title
-        The name of the map.
-    layers
-        The layers, the lowest first.
-    note
-        A remark, one sentence.
-    tracks
-        The drives over time.
-    """
+    """A map with its layers."""
 
     title: str
+    """The name of the map."""
     layers: tuple[Raster | Marks, ...] = field(default_factory=tuple)
+    """The layers, the lowest first."""
     note: str = ""
+    """A remark, one sentence."""
     tracks: tuple[DriveTrack, ...] = ()
+    """The drives over time."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script."""

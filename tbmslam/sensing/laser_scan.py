@@ -15,18 +15,12 @@ FARTHEST_PLACE = 1e8
 
 
 class Hits(NamedTuple):
-    """Points that a laser hit, and how the surfaces there face.
-
-    Parameters
-    ----------
-    points
-        End points (M, 2) [m].
-    normals
-        Unit normals (M, 2) of the surfaces, towards the laser.
-    """
+    """Points that a laser hit, and how the surfaces there face."""
 
     points: FloatArray
+    """End points (M, 2) [m]."""
     normals: FloatArray
+    """Unit normals (M, 2) of the surfaces, towards the laser."""
 
     def placed(self, T_new_old: SE2) -> "Hits":
         """Return the same hits in another frame."""
@@ -183,15 +177,9 @@ def _check_pose(name: str, pose: SE2 | None) -> None:
 
 
 class Corrections(NamedTuple):
-    """The corrections that the user applied, so that a warning can name better ones.
-
-    Parameters
-    ----------
-    range_offset
-        Added to every range that was measured [m].
-    odometry_scale
-        What the odometry's lengths were multiplied by.
-    """
+    """The corrections that the user applied, so that a warning can name better ones."""
 
     range_offset: float = 0.0
+    """Added to every range that was measured [m]."""
     odometry_scale: float = 1.0
+    """What the odometry's lengths were multiplied by."""

@@ -29,18 +29,12 @@ class Segment(NamedTuple):
 
 @dataclass(frozen=True)
 class Itinerary:
-    """The stamps and the travelled distance of a recording.
-
-    Parameters
-    ----------
-    stamps
-        Stamp (N,) of every reading [s].
-    travelled
-        Distance (N,) driven until each reading by its odometry [m]; all zero without odometry.
-    """
+    """The stamps and the travelled distance of a recording."""
 
     stamps: FloatArray
+    """Stamp (N,) of every reading [s]."""
     travelled: FloatArray
+    """Distance (N,) driven until each reading by its odometry [m]; all zero without odometry."""
 
     @classmethod
     def of(cls, readings: Sequence[Reading]) -> "Itinerary":

@@ -44,39 +44,27 @@ _SUMMARY_HEAD = ("error m", "error deg", "in deviations", "CPU s", "most", "ambi
 
 @dataclass(frozen=True)
 class PairResult:
-    """The result of one pair.
-
-    Parameters
-    ----------
-    name
-        The pair.
-    overlap
-        Overlap in percent; None if the maps show different places.
-    accepted, right, ambiguous
-        Whether the best pose was accepted, is the true pose, and was refused as ambiguous.
-    confidence
-        Stated probability that the pose is right.
-    translation_error_m, rotation_error_deg
-        Errors of the best pose; None without a truth.
-    surprise
-        Mean square of the errors in stated standard deviations; its expected value is 1.
-    bent_m
-        How far one of the maps was deformed to fit [m].
-    cpu_s
-        CPU time of both maps and their alignment [s].
-    """
+    """The result of one pair."""
 
     name: str
+    """The pair."""
     overlap: int | None
+    """Overlap in percent; None if the maps show different places."""
     accepted: bool
     right: bool
     ambiguous: bool
+    """Whether the best pose was accepted, is the true pose, and was refused as ambiguous."""
     confidence: float
+    """Stated probability that the pose is right."""
     translation_error_m: float | None
     rotation_error_deg: float | None
+    """Errors of the best pose; None without a truth."""
     surprise: float | None
+    """Mean square of the errors in stated standard deviations; its expected value is 1."""
     bent_m: float
+    """How far one of the maps was deformed to fit [m]."""
     cpu_s: float
+    """CPU time of both maps and their alignment [s]."""
     reason: str
 
 

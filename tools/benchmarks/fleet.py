@@ -45,39 +45,27 @@ _SEEDS_APART = 100_000
 
 @dataclass(frozen=True)
 class FleetRun:
-    """Figures of one fleet.
-
-    Parameters
-    ----------
-    buildings, maps
-        Numbers of buildings and of maps.
-    aligned
-        Number of pairs that were aligned.
-    groups
-        Number of groups of two maps or more.
-    right, possible
-        Number of pairs of one building that were joined correctly, and number of all pairs of one building.
-    wrong
-        Number of pairs that were joined wrongly.
-    placed
-        Number of maps in the largest group of their building.
-    cpu_s, wall_s
-        CPU time and wall time of the merge [s].
-    peak_memory_mb
-        Peak memory of the merging process [MB].
-    """
+    """Figures of one fleet."""
 
     buildings: int
     maps: int
+    """Numbers of buildings and of maps."""
     aligned: int
+    """Number of pairs that were aligned."""
     groups: int
+    """Number of groups of two maps or more."""
     right: int
     possible: int
+    """Number of pairs of one building that were joined correctly, and number of all pairs of one building."""
     wrong: int
+    """Number of pairs that were joined wrongly."""
     placed: int
+    """Number of maps in the largest group of their building."""
     cpu_s: float
     wall_s: float
+    """CPU time and wall time of the merge [s]."""
     peak_memory_mb: float
+    """Peak memory of the merging process [MB]."""
 
 
 def benchmark_fleet(args: argparse.Namespace) -> None:
@@ -212,8 +200,6 @@ def draw_fleet(
         The groups, the largest first. Single maps are grey.
     accepted, aligned
         The accepted pairs, drawn in their group's colour, and all aligned pairs; refused pairs are faint.
-    merged
-        The merged map.
     """
     graph, grid = _graph(groups, set(accepted), aligned), _map(merged)
     return np.hstack([_framed(graph), _framed(grid)])

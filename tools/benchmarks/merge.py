@@ -58,32 +58,23 @@ _OVERLAP = 0.5
 
 @dataclass(frozen=True)
 class MergeRun:
-    """Figures of one pair.
-
-    Parameters
-    ----------
-    area_m2, cells
-        Area and cells of the canvas of the two maps at 0.1 m.
-    features_ms, matching_ms, transform_ms, fusion_ms
-        Wall time of each step of the paper's chain.
-    cpu_ms
-        CPU time of all steps, on all cores.
-    align_cpu_s, is_right
-        CPU time of the default alignment, and whether it was accepted and right within 0.5 m and 2 degrees.
-    peak_memory_mb
-        Peak memory of the process.
-    """
+    """Figures of one pair."""
 
     area_m2: float
     cells: int
+    """Area and cells of the canvas of the two maps at 0.1 m."""
     features_ms: float
     matching_ms: float
     transform_ms: float
     fusion_ms: float
+    """Wall time of each step of the paper's chain."""
     cpu_ms: float
+    """CPU time of all steps, on all cores."""
     align_cpu_s: float
     is_right: bool
+    """CPU time of the default alignment, and whether it was accepted and right within 0.5 m and 2 degrees."""
     peak_memory_mb: float
+    """Peak memory of the process."""
 
     @property
     def sum_ms(self) -> float:

@@ -44,40 +44,25 @@ _USUAL_RATIO, _WITHOUT_ODOMETRY_RATIO = 1.1, 1.5
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A perturbation of a recording or of a parameter.
-
-    Parameters
-    ----------
-    name
-        The name in the table.
-    change
-        Perturbs the readings; may be pickled.
-    setting
-        A changed parameter of the SLAM, as ``map.resolution=0.1``; None for none.
-    ratio
-        Largest ratio of the error to the unperturbed error.
-    T_stated_true
-        Pose of the recorded robot frame in the perturbed robot frame; the truth is of the recorded frame.
-    """
+    """A perturbation of a recording or of a parameter."""
 
     name: str
+    """The name in the table."""
     change: Change = iter
+    """Perturbs the readings; may be pickled."""
     setting: str | None = None
+    """A changed parameter of the SLAM, as ``map.resolution=0.1``; None for none."""
     ratio: float = _USUAL_RATIO
+    """Largest ratio of the error to the unperturbed error."""
     T_stated_true: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - an immutable tuple
+    """Pose of the recorded robot frame in the perturbed robot frame; the truth is of the recorded frame."""
 
 
 UNPERTURBED = Perturbation("as it is")
 
 
 def perturbations(settings: Iterable[str] = ()) -> list[Perturbation]:
-    """Return all perturbations, the unperturbed recording first.
-
-    Parameters
-    ----------
-    settings
-        Changed parameters, each of which is one perturbation.
-    """
+    """Return all perturbations, the unperturbed recording first."""
     mounts = [(axis, sign * _MOUNT_M) for axis in "xy" for sign in (1, -1)]
     return [
         UNPERTURBED,
@@ -242,31 +227,21 @@ _LOST_RATIO = 5.0
 
 @dataclass(frozen=True)
 class Score:
-    """The error of a perturbed run.
-
-    Parameters
-    ----------
-    perturbation
-        Name of the perturbation.
-    error_m, error_deg
-        Errors of all scored relations or poses; None if there are none.
-    unscored
-        Number of relations or poses that are not scored although their scans were given.
-    left_out
-        Number of relations or poses whose scans the perturbation removed.
-    ratio
-        Ratio of the error to that of the unperturbed run, where both are scored; None if nowhere.
-    verdict
-        ok, MISS, LOST or FAILED; a dash for the unperturbed run.
-    """
+    """The error of a perturbed run."""
 
     perturbation: str
+    """Name of the perturbation."""
     error_m: float | None
     error_deg: float | None
+    """Errors of all scored relations or poses; None if there are none."""
     unscored: int
+    """Number of relations or poses that are not scored although their scans were given."""
     left_out: int
+    """Number of relations or poses whose scans the perturbation removed."""
     ratio: float | None
+    """Ratio of the error to that of the unperturbed run, where both are scored; None if nowhere."""
     verdict: str
+    """ok, MISS, LOST or FAILED; a dash for the unperturbed run."""
 
     def is_miss(self) -> bool:
         """Return whether the error is too large."""

@@ -25,18 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordingSpec:
-    """A recording to open.
-
-    Parameters
-    ----------
-    path
-        The bag or log.
-    options
-        The options of reading.
-    """
+    """A recording to open."""
 
     path: Path
+    """The bag or log."""
     options: "RecordingOptions"
+    """The options of reading."""
 
 
 class _RaisingParser(argparse.ArgumentParser):
@@ -93,24 +87,16 @@ class SimulationError(TbmSlamError):
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A simulated drive.
-
-    Parameters
-    ----------
-    kind
-        Kind of building.
-    seed
-        Seed of the building, the drive and all noise.
-    odometry
-        Kind of odometry noise as in make_world, or IGNORED.
-    settings
-        Options of make_world, each ``name=value``.
-    """
+    """A simulated drive."""
 
     kind: str
+    """Kind of building."""
     seed: int
+    """Seed of the building, the drive and all noise."""
     odometry: str
+    """Kind of odometry noise as in make_world, or IGNORED."""
     settings: tuple[str, ...] = ()
+    """Options of make_world, each ``name=value``."""
 
     @classmethod
     def parse(cls, text: str) -> "SimulatedRecording":
@@ -167,22 +153,15 @@ class NoTruthError(TbmSlamError):
 
 @dataclass(frozen=True)
 class DriveErrors:
-    """Errors of each relation, or of each true pose.
-
-    Parameters
-    ----------
-    kind
-        Whether the N errors are of relations or of poses.
-    metres, degrees
-        Errors (N,), nan for those that cannot be scored; degrees are nan for poses.
-    has_scans
-        Which of them (N,) have scans at their stamps.
-    """
+    """Errors of each relation, or of each true pose."""
 
     kind: Literal["relations", "poses"]
+    """Whether the N errors are of relations or of poses."""
     metres: FloatArray
     degrees: FloatArray
+    """Errors (N,), nan for those that cannot be scored; degrees are nan for poses."""
     has_scans: npt.NDArray[np.bool_]
+    """Which of them (N,) have scans at their stamps."""
 
     def scored(self) -> npt.NDArray[np.bool_]:
         """Return which errors (N,) were scored."""
@@ -222,8 +201,6 @@ def drive_errors(truth: Path, estimate: Trajectory, scans: FloatArray) -> DriveE
     ----------
     truth
         The file that `truth_beside` returns.
-    estimate
-        The estimated poses.
     scans
         Stamps (S,) of the scans that were given to be mapped [s].
     """

@@ -47,41 +47,30 @@ _BLOCK = 50
 
 @dataclass(frozen=True)
 class ScalingRun:
-    """Figures of one drive.
-
-    Parameters
-    ----------
-    route, preset
-        Kind of route, and preset of the SLAM.
-    length_m, scans
-        Length of the drive, and number of scans.
-    seen_m2, box_m2
-        Final area of the known cells, and of their bounding box.
-    cell_m
-        Final side of a cell.
-    matching_us, inserting_us, scan_us, last_quarter_us, finishing_us
-        CPU time per scan; see NOTES.
-    driven_memory_mb, peak_memory_mb
-        Peak memory of the process until the end of the drive, including the simulated scans, and in all.
-    ate_m
-        Error against the true trajectory.
-    """
+    """Figures of one drive."""
 
     route: str
     preset: str
+    """Kind of route, and preset of the SLAM."""
     length_m: float
     scans: int
+    """Length of the drive, and number of scans."""
     seen_m2: float
     box_m2: float
+    """Final area of the known cells, and of their bounding box."""
     cell_m: float
+    """Final side of a cell."""
     matching_us: float
     inserting_us: float
     scan_us: float
     last_quarter_us: float
     finishing_us: float
+    """CPU time per scan; see NOTES."""
     driven_memory_mb: float
     peak_memory_mb: float
+    """Peak memory of the process until the end of the drive, including the simulated scans, and in all."""
     ate_m: float
+    """Error against the true trajectory."""
 
 
 def benchmark_scaling(args: argparse.Namespace) -> None:

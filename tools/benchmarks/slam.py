@@ -61,50 +61,37 @@ _BLOCK = 50  # readings between two reads of the CPU clock, which take a microse
 
 @dataclass(frozen=True)
 class SlamRun:
-    """Figures of one run over one recording.
-
-    Parameters
-    ----------
-    scans, beams, keyframes
-        Numbers of scans, of beams of the largest scan, and of keyframes.
-    duration_s, length_m
-        Duration and length of the drive.
-    start_s
-        CPU time of imports and of loading compiled code; not part of other figures.
-    reading_s
-        CPU time of reading the recording.
-    mapping_s
-        CPU time of everything else, including the following.
-    matching_s, inserting_s, finishing_s, closing_s
-        CPU time of registration, of updating the tracker, of the end of the drive, and of closing loops (within that).
-    wall_s
-        Wall time from the first scan to the map.
-    start_memory_mb, peak_memory_mb
-        Peak memory of the process after the warm-up, and at the end.
-    translation_error_m, rotation_error_deg
-        Mean errors against the relations beside the recording; None without.
-    ate_m
-        Error against the true trajectory beside the recording; None without.
-    """
+    """Figures of one run over one recording."""
 
     scans: int
     beams: int
     keyframes: int
+    """Numbers of scans, of beams of the largest scan, and of keyframes."""
     duration_s: float
     length_m: float
+    """Duration and length of the drive."""
     start_s: float
+    """CPU time of imports and of loading compiled code; not part of other figures."""
     reading_s: float
+    """CPU time of reading the recording."""
     mapping_s: float
+    """CPU time of everything else, including the following."""
     matching_s: float
     inserting_s: float
     finishing_s: float
     closing_s: float
+    """CPU time of registration, of updating the tracker, of the end of the drive, and of closing loops (within
+    that)."""
     wall_s: float
+    """Wall time from the first scan to the map."""
     start_memory_mb: float
     peak_memory_mb: float
+    """Peak memory of the process after the warm-up, and at the end."""
     translation_error_m: float | None = None
     rotation_error_deg: float | None = None
+    """Mean errors against the relations beside the recording; None without."""
     ate_m: float | None = None
+    """Error against the true trajectory beside the recording; None without."""
 
 
 class CpuClock:

@@ -55,43 +55,30 @@ _NEAR_M, _NEAR_DEG = 0.2, 1.0
 
 @dataclass(frozen=True)
 class SplitRun:
-    """The result of one recording and one number of robots.
-
-    Parameters
-    ----------
-    recording, robots
-        The name, and the number of robots.
-    merged
-        The merged robots.
-    left_out
-        The other robots, with the reasons.
-    pairs
-        For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
-        error of its relative pose [m], [deg]; None if one was left out.
-    agree, agree_nearby
-        Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None if nothing was
-        merged.
-    turned
-        The share for the undivided map, resampled on the merged map's cells.
-    again
-        The share for a second map of the whole recording, in the odometry's frame.
-    merge_cpu_s
-        CPU time of the merge [s].
-    truth_doubt
-        The reason to doubt truth.json; None if there is none.
-    """
+    """The result of one recording and one number of robots."""
 
     recording: str
     robots: int
+    """The name, and the number of robots."""
     merged: tuple[str, ...]
+    """The merged robots."""
     left_out: Mapping[str, str]
+    """The other robots, with the reasons."""
     pairs: tuple[tuple[str, str, float, tuple[float, float] | None], ...]
+    """For each pair with enough overlap, its names, the overlap as a share of the smaller map's free space, and the
+    error of its relative pose [m], [deg]; None if one was left out."""
     agree: float | None
     agree_nearby: float | None
+    """Shares of cells that are as in the undivided map, see `tbmslam.evaluation.map_agreement`; None if nothing was
+    merged."""
     turned: float | None
+    """The share for the undivided map, resampled on the merged map's cells."""
     again: float
+    """The share for a second map of the whole recording, in the odometry's frame."""
     merge_cpu_s: float
+    """CPU time of the merge [s]."""
     truth_doubt: str | None = None
+    """The reason to doubt truth.json; None if there is none."""
 
 
 def benchmark_split(args: argparse.Namespace) -> None:

@@ -47,28 +47,19 @@ _SETS_APART, _SEEDS_APART = 100, 100_000
 
 @dataclass(frozen=True)
 class StrangerSet:
-    """The merge of one set.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    number
-        Number of the set.
-    accepted
-        Pairs that were accepted wrongly.
-    joined
-        Pairs that were joined wrongly.
-    right, possible
-        Numbers of pairs that were joined correctly, and of pairs that show one place.
-    """
+    """The merge of one set."""
 
     kind: str
+    """One of `KINDS`."""
     number: int
+    """Number of the set."""
     accepted: tuple[Pair, ...]
+    """Pairs that were accepted wrongly."""
     joined: tuple[Pair, ...]
+    """Pairs that were joined wrongly."""
     right: int
     possible: int
+    """Numbers of pairs that were joined correctly, and of pairs that show one place."""
 
 
 def benchmark_sets(args: argparse.Namespace) -> None:

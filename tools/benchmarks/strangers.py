@@ -55,30 +55,20 @@ class EarlierRunError(TbmSlamError):
 
 @dataclass(frozen=True)
 class Encounter:
-    """The alignment of one pair.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    number
-        Number of the pair among those of its kind and seed.
-    name
-        Name of the pair.
-    is_wrong
-        Whether a false alignment was accepted.
-    is_ambiguous
-        Whether it was refused because several poses fit well.
-    confidence
-        Confidence of the best pose.
-    """
+    """The alignment of one pair."""
 
     kind: str
+    """One of `KINDS`."""
     number: int
+    """Number of the pair among those of its kind and seed."""
     name: str
+    """Name of the pair."""
     is_wrong: bool
+    """Whether a false alignment was accepted."""
     is_ambiguous: bool
+    """Whether it was refused because several poses fit well."""
     confidence: float
+    """Confidence of the best pose."""
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:

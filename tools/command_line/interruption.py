@@ -29,11 +29,6 @@ _AGAIN_S = 0.05
 class Interruption:
     """The handler of signals that end a program.
 
-    Parameters
-    ----------
-    program
-        The name of the program, for its message.
-
     Attributes
     ----------
     advice
@@ -83,13 +78,7 @@ class Interruption:
             os._exit(self.code)
 
     def repeat_dropped_interrupts(self, drop: "Callable[[sys.UnraisableHookArgs], object]") -> None:
-        """Repeat an interrupt that Python dropped, for example in a callback of compiled code.
-
-        Parameters
-        ----------
-        drop
-            Handles all other dropped exceptions.
-        """
+        """Repeat an interrupt that Python dropped, for example in a callback of compiled code."""
 
         def dropped(what: "sys.UnraisableHookArgs") -> None:
             if issubclass(what.exc_type, KeyboardInterrupt) and self.came is not None:

@@ -11,13 +11,7 @@ if TYPE_CHECKING:
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options about recordings, in groups of their own.
-
-    Parameters
-    ----------
-    parser
-        Parser of the program.
-    """
+    """Add the options about recordings, in groups of their own."""
     scans = parser.add_argument_group("scans")
     scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
     scans.add_argument(
@@ -157,17 +151,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, printing: bool = True) -> None:
-    """Add the options about parameters, in a group of their own.
-
-    Parameters
-    ----------
-    parser
-        Parser of the program.
-    example
-        An example of a setting.
-    printing
-        Whether to add an option that prints the parameters.
-    """
+    """Add the options about parameters, in a group of their own."""
     group = parser.add_argument_group("parameters")
     group.add_argument(
         "--preset",

@@ -91,13 +91,6 @@ class MissingFileError(TbmSlamError):
 def check_exist(paths: Iterable[Path], fact: str) -> None:
     """Check that files or folders exist, before libraries are loaded.
 
-    Parameters
-    ----------
-    paths
-        The files or folders.
-    fact
-        The message if a path does not exist.
-
     Raises
     ------
     MissingFileError

@@ -14,15 +14,7 @@ from tbmslam.io.atomic_file import write_text
 
 
 def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table; all columns but the first two are right-aligned.
-
-    Parameters
-    ----------
-    head
-        Names of the columns.
-    rows
-        Cells, one for each column in each row.
-    """
+    """Return a table; all columns but the first two are right-aligned."""
     columns = list(zip(head, *rows, strict=True))
     widths = [max(3, *(len(cell) for cell in column)) for column in columns]
     rule = [("-" * width if index < 2 else "-" * (width - 1) + ":") for index, width in enumerate(widths)]

@@ -39,11 +39,6 @@ def robot_names(recordings: Sequence[Path]) -> list[str]:
     number. Names are equal if they differ in case only, since some file systems ignore it. Characters that are
     not safe in a path are replaced.
 
-    Parameters
-    ----------
-    recordings
-        Files or folders of the recordings.
-
     Returns
     -------
     Different names, in the same order.

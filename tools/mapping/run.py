@@ -46,15 +46,6 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
 
     What fails does not keep the others from being mapped.
 
-    Parameters
-    ----------
-    tasks
-        The robots.
-    shelf
-        Recordings in the memory of this process.
-    executor
-        Runs the tasks.
-
     Raises
     ------
     TbmSlamError
@@ -236,16 +227,12 @@ def write_truth(
 
     Parameters
     ----------
-    path
-        The file.
     made
         The robots and their maps.
     references
         True trajectories by recording; without one the default SLAM maps the whole recording as the reference.
     shelf
         Recordings in memory.
-    progress
-        Receives the progress.
     """
     fingerprint = _fingerprint([task for task, _ in made], references)
     if _written(path) == fingerprint:

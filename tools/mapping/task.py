@@ -41,40 +41,27 @@ class EmptyMapError(TbmSlamError):
 
 @dataclass(frozen=True)
 class MappingTask:
-    """A robot to map.
-
-    Parameters
-    ----------
-    name
-        Name of the robot.
-    paths
-        Files of its recording.
-    files
-        Name, size and digest of each file.
-    config
-        All parameters.
-    share
-        Choice of its part of the recording for JSON; None for the whole recording.
-    T_own_start
-        Initial pose in its frame; None for that of the odometry.
-    folder
-        Folder of the map.
-    segment, counts
-        Its part, and the counts of a pass over the whole recording; None for the whole recording.
-    began
-        Stamp of the first reading, at which `--interval` is 0 [s]; None if unknown.
-    """
+    """A robot to map."""
 
     name: str
+    """Name of the robot."""
     paths: tuple[Path, ...]
+    """Files of its recording."""
     files: tuple[Mapping[str, str | int], ...]
+    """Name, size and digest of each file."""
     config: Configuration
+    """All parameters."""
     share: Mapping[str, object] | None
+    """Choice of its part of the recording for JSON; None for the whole recording."""
     T_own_start: SE2 | None
+    """Initial pose in its frame; None for that of the odometry."""
     folder: Path
+    """Folder of the map."""
     segment: Segment | None = None
     counts: ReadingCounts | None = None
+    """Its part, and the counts of a pass over the whole recording; None for the whole recording."""
     began: float | None = None
+    """Stamp of the first reading, at which `--interval` is 0 [s]; None if unknown."""
 
     def fingerprint(self) -> str:
         """Return a digest of all that the map depends on: input, parameters, code and versions."""
@@ -97,24 +84,16 @@ class MappingTask:
 
 @dataclass(frozen=True)
 class Mapped:
-    """The result of a task.
-
-    Parameters
-    ----------
-    run
-        The content of run.json.
-    summary
-        Summary of the readings.
-    seconds
-        Wall time; None if it was finished before.
-    tbm_map
-        The map; None if it is only in its folder.
-    """
+    """The result of a task."""
 
     run: Mapping[str, object]
+    """The content of run.json."""
     summary: str = ""
+    """Summary of the readings."""
     seconds: float | None = None
+    """Wall time; None if it was finished before."""
     tbm_map: TbmMap | None = None
+    """The map; None if it is only in its folder."""
 
 
 class Shelf:

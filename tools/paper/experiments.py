@@ -45,8 +45,6 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
         The folder of the bags, with one folder for each drive.
     words
         More options of make_world, the building among them.
-    drives
-        Number of drives.
     seed
         Seed of the building; drives have this seed and the following.
 
@@ -87,15 +85,6 @@ def map_simulated(bags: Sequence[Path], folder: Path, words: Sequence[str]) -> P
 
 def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
     """Return the pairs of the maps that build_maps wrote into a folder, with their true poses.
-
-    Parameters
-    ----------
-    folder
-        Folder with a folder for each map and truth.json.
-    most
-        Largest number of pairs.
-    min_overlap
-        Least common share of the smaller map.
 
     Raises
     ------
@@ -147,29 +136,20 @@ VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "in
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """The settings of the experiments.
-
-    Parameters
-    ----------
-    keypoints, ratios
-        Rows of table II; the middle ones also serve the other tables.
-    default_keypoints, default_ratio
-        Default of the paper's program.
-    tolerance_m
-        Largest distance of a right match from its true position [m].
-    areas_m2
-        Areas of table IV for which pairs are cut from a building [m^2].
-    repeats
-        Timed runs of each pair.
-    """
+    """The settings of the experiments."""
 
     keypoints: tuple[int, ...] = (100, 500, 1000, 2500, 5000)
     ratios: tuple[float, ...] = (0.5, 0.6, 0.7, 0.8)
+    """Rows of table II; the middle ones also serve the other tables."""
     default_keypoints: int = 1000
     default_ratio: float = 0.7
+    """Default of the paper's program."""
     tolerance_m: float = 0.5
+    """Largest distance of a right match from its true position [m]."""
     areas_m2: tuple[float, ...] = (4125.0, 4900.0, 5625.0, 8700.0, 12100.0, 13200.0)
+    """Areas of table IV for which pairs are cut from a building [m^2]."""
     repeats: int = 10
+    """Timed runs of each pair."""
 
     @property
     def features(self) -> FeatureConfig:
@@ -179,30 +159,20 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class PaperResults:
-    """The results.
-
-    Parameters
-    ----------
-    detectors
-        Table I: by pair and detector.
-    studies
-        Table II and figure 3: by variant.
-    transforms
-        Table III: by pair.
-    durations
-        Table IV: of the pairs, then of those cut to the paper's areas.
-    halves
-        Figure 2.
-    merged
-        Figure 4: the first pair merged by the paper's algorithm 1; None without a transform.
-    """
+    """The results."""
 
     detectors: Mapping[str, Mapping[str, DetectorResult]]
+    """Table I: by pair and detector."""
     studies: Mapping[Variant, Study]
+    """Table II and figure 3: by variant."""
     transforms: Mapping[str, TransformResult]
+    """Table III: by pair."""
     durations: Mapping[str, DurationResult]
+    """Table IV: of the pairs, then of those cut to the paper's areas."""
     halves: Halves
+    """Figure 2."""
     merged: TbmGrid | None
+    """Figure 4: the first pair merged by the paper's algorithm 1; None without a transform."""
 
 
 def run_experiments(

@@ -36,21 +36,14 @@ Field = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class DistortedMap:
-    """A distorted map of a part of a building.
-
-    Parameters
-    ----------
-    occupancy
-        Occupancy (rows, cols) in percent, -1 unknown.
-    T_map_building
-        Pose of the building's frame before the deformation.
-    displacements
-        Displacements that are added to points of the map to find their places in the building.
-    """
+    """A distorted map of a part of a building."""
 
     occupancy: Occupancy
+    """Occupancy (rows, cols) in percent, -1 unknown."""
     T_map_building: SE2
+    """Pose of the building's frame before the deformation."""
     displacements: Field
+    """Displacements that are added to points of the map to find their places in the building."""
 
     def laid(self, points: FloatArray) -> FloatArray:
         """Return points (N, 2) of the building in the map [m]."""
@@ -62,37 +55,25 @@ class DistortedMap:
 
 @dataclass(frozen=True)
 class Distortion:
-    """The strengths of all distortions.
-
-    Parameters
-    ----------
-    turn
-        Rotation of the map's frame relative to the building's [rad].
-    deformation_m
-        Root mean square of the smooth displacement [m].
-    wavelength_m
-        Distance over which the displacement changes [m].
-    raggedness
-        Share of wall cells with a change of the thickness, 0 to 1.
-    missing
-        Share of the walls that becomes unknown.
-    moved
-        Share of the small objects that is moved.
-    clutter, blobs
-        New objects, and unknown areas, for 100 m2.
-    speckle
-        Share of the free cells that becomes occupied.
-    """
+    """The strengths of all distortions."""
 
     turn: float
+    """Rotation of the map's frame relative to the building's [rad]."""
     deformation_m: float
+    """Root mean square of the smooth displacement [m]."""
     wavelength_m: float
+    """Distance over which the displacement changes [m]."""
     raggedness: float
+    """Share of wall cells with a change of the thickness, 0 to 1."""
     missing: float
+    """Share of the walls that becomes unknown."""
     moved: float
+    """Share of the small objects that is moved."""
     clutter: float
     blobs: float
+    """New objects, and unknown areas, for 100 m2."""
     speckle: float
+    """Share of the free cells that becomes occupied."""
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Distortion":

@@ -30,47 +30,31 @@ _COARSE = 4
 
 @dataclass(frozen=True)
 class Building:
-    """A floor whose parts become maps.
-
-    Parameters
-    ----------
-    name
-        Name of the building; its pairs share the name, so that a building can be held out.
-    occupancy
-        Occupancy (rows, cols) in percent, -1 unknown; row grows with y, column with x.
-    resolution
-        Side of a cell [m].
-    """
+    """A floor whose parts become maps."""
 
     name: str
+    """Name of the building; its pairs share the name, so that a building can be held out."""
     occupancy: Occupancy
+    """Occupancy (rows, cols) in percent, -1 unknown; row grows with y, column with x."""
     resolution: float
+    """Side of a cell [m]."""
 
 
 @dataclass(frozen=True)
 class MapPair:
-    """Two maps with their relative pose.
-
-    Parameters
-    ----------
-    name
-        Unique name; begins with `crop` for maps of one place, with `neg` for maps of two.
-    occ_a, occ_b
-        Occupancies (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
-    resolution
-        Side of a cell [m].
-    T_a_b
-        Pose of b's frame in a's; None if the maps show different places.
-    overlap
-        Share of the smaller map's free cells that both know.
-    """
+    """Two maps with their relative pose."""
 
     name: str
+    """Unique name; begins with `crop` for maps of one place, with `neg` for maps of two."""
     occ_a: Occupancy
     occ_b: Occupancy
+    """Occupancies (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells."""
     resolution: float
+    """Side of a cell [m]."""
     T_a_b: SE2 | None
+    """Pose of b's frame in a's; None if the maps show different places."""
     overlap: float
+    """Share of the smaller map's free cells that both know."""
 
     @property
     def known_m2(self) -> float:
@@ -290,24 +274,16 @@ def room_of(building: Building, area_m2: float, seed: int) -> Building:
 
 @dataclass(frozen=True)
 class PlacedMap:
-    """A map and its place.
-
-    Parameters
-    ----------
-    place
-        Name of the place; maps of one place belong together.
-    occupancy
-        Occupancy (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells.
-    resolution
-        Side of a cell [m].
-    T_map_building
-        Pose of the building's frame in the map's.
-    """
+    """A map and its place."""
 
     place: str
+    """Name of the place; maps of one place belong together."""
     occupancy: Occupancy
+    """Occupancy (rows, cols) in percent, -1 unknown; cell (i, j) has its centre at ((j + 0.5), (i + 0.5)) cells."""
     resolution: float
+    """Side of a cell [m]."""
     T_map_building: SE2
+    """Pose of the building's frame in the map's."""
 
 
 def maps_of(building: Building, count: int, rng: np.random.Generator) -> Iterator[PlacedMap]:

@@ -24,18 +24,12 @@ _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True)
 class ClearanceMap:
-    """Distance to the nearest wall on a grid.
-
-    Parameters
-    ----------
-    geometry
-        The grid's cells.
-    clearance
-        Distances (rows, cols) [m]; 0 outside of the world.
-    """
+    """Distance to the nearest wall on a grid."""
 
     geometry: GridGeometry
+    """The grid's cells."""
     clearance: FloatArray
+    """Distances (rows, cols) [m]; 0 outside of the world."""
 
     @classmethod
     def of(cls, world: World, resolution: float = 0.05) -> "ClearanceMap":
@@ -57,8 +51,6 @@ class RoadMap:
 
     Parameters
     ----------
-    clearance_map
-        The world.
     smallest
         Least clearance of paths [m].
     rng
@@ -231,8 +223,6 @@ def plan_drives(
 
     Parameters
     ----------
-    robots
-        The number of robots.
     length, duration
         Length [m] and duration [s] at which a drive ends, whichever comes first. With neither, the sections cover the
         tour, and a single robot returns to its start.
@@ -286,8 +276,6 @@ def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
     ----------
     costs
         Symmetric cost (K, K) of going from one place to another.
-    start
-        The first place.
     """
     left = set(range(len(costs))) - {start}
     tour = [start]

@@ -27,28 +27,19 @@ _SPEED = 0.65  # [m/s]
 
 @dataclass(frozen=True)
 class EndlessDrive:
-    """A simulated drive.
-
-    Parameters
-    ----------
-    route
-        "round": around one block, again and again, so that the map stays as it is; "spiral": outwards, through parts
-        never seen before, so that the map grows with every metre.
-    length
-        Length of the drive [m].
-    laser
-        The simulated laser.
-    odometry
-        Noise of the odometry.
-    seed
-        Seed of the building, the drive and all noise.
-    """
+    """A simulated drive."""
 
     route: Route
+    """"round": around one block, again and again, so that the map stays as it is; "spiral": outwards, through parts
+    never seen before, so that the map grows with every metre."""
     length: float
+    """Length of the drive [m]."""
     laser: SimulatedLaser
+    """The simulated laser."""
     odometry: OdometryNoise
+    """Noise of the odometry."""
     seed: int = 0
+    """Seed of the building, the drive and all noise."""
 
     def __post_init__(self) -> None:
         """Check the route and its length."""

@@ -35,24 +35,16 @@ _COVER = 0.25  # range of blocked beams [m]
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault.
-
-    Parameters
-    ----------
-    name
-        One of `FAULTS`.
-    at
-        Begin after the start of the drive [s].
-    seconds
-        Duration, if it ends [s].
-    scale
-        Factor of the lengths of reversed odometry.
-    """
+    """A fault."""
 
     name: str
+    """One of `FAULTS`."""
     at: float
+    """Begin after the start of the drive [s]."""
     seconds: float = 10.0
+    """Duration, if it ends [s]."""
     scale: float = 1.0
+    """Factor of the lengths of reversed odometry."""
 
     def __post_init__(self) -> None:
         """Check name, times and scale."""
@@ -97,15 +89,7 @@ class _Scene:
 
 
 def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> SimulatedRobot:
-    """Return the robot's recording with a fault; the truth stays correct, with the stamps of the scans.
-
-    Parameters
-    ----------
-    world
-        The world of its drive.
-    seed
-        Random generator of the fault.
-    """
+    """Return the robot's recording with a fault; the truth stays correct, with the stamps of the scans."""
     begin = float(robot.truth.stamps[0]) + fault.at
     scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]), fault.scale)
     return FAULTS[fault.name](scene)

@@ -26,42 +26,29 @@ STATA_MOUNT = SE2(0.275, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class SimulatedLaser:
-    """Properties of a laser; the default is the base laser of MIT's PR2 at the Stata Center.
-
-    Parameters
-    ----------
-    beams, angle_min, angle_increment
-        Directions of the beams in the sensor's own frame [rad].
-    rate
-        Rate of the scans [Hz].
-    range_min, range_max
-        Shortest and longest range [m].
-    noise
-        Standard deviation of a range [m].
-    dropouts
-        Share of the beams without return despite a wall.
-    wrong_returns
-        Share of the beams that end at random before the wall.
-    T_robot_sensor
-        Mount of the laser.
-    upside_down
-        Whether it is upside down, so that its beams are in clockwise order seen from above.
-    sweep
-        Time from the first beam to the last [s]; 0 if all are simultaneous.
-    """
+    """Properties of a laser; the default is the base laser of MIT's PR2 at the Stata Center."""
 
     beams: int = 1040
     angle_min: float = -2.26892805
     angle_increment: float = 0.00436332
+    """Directions of the beams in the sensor's own frame [rad]."""
     rate: float = 20.0
+    """Rate of the scans [Hz]."""
     range_min: float = 0.023
     range_max: float = 30.0
+    """Shortest and longest range [m]."""
     noise: float = 0.01
+    """Standard deviation of a range [m]."""
     dropouts: float = 0.003
+    """Share of the beams without return despite a wall."""
     wrong_returns: float = 0.001
+    """Share of the beams that end at random before the wall."""
     T_robot_sensor: SE2 = STATA_MOUNT
+    """Mount of the laser."""
     upside_down: bool = False
+    """Whether it is upside down, so that its beams are in clockwise order seen from above."""
     sweep: float = 0.0
+    """Time from the first beam to the last [s]; 0 if all are simultaneous."""
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -168,25 +155,17 @@ class LidarPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class RingLidar:
-    """A rotating lidar of several rings; the default is similar to a Velodyne VLP-16.
-
-    Parameters
-    ----------
-    rings
-        Number of beams.
-    lowest, highest
-        Elevations of the rings, evenly spaced [rad].
-    height
-        Height of the sensor above the floor [m].
-    ceiling
-        Height of the ceiling [m].
-    """
+    """A rotating lidar of several rings; the default is similar to a Velodyne VLP-16."""
 
     rings: int = 16
+    """Number of beams."""
     lowest: float = math.radians(-15.0)
     highest: float = math.radians(15.0)
+    """Elevations of the rings, evenly spaced [rad]."""
     height: float = 0.6
+    """Height of the sensor above the floor [m]."""
     ceiling: float = 2.5
+    """Height of the ceiling [m]."""
 
     def __post_init__(self) -> None:
         """Check that the sensor is between floor and ceiling."""

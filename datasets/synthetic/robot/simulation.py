@@ -25,23 +25,16 @@ class OdometryNoise:
     Each motion between two samples is taken apart into a turn, a translation and another turn, and each of the three
     gets a normal error. The variances are in squares of the motion, so their effect depends on how far apart samples
     are: the presets are meant for the 50 Hz of `datasets.synthetic.robot.drives`.
-
-    Parameters
-    ----------
-    alpha1
-        Variance of a turn per squared turn.
-    alpha2
-        Variance of a turn per squared translation [rad^2/m^2].
-    alpha3
-        Variance of a translation per squared translation.
-    alpha4
-        Variance of a translation per squared turn [m^2/rad^2].
     """
 
     alpha1: float
+    """Variance of a turn per squared turn."""
     alpha2: float
+    """Variance of a turn per squared translation [rad^2/m^2]."""
     alpha3: float
+    """Variance of a translation per squared translation."""
     alpha4: float
+    """Variance of a translation per squared turn [m^2/rad^2]."""
 
     PRESETS: ClassVar[tuple[str, ...]] = ("none", "good", "poor")
 
@@ -112,30 +105,20 @@ FIRST_SCAN_AFTER = 0.007
 
 @dataclass(frozen=True)
 class SimulatedRobot:
-    """One robot's recording and its truth.
-
-    Parameters
-    ----------
-    name
-        `robot_K`.
-    laser
-        Its laser.
-    readings
-        Scans with odometry at their stamps, as a reader of its bag finds them.
-    odometry
-        All odometry (50 Hz), in an odometry frame that begins at the robot's first pose.
-    truth
-        The robot's true pose in the world's frame at the true time of every scan.
-    recorded
-        When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong.
-    """
+    """One robot's recording and its truth."""
 
     name: str
+    """`robot_K`."""
     laser: SimulatedLaser
+    """Its laser."""
     readings: tuple[Reading, ...] = field(repr=False)
+    """Scans with odometry at their stamps, as a reader of its bag finds them."""
     odometry: Trajectory
+    """All odometry (50 Hz), in an odometry frame that begins at the robot's first pose."""
     truth: Trajectory
+    """The robot's true pose in the world's frame at the true time of every scan."""
     recorded: FloatArray | None = field(default=None, repr=False)
+    """When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong."""
 
 
 def simulate(
@@ -154,8 +137,6 @@ def simulate(
         True drives of the robots in the world's frame, as `plan_drives` returns them.
     seed
         Random generator of all errors of lasers and wheels.
-    progress
-        Receives the progress.
     """
     progress = progress or Progress()
     rngs = np.random.default_rng([seed, 23]).spawn(len(drives))

@@ -231,18 +231,12 @@ def _along_wall(room: Rectangle, rng: np.random.Generator, width: float, depth: 
 
 @dataclass(frozen=True)
 class CorridorSide:
-    """One wall of a corridor: u is along it, v from the corridor into the rooms [m].
-
-    Parameters
-    ----------
-    direction
-        Side of the corridor with the rooms.
-    line
-        y (north, south) or x (east, west) of the wall's surface in the corridor [m].
-    """
+    """One wall of a corridor: u is along it, v from the corridor into the rooms [m]."""
 
     direction: Literal["north", "south", "east", "west"]
+    """Side of the corridor with the rooms."""
     line: float
+    """y (north, south) or x (east, west) of the wall's surface in the corridor [m]."""
 
     def points(self, uv: FloatArray) -> FloatArray:
         """Return points (..., 2) in u, v as x, y."""

@@ -28,23 +28,16 @@ class WorldError(TbmSlamError):
 
 @dataclass(frozen=True)
 class World:
-    """The walls that a simulated laser measures.
-
-    Parameters
-    ----------
-    name, seed
-        Name and seed of the building.
-    walls
-        Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture.
-    places
-        Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; what connects most
-        of them is the inside.
-    """
+    """The walls that a simulated laser measures."""
 
     name: str
     seed: int
+    """Name and seed of the building."""
     walls: FloatArray
+    """Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture."""
     places: FloatArray
+    """Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; what connects most
+    of them is the inside."""
 
     def __post_init__(self) -> None:
         """Check the arrays' shapes, and that there are places."""
@@ -70,8 +63,6 @@ class World:
 
         Parameters
         ----------
-        geometry
-            The cells.
         T_world_grid
             Pose of the grid's frame in the world; the world's own frame when None.
 
@@ -185,21 +176,14 @@ def _crossings(start: float, end: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CorridorLattice:
-    """Corridors with centre lines at the multiples of a pitch in x and in y.
-
-    Parameters
-    ----------
-    seed
-        Seed of the building.
-    pitch
-        Distance between corridors [m].
-    width
-        Width of a corridor [m].
-    """
+    """Corridors with centre lines at the multiples of a pitch in x and in y."""
 
     seed: int = 0
+    """Seed of the building."""
     pitch: float = 20.0
+    """Distance between corridors [m]."""
     width: float = 2.4
+    """Width of a corridor [m]."""
 
     def __post_init__(self) -> None:
         """Check that blocks have room for niches on all sides."""
