@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from merging.alignment import Alignment
     from merging.config import MergeConfig
-    from merging.map_pair import align
-    from merging.merger import Merge, merge
+    from merging.merger import Merge, align, merge
 
 __all__ = ["Alignment", "Merge", "MergeConfig", "align", "merge"]
 
-_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "map_pair", "merge": "merger"}
+_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "merger", "merge": "merger"}
 
 
 def __getattr__(name: str) -> object:

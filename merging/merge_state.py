@@ -1,4 +1,4 @@
-"""The state of a merge between its stages: maps, alignments and groups."""
+"""The state of a merge between its stages: maps, alignments and groups, and why a map is in none."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -68,3 +68,33 @@ class MergeState:
         """Return the state with the present grids as those that a pair was aligned by."""
         grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
         return replace(self, evidence_grids={**self.evidence_grids, pair: grids})
+
+
+def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
+    """Return why a map was not merged, if no maps were."""
+    accepted = {other: found for other, found in _partners(name, alignments).items() if found.accepted}
+    if not accepted:
+        return "no other map could be aligned with it"
+    surest = max(accepted, key=lambda other: accepted[other].confidence)
+    return f"its accepted alignments contradict each other; the surest, with {surest}: {accepted[surest].reason}"
+
+
+def why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
+    """Return why a map was not merged, by its best alignment with a merged map."""
+    tried = {other: found for other, found in _partners(name, alignments).items() if other in group.poses}
+    if not tried:
+        return "no merged map is similar to it, so it was aligned with none"
+    nearest = max(tried, key=lambda other: (tried[other].accepted, tried[other].agreed_wall_m, tried[other].inliers))
+    fact = "no alignment with a merged map was accepted"
+    if tried[nearest].accepted:
+        fact = "its accepted alignments with merged maps are outvoted"
+    return f"{fact}; with {nearest}: {tried[nearest].reason}"
+
+
+def _partners(name: str, alignments: Mapping[Pair, Alignment]) -> dict[str, Alignment]:
+    """Return the alignments of a map with others, by the names of these."""
+    return {
+        target if source == name else source: found
+        for (target, source), found in alignments.items()
+        if name in (target, source)
+    }

@@ -1,4 +1,4 @@
-"""Merges maps with unknown relative poses."""
+"""Merges maps with unknown relative poses, and aligns two of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,11 +10,12 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import MergeState
+from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import NonrigidRegistration, register_refused_pairs
+from merging.nonrigid.search import NonrigidRegistration, may_be_deformed, register_nonrigid, register_refused_pairs
 from merging.pose_priors import place_by_priors
+from merging.rigid_alignment import align_whole
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -122,6 +123,34 @@ def merge(
     return _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
 
 
+def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
+    """Estimate the pose of a source map in the frame of a target map, without an initial guess.
+
+    The maps are aligned rigidly; if that is refused, one of them may be deformed. `merging.merge` also aligns maps with
+    keyframes again by short ranges.
+
+    Parameters
+    ----------
+    target, source
+        The maps, as `tbmslam.load_map` or `tbmslam.Slam.finish` returns them; their cells may differ in size.
+    config
+        The parameters; None for the defaults.
+
+    Returns
+    -------
+    The alignment; a refused one has a reason.
+
+    Raises
+    ------
+    CellSizeError
+        If the maps cannot be brought into cells of one size.
+    """
+    config = config or MergeConfig()
+    found = align_whole(target, source, config)
+    closer = register_nonrigid(target, source, config) if may_be_deformed(found, config) else None
+    return found if closer is None else closer.alignment
+
+
 def _grouped(
     names: Sequence[str],
     config: MergeConfig,
@@ -149,10 +178,10 @@ def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, Nonrigid
 
 def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
     if joined is None:
-        left_out = {name: _why_alone(name, found.alignments) for name in found.maps}
+        left_out = {name: why_alone(name, found.alignments) for name in found.maps}
         return Merge(None, {}, found.alignments, left_out, None, evidence_grids=found.evidence_grids)
     group = found.groups[0]
-    left_out = {name: _why_left_out(name, group, found.alignments) for name in found.maps if name not in group.poses}
+    left_out = {name: why_left_out(name, group, found.alignments) for name in found.maps if name not in group.poses}
     return Merge(
         joined.merged,
         joined.poses,
@@ -165,33 +194,3 @@ def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:
         found.evidence_grids,
         {name: deformed for name, deformed in found.deformed.items() if name in joined.poses},
     )
-
-
-def _why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
-    """Return why a map was not merged, if no maps were."""
-    accepted = {other: found for other, found in _partners(name, alignments).items() if found.accepted}
-    if not accepted:
-        return "no other map could be aligned with it"
-    surest = max(accepted, key=lambda other: accepted[other].confidence)
-    return f"its accepted alignments contradict each other; the surest, with {surest}: {accepted[surest].reason}"
-
-
-def _why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:
-    """Return why a map was not merged, by its best alignment with a merged map."""
-    tried = {other: found for other, found in _partners(name, alignments).items() if other in group.poses}
-    if not tried:
-        return "no merged map is similar to it, so it was aligned with none"
-    nearest = max(tried, key=lambda other: (tried[other].accepted, tried[other].agreed_wall_m, tried[other].inliers))
-    fact = "no alignment with a merged map was accepted"
-    if tried[nearest].accepted:
-        fact = "its accepted alignments with merged maps are outvoted"
-    return f"{fact}; with {nearest}: {tried[nearest].reason}"
-
-
-def _partners(name: str, alignments: Mapping[Pair, Alignment]) -> dict[str, Alignment]:
-    """Return the alignments of a map with others, by the names of these."""
-    return {
-        target if source == name else source: found
-        for (target, source), found in alignments.items()
-        if name in (target, source)
-    }

@@ -2,18 +2,16 @@
 
 from dataclasses import dataclass, replace
 
-from merging.alignment import Alignment, PoseHypothesis, format_confidence, format_evidence
+from merging.alignment import Alignment, PoseHypothesis, covariance_of, format_confidence, format_evidence
 from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.registration import VerificationConfig
 from merging.fusion import at_resolution, check_cell_size
-from merging.registration.correlation import propose
+from merging.registration.correlation import Candidate, best_of, lead_of, propose, refine_all
 from merging.registration.features import Features, describe, match
-from merging.registration.hypotheses import Candidate, best_of, lead_of, refine_all
 from merging.registration.ransac import find_consensus
 from merging.scoring import confidences, score_hypotheses
-from merging.verification.covariance import covariance_of
-from merging.verification.evidence import Evidence, examine
+from merging.verification import Evidence, examine
 from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
@@ -55,7 +53,7 @@ def comparison_resolution(grids: list[TbmGrid], config: MergeConfig) -> float:
 
 
 def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
-    """Estimate the pose of a source map in the frame of a target map rigidly; see `merging.map_pair.align`."""
+    """Estimate the pose of a source map in the frame of a target map rigidly; see `merging.merger.align`."""
     config = config or MergeConfig()
     resolution = comparison_resolution([target.grid, source.grid], config)
     if config.method in BASELINES:
@@ -64,7 +62,7 @@ def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = Non
 
 
 def align_prepared(target: PreparedMap | None, source: PreparedMap | None, config: MergeConfig) -> Alignment:
-    """Align two prepared maps; see `merging.map_pair.align`."""
+    """Align two prepared maps; see `merging.merger.align`."""
     if target is None or source is None:
         empty = "target" if target is None else "source"
         return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it is known")

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import MergeConfig
-from merging.registration.hypotheses import find_candidates
-from merging.verification.evidence import Evidence
+from merging.registration.correlation import find_candidates
+from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import FloatArray

@@ -195,13 +195,7 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Parse and check the options.
-
-    Raises
-    ------
-    ValueError
-        If an option has an impossible value.
-    """
+    """Parse and check the options."""
     if args.command == "align":
         args.method = _pair_methods(args.method)
     elif args.command == "merge":
@@ -323,7 +317,7 @@ _FUNCTIONS = {
 def _run(args: argparse.Namespace) -> None:
     module, function = _FUNCTIONS[args.command]
     if args.command == "strangers" and args.sets:
-        module, function = "stranger_sets", "benchmark_sets"
+        function = "benchmark_sets"
     getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 
 

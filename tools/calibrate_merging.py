@@ -110,13 +110,7 @@ def _run(args: argparse.Namespace) -> None:
 def trials_of(
     folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0, *, bent: bool = False
 ) -> "list[Trial]":
-    """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair.
-
-    Raises
-    ------
-    PairFileError
-        A file is not a pair of maps, or the folder has none.
-    """
+    """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair."""
     from tools.map_pairs import PairFileError
 
     paths = sorted(folder.glob("*.npz"))

@@ -14,13 +14,12 @@ from scipy import optimize
 from scipy.stats import binomtest
 
 from merging.config import MergeConfig
+from merging.nonrigid.deformation import DeformableMap, deform
 from merging.nonrigid.search import DeformedRivals
-from merging.nonrigid.tile_registration import DeformableMap, deform
-from merging.registration.correlation import propose
-from merging.registration.hypotheses import find_candidates
+from merging.registration.correlation import find_candidates, propose
 from merging.rigid_alignment import prepared
 from merging.scoring import MEASURES, SIGNS, ConfidenceModel, by_chance, features, find_decoys, measured
-from merging.verification.evidence import Evidence
+from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.io.pictures import encode_png

@@ -171,7 +171,7 @@ def _write_dump(out: Path, tbm_map: "TbmMap") -> None:
 
 
 def _write_g2o(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.g2o import write_g2o
+    from tbmslam.io.trajectory_file import write_g2o
 
     if not any(len(drive.keyframes) for drive in tbm_map.drives):
         raise ConversionError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")

@@ -53,8 +53,8 @@ class TruthFile:
 
     poses: Mapping[str, SE2]
     """T_reference_map of each robot."""
-    source: str = ""
-    """Kind of the reference; empty in older files."""
+    source: str
+    """Kind of the reference."""
     warnings: tuple[Mapping[str, object], ...] = ()
     """Incidents of the reference by time: `at_s` since the begin of the recording [s], `what` and more."""
 
@@ -65,29 +65,20 @@ class TruthFile:
         first, number = self.warnings[0], len(self.warnings)
         at = "" if first.get("all_along") is True else f"at {first.get('at_s')} s: "
         others = f", and {number - 1} more" if number > 1 else ""
-        return (
-            f"is {self.source or 'of unknown source'}, and may be wrong itself, as making it gave warnings: "
-            f"{at}{first.get('what')}{others}"
-        )
+        return f"is {self.source}, and may be wrong itself, as making it gave warnings: {at}{first.get('what')}{others}"
 
 
 def read_truth_file(path: Path) -> TruthFile:
-    """Read the poses of the maps of a folder.
-
-    Raises
-    ------
-    TruthFileError
-        The file cannot be read or is of another kind, such as the truth of a simulated world.
-    """
+    """Read the poses of the maps of a folder."""
     try:
         if why := why_unreadable(path):
             raise TruthFileError(f"{path} {why}: make it with build_maps")
         record = json.loads(path.read_text(encoding="utf-8"))
-        source = str(record.get("source", ""))
-        if source not in {"", OWN_MAP, GIVEN}:
+        source = str(record["source"])
+        if source not in {OWN_MAP, GIVEN}:
             raise TruthFileError(f"{path} is {source!r} and no place of maps: name the folder that build_maps wrote")
         poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in record["robots"].items()}
-        warnings = tuple(dict(warning) for warning in record.get("warnings", ()))
+        warnings = tuple(dict(warning) for warning in record["warnings"])
         return TruthFile(poses, source, warnings)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise TruthFileError(
@@ -203,13 +194,7 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, guess: SE2) -> tuple[SE2, float]:
-    """Return the pose of a map in the truth near a guess, and its probability, by the walls of both.
-
-    Raises
-    ------
-    EvaluationError
-        No pose near the guess is probable enough.
-    """
+    """Return the pose of a map in the truth near a guess, and its probability, by the walls of both."""
     whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
     if found.T_target_source is None:

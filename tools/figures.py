@@ -100,13 +100,7 @@ def read_records(folder: Path) -> dict[str, Record]:
 
 
 def fill(text: str, records: Mapping[str, Record], page: str) -> str:
-    """Return the text of a page with all its figures as the records have them.
-
-    Raises
-    ------
-    FigureError
-        A marker has no end, or names a file, table, row or column that does not exist.
-    """
+    """Return the text of a page with all its figures as the records have them."""
     found = 2 * (len(_TABLE.findall(text)) + len(_FIGURE.findall(text)))
     if found != len(_MARKER.findall(text)):
         raise FigureError(f"{page}: a marker of a table or figure has no end, or no begin: correct it")

@@ -63,13 +63,7 @@ class KnownPair:
         return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
     def errors(self, found: SE2) -> tuple[float, float]:
-        """Return the errors of an alignment at the centre of the known part of the source [m], [deg].
-
-        Raises
-        ------
-        ValueError
-            If there is no true place.
-        """
+        """Return the errors of an alignment at the centre of the known part of the source [m], [deg]."""
         if self.T_target_source is None:
             raise ValueError(f"{self.name} has no true alignment")
         geometry = self.source.grid.geometry
@@ -94,15 +88,7 @@ class KnownPair:
 
 
 def load_pair(path: Path) -> KnownPair:
-    """Read a pair: occupancies `occ_a`, `occ_b` (percent, -1 unknown), `resolution`, `T_ab` (3, 3), `label`, `overlap`.
-
-    Raises
-    ------
-    PairFileError
-        If the file holds no pair.
-    MapFileError
-        If a map has no cells, too many cells, or an impossible resolution.
-    """
+    """Read a file of occupancies `occ_a`, `occ_b` [%], -1 unknown, `resolution`, `T_ab` (3, 3), `label`, `overlap`."""
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise PairFileError(f"{path} {why}: give a folder of pairs")
     try:

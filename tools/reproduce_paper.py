@@ -89,13 +89,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Parse and check the options.
-
-    Raises
-    ------
-    ValueError
-        If an option has an impossible value.
-    """
+    """Parse and check the options."""
     for option, number in (("keypoints", int), ("ratios", float), ("areas", float)):
         text = getattr(args, option)
         try:

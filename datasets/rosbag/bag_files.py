@@ -40,11 +40,6 @@ def check_files(path: Path) -> None:
     """Refuse a database that is shorter than it states: sqlite would read zeros where its last page is cut off.
 
     And what passes for an empty file, since reading it might never end.
-
-    Raises
-    ------
-    CutFileError
-        It is, or one of those in the directory.
     """
     for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
         if why := why_unreadable(file):
@@ -83,15 +78,7 @@ class UnpackedFile(NamedTuple):
 
 
 def unpacked(path: Path) -> UnpackedFile:
-    """Return a file whose content is not packed by gzip, bzip2 or xz; a folder stays as it is.
-
-    Raises
-    ------
-    DatasetError
-        There is no room for the content.
-    OSError
-        The file cannot be read.
-    """
+    """Return a file whose content is not packed by gzip, bzip2 or xz; a folder stays as it is."""
     if path.is_dir() or not is_packed(path):
         return UnpackedFile(path)
     state = path.stat()

@@ -21,11 +21,6 @@ def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
     """Refuse bags that hold different scans from the same time, as those of two robots do.
 
     Woven into each other they are no drive. A bag that is given twice, or recorded again, holds the same scans.
-
-    Raises
-    ------
-    DatasetError
-        Two of them are of two robots.
     """
     holding = [source for source in sources if any(c.topic == topic and c.msgcount for c in source.connections)]
     for bag, other in combinations(holding, 2):
@@ -81,11 +76,6 @@ class BagFiles:
     ----------
     paths
         ROS 1 bag files; ROS 2 bag directories or storage files.
-
-    Raises
-    ------
-    DatasetError
-        A file is of a version that cannot be read, or nothing in it can.
     """
 
     def __init__(self, paths: list[Path]) -> None:
@@ -117,13 +107,7 @@ class BagFiles:
         self._cut = cut
 
     def check_for_robots(self, scan_topic: str) -> None:
-        """Refuse files that hold different scans from the same time.
-
-        Raises
-        ------
-        DatasetError
-            They are of several robots.
-        """
+        """Refuse files that hold different scans from the same time."""
         if len(self._sources) > 1:
             check_for_robots(self._sources, scan_topic)
 
@@ -135,11 +119,6 @@ class BagFiles:
         steered_by
             Where the times of this topic step back within a ROS 1 bag, that bag is read in the order of its writing
             rather than by time, which would weave different parts of the drive into each other.
-
-        Raises
-        ------
-        DatasetError
-            A topic's type only bears the name of the standard one.
         """
         streams = [_stream(source, topics, steered_by, self._cut) for source in self._sources]
         yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]

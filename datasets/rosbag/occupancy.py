@@ -55,11 +55,6 @@ def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: floa
         Time of the message [s].
     kind
         `ros1`, or `mcap` for ROS 2.
-
-    Raises
-    ------
-    FileNotWrittenError
-        If the file cannot be written.
     """
     if kind not in {"ros1", "mcap"}:
         raise ValueError(f"kind must be ros1 or mcap, got {kind!r}")
@@ -110,15 +105,7 @@ def _message(store: Any, grid: TbmGrid, nanoseconds: int, sequence: dict[str, in
 
 
 def read_occupancy_bag(path: Path) -> TbmGrid:
-    """Read the last nav_msgs/OccupancyGrid of a bag; a turned one is resampled to lie along the axes.
-
-    Raises
-    ------
-    DatasetError
-        If the bag cannot be read, or holds no such message or several topics of them.
-    MapFileError
-        If the message holds no map.
-    """
+    """Read the last nav_msgs/OccupancyGrid of a bag; a turned one is resampled to lie along the axes."""
     source = BagSource(path)
     topics = {
         connection.topic: connection.msgcount

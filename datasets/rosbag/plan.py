@@ -67,13 +67,7 @@ class Plan:
 
 
 def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
-    """Read the beginning of a bag and plan how to read all of it.
-
-    Raises
-    ------
-    DatasetError
-        The bag does not hold what the options request.
-    """
+    """Read the beginning of a bag and plan how to read all of it."""
     if asked.odometry == "auto" and asked.odometry_topic is not None:
         asked = replace(asked, odometry="topic")
     options = with_profile(asked, files.topics)

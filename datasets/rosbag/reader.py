@@ -31,11 +31,6 @@ def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
         ROS 1 bag files; ROS 2 bag directories or storage files.
     options
         Choices that replace automatic ones.
-
-    Raises
-    ------
-    DatasetError
-        A file cannot be read, or does not hold what is asked for.
     """
     plan = plan_reading(BagFiles(paths), options)
     recording = Recording(

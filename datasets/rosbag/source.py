@@ -34,11 +34,6 @@ class OpenBag:
     is_ros1
         Which of them.
 
-    Raises
-    ------
-    Exception
-        Whatever rosbags raises where the bag is damaged.
-
     Attributes
     ----------
     connections
@@ -97,11 +92,6 @@ class BagSource:
     ----------
     path
         ROS 1 bag file; ROS 2 bag directory or storage file. A file may be packed as a whole.
-
-    Raises
-    ------
-    DatasetError
-        The version is not supported, or no part can be read.
     """
 
     def __init__(self, path: Path) -> None:

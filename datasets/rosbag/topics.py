@@ -75,13 +75,7 @@ class ChosenTopics(NamedTuple):
 
 
 def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
-    """Choose the scans, the transforms and the candidates for odometry.
-
-    Raises
-    ------
-    DatasetError
-        The scans are missing or there are several, or a topic that was asked for is not there.
-    """
+    """Choose the scans, the transforms and the candidates for odometry."""
     scan = _scan_topic(files, options)
     transforms: tuple[str, ...] = ()
     if options.odometry != "none" or options.sensor_pose is None:

@@ -163,11 +163,6 @@ def write_ros1_bag(
         Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
     lidar
         What is in the laser's place and sends point clouds; None: the laser sends its scans.
-
-    Raises
-    ------
-    BagWritingError
-        When the file system refuses.
     """
     if compression not in {"none", "bz2"}:
         raise ValueError(f"compression must be none or bz2, got {compression!r}")
@@ -202,11 +197,6 @@ def write_mcap_bag(
         Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
     lidar
         What is in the laser's place and sends point clouds; None: the laser sends its scans.
-
-    Raises
-    ------
-    BagWritingError
-        When the file system refuses.
     """
     messages = Messages(ros1=False)
     try:

@@ -32,11 +32,6 @@ def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: 
     ----------
     resolution
         Cell size at which the maps are compared [m].
-
-    Raises
-    ------
-    ValueError
-        The config names another method.
     """
     if config.method not in BASELINES:
         raise ValueError(f"method must be one of {', '.join(BASELINES)}, got {config.method!r}")

@@ -21,8 +21,7 @@ import numpy.typing as npt
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
 from merging.baselines.placing import Agreement, Placing, answer
-from merging.config import MergeConfig
-from merging.config.baselines import BirkCarpinConfig
+from merging.config import BirkCarpinConfig, MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 

@@ -19,8 +19,7 @@ from scipy.optimize import Bounds, differential_evolution
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates, Field, Points
 from merging.baselines.placing import Placing, answer
-from merging.config import MergeConfig
-from merging.config.baselines import LiConfig
+from merging.config import LiConfig, MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import pignistic
 from tbmslam.geometry.se2 import FloatArray

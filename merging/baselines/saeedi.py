@@ -29,8 +29,7 @@ from merging.baselines.placing import (
     hough_spectrum,
     likely_turns,
 )
-from merging.config import MergeConfig
-from merging.config.baselines import SaeediConfig
+from merging.config import MergeConfig, SaeediConfig
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import pignistic
 from tbmslam.geometry.se2 import FloatArray

@@ -19,8 +19,7 @@ import numpy as np
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
 from merging.baselines.placing import Placing, ShiftSearch, answer, climb
-from merging.config import MergeConfig
-from merging.config.baselines import TrehardConfig
+from merging.config import MergeConfig, TrehardConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import FloatArray

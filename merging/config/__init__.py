@@ -4,7 +4,6 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from merging.config.baselines import BaselinesConfig
 from merging.config.groups import GraphConfig, JointConfig, RetrievalConfig
 from merging.config.registration import (
     ConsensusConfig,
@@ -19,7 +18,7 @@ from merging.config.registration import (
     StructureConfig,
     VerificationConfig,
 )
-from tbmslam.frozen_config import FrozenConfig, Metres, Share
+from tbmslam.frozen_config import Count, FrozenConfig, Metres, Share
 
 Method = Literal["correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov"]
 Rule = Literal[
@@ -34,6 +33,76 @@ Rule = Literal[
     "entropy-filter",
 ]
 Coverage = Literal["union", "overlap"]
+
+
+class BirkCarpinConfig(FrozenConfig):
+    """Adaptive random walk on the image similarity."""
+
+    walkers: Count = Field(64, description="random walks")
+    steps: Count = Field(300, description="steps of each walk")
+    memory: Count = Field(8, description="accepted steps from which a walk adapts its next ones")
+    daring: Share = Field(0.05, description="probability that a step for the worse is taken")
+    sample: Count = Field(200, description="cells of each map and state that are compared in a step")
+    lock: float = Field(100.0, ge=0, description="cost of all cells disagreeing, or gain of all agreeing [cells]")
+    max_index: Share = Field(0.06, description="largest accepted acceptance index, 1 - agr / (agr + dis)")
+    seed: int = Field(0, description="seed of the walks")
+
+
+class CarpinConfig(FrozenConfig):
+    """Hough spectra."""
+
+    turns: Count = Field(6, description="rotations that the spectra offer")
+    peaks: Count = Field(6, description="peaks along x and along y for each rotation")
+    penalty: float = Field(3.0, ge=0, description="cost of a disagreeing cell, in agreeing cells")
+    max_index: Share = Field(0.045, description="largest accepted acceptance index")
+
+
+class LiConfig(FrozenConfig):
+    """Occupancy likelihood, maximised by a genetic algorithm."""
+
+    population: int = Field(400, ge=5, description="size of the population")
+    generations: Count = Field(200, description="number of generations")
+    sample: Count = Field(500, description="walls and free cells of the source that are compared")
+    blur_m: Metres = Field(0.15, description="standard deviation of the target's blurred likelihood [m]")
+    min_likelihood: Share = Field(0.79, description="least accepted mean likelihood of walls in the known area")
+    seed: int = Field(0, description="seed of the algorithm")
+
+
+class SaeediConfig(FrozenConfig):
+    """Probabilistic generalised Voronoi diagrams."""
+
+    min_apart_m: Metres = Field(0.5, description="least distance of two walls with a diagram cell between them [m]")
+    turns: Count = Field(6, description="rotations that the diagrams' Hough spectra offer")
+    peaks: Count = Field(8, description="shifts for each rotation")
+    cell_m: Metres = Field(0.2, description="cells of the correlation [m]")
+    min_gain: Share = Field(0.94, description="least accepted share of the overlap whose entropy decreases")
+
+
+class TrehardConfig(FrozenConfig):
+    """Consistency of masses by the disjunctive operator."""
+
+    turns: Count = Field(180, description="rotations that are tried")
+    peaks: Count = Field(4, description="best shifts of each rotation")
+    cells_along: int = Field(180, ge=8, description="cells along both maps together in the search")
+    finalists: Count = Field(24, description="best motions that are refined")
+    sample: Count = Field(1500, description="walls of each map that are compared in the refinement")
+    min_consistency: Share = Field(0.72, description="least accepted consistency")
+
+
+class BaselinesConfig(FrozenConfig):
+    """Methods of the related work.
+
+    Each limit of acceptance maximises the right less the wrong alignments on pairs cut from ten simulated buildings
+    (`tools/make_map_pairs.py`, five kinds, 150 m2 each). No real map was used for the limits. The extent of the
+    searches, and Carpin's penalty, were chosen after a look at a few real pairs.
+    """
+
+    min_overlap_share: Share = Field(0.1, description="least accepted overlap, as a share of the smaller known area")
+    birk_carpin: BirkCarpinConfig = BirkCarpinConfig()
+    carpin: CarpinConfig = CarpinConfig()
+    li: LiConfig = LiConfig()
+    saeedi: SaeediConfig = SaeediConfig()
+    trehard: TrehardConfig = TrehardConfig()
 
 
 class MergeConfig(FrozenConfig):

@@ -110,7 +110,7 @@ class VerificationConfig(FrozenConfig):
 
 
 class ExactnessConfig(FrozenConfig):
-    """The accuracy of an alignment; see `merging.verification.covariance`."""
+    """The accuracy of an alignment; see `merging.alignment`."""
 
     wall_m: float = Field(0.08, ge=1e-4, le=1e3, description="standard deviation of a metre of agreeing wall [m]")
     place_m: float = Field(0.075, ge=1e-4, le=1e3, description="prior standard deviation of the position [m]")

@@ -85,13 +85,7 @@ class Halves:
 
 
 def fuse_halves(original: TbmGrid, share: float = SHARE) -> Halves:
-    """Fuse the left and the right part of a map, each of the given share.
-
-    Raises
-    ------
-    ValueError
-        The share is not within [0.5, 1].
-    """
+    """Fuse the left and the right part of a map, each of the given share."""
     if not 0.5 <= share <= 1.0:
         raise ValueError(f"share must lie within [0.5, 1], got {share}")
     cols = original.geometry.cols

@@ -79,13 +79,7 @@ class PublishedRow(NamedTuple):
 
 
 def table_2(keypoints: int, ratio: float) -> PublishedRow:
-    """Return a row of table II.
-
-    Raises
-    ------
-    ValueError
-        The table has no such row.
-    """
+    """Return a row of table II."""
     if (keypoints, ratio) not in TABLE_2:
         raise ValueError(f"table II has no row of {keypoints} keypoints at ratio {ratio}")
     *numbers, best = TABLE_2[keypoints, ratio].split()
@@ -105,11 +99,6 @@ def paired_p_value(first: FloatArray, second: FloatArray) -> float:
     """Return the probability that equally good methods differ at least as much on the same pairs (P,).
 
     Pairs where either has no value are left out; without any difference it is 1.
-
-    Raises
-    ------
-    ValueError
-        There are too many pairs to test all signs.
     """
     differences = first - second
     differences = differences[np.isfinite(differences)]

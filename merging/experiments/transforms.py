@@ -11,7 +11,7 @@ from merging.config.registration import FeatureConfig
 from merging.experiments.detectors import RANSAC_PIXELS
 from merging.experiments.map_pair import MapPair
 from merging.fusion import fuse, place
-from merging.map_pair import align
+from merging.merger import align
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.geometry.se2 import SE2, FloatArray

@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from merging.alignment import Alignment, Pair, PoseHypothesis
+from merging.alignment import Alignment, Covariance, Pair, PoseHypothesis, known_best_at, seen_from
 from merging.config.groups import GraphConfig
-from merging.verification.covariance import Covariance, known_best_at, seen_from
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angle
 
 _ACCEPTED, _REFUSED = 0.9, 0.85

@@ -17,20 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from merging.alignment import Alignment, Pair, format_confidence
+from merging.alignment import Alignment, Pair, bent_by, format_confidence
 from merging.config import MergeConfig
 from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
-from merging.nonrigid.deformation import Deformation
-from merging.nonrigid.tile_registration import DeformableMap, DeformedMap, deform
+from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, propose
-from merging.registration.hypotheses import best_of, elsewhere, lead_of, refine_all
+from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
 from merging.rigid_alignment import align_whole, comparison_resolution
 from merging.scoring import confidences, mirrored
-from merging.verification.covariance import bent_by
-from merging.verification.evidence import Evidence, examine
+from merging.verification import Evidence, examine
 from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2

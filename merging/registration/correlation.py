@@ -1,4 +1,4 @@
-"""The best of many poses, each somewhere else: greedy non-maximum suppression."""
+"""Registration by correlation: proposals over all rotations and shifts, refined to distinct candidates."""
 
 import math
 from dataclasses import dataclass
@@ -10,33 +10,15 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from merging.config import MergeConfig
 from merging.config.registration import CorrelationConfig
-from merging.walls import WallMap
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from merging.verification import Evidence, examine_all, support_m
+from merging.walls import WallMap, without_walls
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angle
+from tbmslam.kernels.grids.walls import FACING
 from tbmslam.kernels.search.distinct_places import distinct_places
 from tbmslam.kernels.search.turned_images import block_peaks, draw_turned, multiply
-
-
-def distinct(
-    poses: FloatArray, scores: FloatArray, apart_m: float, apart_rad: float, count: int
-) -> npt.NDArray[np.intp]:
-    """Return which poses are best, the best first, none near a better one.
-
-    Parameters
-    ----------
-    poses
-        (N, 3) [m, m, rad].
-    scores
-        (N,), the larger the better; of equals, the earlier one is better.
-    apart_m, apart_rad
-        Poses nearer to each other than both are one place.
-    count
-        How many are returned at the most.
-    """
-    ranked, kept = np.argsort(-scores, kind="stable"), np.empty(min(count, len(scores)), dtype=np.int64)
-    found = distinct_places(np.ascontiguousarray(poses), ranked, apart_m, apart_rad, kept)
-    return np.asarray(kept[:found], dtype=np.intp)
-
+from tbmslam.map.walls import slide
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
 _Complex = npt.NDArray[np.complex128]
@@ -45,17 +27,17 @@ _Image = npt.NDArray[np.complex64]
 _Size = tuple[int, int]
 
 _BLOCK = 8
-"""Each square of so many cells offers one peak."""
+"""Side of the blocks of cells that offer one peak each."""
 _DIRECTIONS = 720
-"""Bins of the full circle in which directions of walls are counted."""
+"""Bins of the directions of walls in a full circle."""
 
 
 @dataclass(frozen=True)
 class _Layout:
     """Walls and free space of a map as weighted points about a centre.
 
-    `walls` (N,) count for `metres` (N,), less where they may be moved, and face along `facing` (N,), which is 0 where a
-    wall faces both ways; `free` (M,) are cells of the correlation, of which the shares `filled` (M,) are free.
+    `walls` (N,) have weights `metres` (N,), smaller for movable objects, and face along `facing` (N,), which is 0 for
+    two-sided walls. `free` (M,) are cells of the correlation with shares `filled` (M,) of free space.
     """
 
     centre: complex
@@ -71,7 +53,7 @@ class _Layout:
         centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
         facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
         geometry = structure.geometry
-        # A wall a little out of place must not count as one in the room's middle.
+        # Free space near walls does not count, so that a small displacement of a wall is no contradiction.
         factor = max(1, round(cell_m / geometry.resolution))
         blocks = _counted(structure.free & (structure.distances_m > clearance_m), factor)
         rows, cols = np.nonzero(blocks)
@@ -84,11 +66,11 @@ class _Layout:
 
     @cached_property
     def facing_metres(self) -> _Complex:
-        """Which way the walls face, as long as they count."""
+        """The directions of the walls, weighted."""
         return self.facing * self.metres
 
     def extents(self) -> FloatArray:
-        """Return twice the farthest reach (2,) of any point from the centre, along y and x [m]."""
+        """Return twice the largest distance (2,) of any point from the centre, along y and x [m]."""
         points = np.concatenate((self.walls, self.free))
         return 2.0 * np.array([np.abs(points.imag).max(), np.abs(points.real).max()])
 
@@ -97,7 +79,7 @@ class _Layout:
         return float(np.abs(np.concatenate((self.walls, self.free))).max())
 
     def spread(self) -> float:
-        """Return the distance from the centre within which most of the walls lie [m]."""
+        """Return the distance from the centre that contains 80 % of the walls [m]."""
         return float(np.quantile(np.abs(self.walls), 0.8))
 
 
@@ -155,7 +137,7 @@ class _Search:
         return cls(fixed, moving, cell, size, *_target_spectra(fixed, size, cell, config))
 
     def scores(self, theta: float) -> npt.NDArray[np.float32]:
-        """Return the scores (rows, cols) of all shifts of the source turned by an angle; no shift is in the middle."""
+        """Return the scores (rows, cols) of all shifts of the rotated source; zero shift is in the middle."""
         moving = self.moving
         images = np.empty((2, *self.size), dtype=np.complex64)
         turn = complex(math.cos(theta), math.sin(theta))
@@ -174,13 +156,13 @@ def _complex(points: FloatArray) -> _Complex:
 
 
 def _counted(cells: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.int64]:
-    """Return how many cells of each block of so many by so many are set; those at the far edges may be smaller."""
+    """Return the number of set cells in each block of `side` by `side`; blocks at the far edges may be smaller."""
     rows, cols = (np.arange(0, size, side) for size in cells.shape)
     return np.asarray(np.add.reduceat(np.add.reduceat(cells, rows, axis=0, dtype=np.int64), cols, axis=1))
 
 
 def _cell_size(target: WallMap, source: WallMap, config: CorrelationConfig) -> float:
-    """Return the cell size [m] that gives maps of any size about as many cells to correlate."""
+    """Return the cell size [m] that gives maps of any size about equally many cells."""
     extent = float(sum(np.ptp(structure.points, axis=0).max() for structure in (target, source)))
     finest = max(config.min_cell_m, 2.0 * max(target.geometry.resolution, source.geometry.resolution))
     cell = min(max(extent / config.cells_along, finest), max(config.max_cell_m, finest))
@@ -188,9 +170,9 @@ def _cell_size(target: WallMap, source: WallMap, config: CorrelationConfig) -> f
 
 
 def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: CorrelationConfig) -> npt.NDArray[np.int64]:
-    """Return the share of all turns, or as many as allowed, under which the walls of both maps face the same ways most.
+    """Return the rotations under which the directions of both maps' walls agree best, as many as the config allows.
 
-    Buildings have few directions, and a turn that brings none of them together brings no walls together.
+    Buildings have few directions of walls. A rotation that aligns none of them aligns no walls.
     """
     spectra = [np.fft.rfft(_directions(layout)) for layout in (fixed, moving)]
     likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), _DIRECTIONS)
@@ -200,7 +182,7 @@ def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: Correlati
 
 
 def _directions(layout: _Layout) -> FloatArray:
-    """Return how many walls face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
+    """Return the length of walls that face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
     facing = layout.facing != 0
     bins = np.floor(np.angle(layout.facing[facing]) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
     metres = np.bincount(bins, layout.metres[facing], _DIRECTIONS)
@@ -210,12 +192,12 @@ def _directions(layout: _Layout) -> FloatArray:
 
 
 def _target_spectra(layout: _Layout, size: _Size, cell: float, config: CorrelationConfig) -> tuple[_Image, _Image]:
-    """Return the spectra that those of the source's images are multiplied with; see `_Search.scores`."""
-    middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of no shift shall come to lie
+    """Return the target's spectra, by which those of the source's images are multiplied; see `_Search.scores`."""
+    middle = (size[1] // 2 + 1j * (size[0] // 2)) * cell  # where the score of zero shift is
     walls = _splat(layout.walls + middle, layout.metres, size, cell)
     facing = _splat(layout.walls + middle, layout.facing_metres, size, cell)
     free = np.minimum(_splat(layout.free + middle, layout.filled, size, cell).real, 1.0)
-    # 1.5: blurred, a straight wall through the cells shall count whole on its line.
+    # The factor 1.5 makes a straight blurred wall count fully on its line.
     near = np.minimum(1.5 * _blurred(walls) / cell, 1.0)
     toward = 1.5 * _blurred(facing) / cell
     toward /= np.maximum(np.abs(toward), 1.0)
@@ -224,7 +206,7 @@ def _target_spectra(layout: _Layout, size: _Size, cell: float, config: Correlati
 
 
 def _splat(points: _Complex, weights: _Complex | FloatArray, size: _Size, cell: float) -> _Image:
-    """Return an image of weighted points about its cell (0, 0); what is left of it or below comes in from behind."""
+    """Return an image of weighted points about its cell (0, 0); negative coordinates wrap around."""
     rows, cols = np.floor(points.imag / cell).astype(np.int64), np.floor(points.real / cell).astype(np.int64)
     cells = rows % size[0] * size[1] + cols % size[1]
     image = np.bincount(cells, weights.real, size[0] * size[1]).astype(np.complex64)
@@ -249,6 +231,86 @@ def _peaks(scores: npt.NDArray[np.float32], count: int) -> tuple[FloatArray, Flo
 
 
 def _motion(target_centre: complex, source_centre: complex, shift: complex, theta: float) -> SE2:
-    """Return the motion that turns the source about its centre and puts that at a shift from the target's centre."""
+    """Return the motion that rotates the source about its centre and shifts that from the target's centre."""
     translation = target_centre + shift - np.exp(1j * theta) * source_centre
     return SE2(float(translation.real), float(translation.imag), wrap_angle(float(theta)))
+
+
+def distinct(
+    poses: FloatArray, scores: FloatArray, apart_m: float, apart_rad: float, count: int
+) -> npt.NDArray[np.intp]:
+    """Return the indices of the best distinct poses, the best first (greedy non-maximum suppression).
+
+    Parameters
+    ----------
+    poses
+        (N, 3) [m, m, rad].
+    scores
+        (N,), the larger the better; of equals, the earlier one is better.
+    apart_m, apart_rad
+        Poses nearer to each other than both are equal.
+    count
+        Largest number of poses.
+    """
+    ranked, kept = np.argsort(-scores, kind="stable"), np.empty(min(count, len(scores)), dtype=np.int64)
+    found = distinct_places(np.ascontiguousarray(poses), ranked, apart_m, apart_rad, kept)
+    return np.asarray(kept[:found], dtype=np.intp)
+
+
+_ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
+"""Alignments farther apart than this are different hypotheses."""
+
+_LEAST_SCORE_M = 1.0
+"""Length of wall that agrees anywhere by chance [m]."""
+
+Candidate = tuple[SE2, Evidence]
+"""A motion T_target_source and its evidence."""
+
+
+def find_candidates(target: WallMap, source: WallMap, config: MergeConfig) -> list[Candidate]:
+    """Return the best supported distinct candidates, the best first.
+
+    The correlation proposes many motions on coarse cells. They are refined by a few hundred walls and scored by more;
+    the best are refined again and examined by all walls.
+    """
+    return best_of(propose(target, source, config.correlation).motions, target, source, config)
+
+
+def best_of(proposals: list[SE2], target: WallMap, source: WallMap, config: MergeConfig) -> list[Candidate]:
+    """Refine proposals; return the best supported distinct candidates, the best first. Maps without walls have none."""
+    if not proposals or without_walls(target, source):
+        return []
+    how = config.refinement
+    some = target.some(how.few_walls), source.some(how.few_walls)
+    rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
+    slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
+    supports = support_m(target, source, slid, config.verification, how.some_walls)
+    best = elsewhere(slid, supports, source, config.correlation.semifinalists)
+    finalists = refine_all(target, source, best, config)
+    supports = support_m(target, source, finalists, config.verification, how.many_walls)
+    finalists = elsewhere(finalists, supports, source, config.correlation.finalists)
+    return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
+
+
+def refine_all(target: WallMap, source: WallMap, motions: list[SE2], config: MergeConfig) -> list[SE2]:
+    """Refine alignments by walls, point to line."""
+    how = config.refinement
+    reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
+    some = target.some(how.many_walls), source.some(how.many_walls)
+    return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
+
+
+def lead_of(proposals: Proposals, source: WallMap) -> float:
+    """Return the score of the best proposal divided by that of the best distinct one; 0 without proposals."""
+    if not proposals.motions:
+        return 0.0
+    best = {motion: float(score) for motion, score in zip(*proposals, strict=True)}
+    scores = [best[motion] for motion in elsewhere(proposals.motions, proposals.scores, source, 2)]
+    return max(scores[0], 0.0) / max(*scores[1:], _LEAST_SCORE_M)
+
+
+def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
+    """Return up to `count` of the best motions, no two of which put the source's walls at one place."""
+    centroid = np.append(source.centroid, 0.0)
+    centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), centroid)
+    return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]

@@ -36,11 +36,6 @@ def write_report(
     """Write report.json, report.html and, for merged maps, overlay.png and contradictions.png; replace older files.
 
     Conflict by the rounding of walls to cells is not shown; see `merging.report.layers.without_rounding`.
-
-    Raises
-    ------
-    FileNotWrittenError
-        If the folder cannot be written.
     """
     maps = {**maps, **merge.deformed}
     merge = without_rounding(merge, maps, config.reliability)

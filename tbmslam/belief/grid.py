@@ -142,13 +142,7 @@ class TbmGrid:
         return self.masses[first:last]
 
     def cropped(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmGrid":
-        """Return the cells that touch a rectangle [m].
-
-        Raises
-        ------
-        ValueError
-            If there are none.
-        """
+        """Return the cells that touch a rectangle [m]."""
         g = self.geometry
         low = np.floor(np.array([min_y - g.origin_y, min_x - g.origin_x]) / g.resolution + _SLIVER)
         high = np.ceil(np.array([max_y - g.origin_y, max_x - g.origin_x]) / g.resolution - _SLIVER)

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.calibration.cluster_deviation import deviations_of_parts
 from tbmslam.geometry.se2 import FloatArray, compose, inverse
 from tbmslam.geometry.trajectory import drive_speeds, turn_rates
 
@@ -138,3 +137,31 @@ def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArra
         error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
         weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
     return unknowns, curvature / error**2
+
+
+def deviations_of_parts(values: FloatArray, informations: FloatArray, mean: FloatArray) -> FloatArray:
+    """Return the standard deviations (n,) of joint estimates: the larger of the formal and the empirical ones.
+
+    The formal ones follow from the informations A_p of the parts and their sum A. The empirical ones are the roots of
+    the diagonal of
+
+        P / (P - 1)  A^-1  sum_p A_p (v_p - m) (v_p - m)^T A_p  A^-1
+
+    which is valid even if the informations are wrong (K.-Y. Liang, S. Zeger, "Longitudinal data analysis using
+    generalized linear models", Biometrika 1986, its V_G for P clusters).
+
+    Parameters
+    ----------
+    values
+        Estimates of P >= 2 parts (P, n).
+    informations
+        Information of each estimate (P, n, n).
+    mean
+        Joint estimate m (n,).
+    """
+    parts = len(values)
+    formal = np.linalg.inv(informations.sum(axis=0))
+    residuals = np.einsum("pij,pj->pi", informations, values - mean)
+    empirical = formal @ (residuals.T @ residuals) @ formal * parts / (parts - 1)
+    deviations: FloatArray = np.sqrt(np.maximum(np.diag(formal), np.diag(empirical)))
+    return deviations

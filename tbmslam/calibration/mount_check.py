@@ -14,8 +14,16 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from tbmslam.calibration.cluster_deviation import deviations_of_parts
-from tbmslam.calibration.hand_eye import FREE, LEAST_ERROR, Motions, motions_of, sensor_place, solved, turns
+from tbmslam.calibration.hand_eye import (
+    FREE,
+    LEAST_ERROR,
+    Motions,
+    deviations_of_parts,
+    motions_of,
+    sensor_place,
+    solved,
+    turns,
+)
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.kernels import IntArray

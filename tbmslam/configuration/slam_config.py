@@ -6,9 +6,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from tbmslam.calibration.laser_check import LaserCheckConfig
+from tbmslam.calibration.laser_check import LaserCheckConfig, LaserFitConfig
 from tbmslam.calibration.mount_check import MountCheckConfig
-from tbmslam.calibration.self_calibration import LaserFitConfig
 from tbmslam.configuration.parameters import ConfigError, changed
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig
@@ -122,13 +121,7 @@ PRESETS: Mapping[str, SlamConfig] = {
 
 
 def preset(name: str) -> SlamConfig:
-    """Return a preset by name.
-
-    Raises
-    ------
-    ConfigError
-        There is no preset of that name.
-    """
+    """Return a preset by name."""
     if name not in PRESETS:
         near = difflib.get_close_matches(name, PRESETS, n=1)
         meant = f": did you mean {near[0]!r}?" if near else ""

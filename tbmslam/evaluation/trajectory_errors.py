@@ -61,11 +61,6 @@ def align_trajectories(
 
     Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds, see
     `matching_poses`.
-
-    Raises
-    ------
-    TrajectoryAlignmentError
-        Fewer than two poses match.
     """
     i, j = matching_poses(reference.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < 2:
@@ -105,13 +100,7 @@ class RelativeErrors:
 
 
 def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
-    """Align the estimate with the truth by a rigid motion and compute the remaining distances, eq. 3 there.
-
-    Raises
-    ------
-    TrajectoryAlignmentError
-        Fewer than two poses match.
-    """
+    """Align the estimate with the truth by a rigid motion and compute the remaining distances, eq. 3 there."""
     alignment = align_trajectories(truth, estimate, max_stamp_difference)
     _, matched = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     points = alignment.T_reference_estimate.apply(estimate.poses[matched, :2])

@@ -24,13 +24,7 @@ class GeoTiffError(TbmSlamError):
 
 
 def require_rasterio() -> None:
-    """Check that GeoTIFF can be written.
-
-    Raises
-    ------
-    GeoTiffError
-        If rasterio is not installed.
-    """
+    """Check that GeoTIFF can be written."""
     try:
         import rasterio  # noqa: F401, PLC0415  # large, and an extra
     except ImportError:

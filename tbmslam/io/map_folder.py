@@ -104,13 +104,7 @@ def _map_in(folder: Path) -> Path:
 
 
 def files_of_map(path: str | os.PathLike[str]) -> list[Path]:
-    """Return the files that `load_map` reads.
-
-    Raises
-    ------
-    MapFileError
-        If there is no map.
-    """
+    """Return the files that `load_map` reads."""
     path = _map_in(Path(path)) if Path(path).is_dir() else Path(path)
     is_yaml = path.name.lower().endswith((".yaml", ".yml")) and path.is_file()
     return [path, read_ros_map_header(path).image] if is_yaml else [path]

@@ -7,39 +7,194 @@
 ``provenance``              JSON text
 ``drives``                  names (D,); the arrays of drive K are named as follows
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
-``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field; older files have neither
-                            beam_steps nor indices
-``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed; older files have none
-``drive_K_motions_X``       the arrays of `DriveMotions`; older files, and drives of which none were kept, have none
+``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
+``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed
+``drive_K_motions_X``       the arrays of `DriveMotions`, if the drive has any
 ==========================  ==========================================================================
 
-The same map gives the same bytes.
+The same map gives the same bytes. Every array is checked when it is read.
 """
 
 import dataclasses
 import json
+import math
 import os
-from bisect import bisect_left
-from collections.abc import Callable, Mapping
+import struct
+import sys
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from types import TracebackType
+from typing import IO, Any, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.geometry.se2 import FloatArray
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.npz import Array, ArrayZip, NpzError, write_npz
+from tbmslam.io.atomic_file import replacing
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.special_file import why_unreadable
 
+Array = npt.NDArray[Any]
+_DEFLATE_LIMIT = 1040
+"""Largest compression ratio of deflate; a file with a larger ratio states wrong sizes."""
+
+_FREE_BYTES, _USUAL_RATIO = 64_000_000, 100
+"""Size above which an array of unknown length with a better compression than the numbers of a drive is refused."""
+
+_LONGEST_REASON = 120
+
+
+class NpzError(TbmSlamError):
+    """A file is not a zip of the expected arrays."""
+
+
+def write_npz(
+    path: str | os.PathLike[str], arrays: dict[str, Array], make_way: Callable[[], object] | None = None
+) -> None:
+    """Write named arrays atomically in the given order for `numpy.load`; see `replacing`.
+
+    Raises
+    ------
+    ValueError
+        If an array holds Python objects.
+    """
+    try:
+        with (
+            replacing(path, make_way) as temporary,
+            zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        ):
+            for name, values in arrays.items():
+                # An entry that is opened by its name gets the zip epoch as its time, so equal arrays give equal bytes.
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                    np.lib.format.write_array(stream, values, allow_pickle=False)
+    except ValueError as error:
+        # An archive that is interrupted at the end of an entry cannot be closed; the error would hide the interruption.
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
+
+
+class ArrayZip:
+    """A file of named arrays, opened for reading.
+
+    Raises
+    ------
+    NpzError
+        The file cannot be read or is no zip.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except OSError as error:
+            raise NpzError(f"it cannot be read ({error.strerror or error})") from error
+        except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
+            raise NpzError(f"it is no zip file ({_shortened(error)})") from error
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Close the file."""
+        self._archive.close()
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether the file has an array of this name."""
+        return f"{name}.npy" in self._archive.namelist()
+
+    def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
+        """Return the shape of an array by its header, after checks that do not read the array.
+
+        Parameters
+        ----------
+        dtype, shape
+            The expected shape; None stands for any length.
+
+        Raises
+        ------
+        NpzError
+            The array is missing, of another type or shape, or its size is not that of its data.
+        """
+        with self._entry(name) as (stream, info):
+            return _checked_shape(stream, info, name, dtype, shape)
+
+    def read(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> Array:
+        """Return an array; see `shape` for the arguments and errors.
+
+        Implausibly large arrays are refused if the expected shape has an open size.
+        """
+        self.shape(name, dtype, shape)
+        with self._entry(name) as (stream, info):
+            if None in shape or np.dtype(dtype).kind == "U":
+                _check_ratio(name, info)
+            values = np.lib.format.read_array(stream, allow_pickle=False)
+            stream.read(1)  # the checksum is compared at the end of an entry
+            # numpy accepts strings with invalid code points, on which Python fails later.
+            if values.dtype.kind == "U" and np.any(np.frombuffer(values.tobytes(), dtype=np.uint32) > sys.maxunicode):
+                raise NpzError(f"{name} is damaged text")
+            return np.ascontiguousarray(values).reshape(values.shape)
+
+    @contextmanager
+    def _entry(self, name: str) -> Iterator[tuple[IO[bytes], zipfile.ZipInfo]]:
+        """Open the bytes of an array; every error while they are read is an NpzError."""
+        try:
+            info = self._archive.getinfo(f"{name}.npy")
+            with self._archive.open(info) as stream:
+                yield stream, info
+        except KeyError:
+            raise NpzError(f"it has no {name}") from None
+        except NpzError:
+            raise
+        # Damaged zips and headers raise many types, also tokenize.TokenError and SystemError.
+        except Exception as error:
+            raise NpzError(f"{name} cannot be read ({_shortened(error)})") from error
+
+
+def _check_ratio(name: str, info: zipfile.ZipInfo) -> None:
+    if info.file_size > _FREE_BYTES + _USUAL_RATIO * info.compress_size:
+        raise NpzError(f"{name} would unpack from {info.compress_size} to {info.file_size} bytes, like a zip bomb")
+
+
+def _shortened(error: Exception) -> str:
+    """Return the shortened text of an error, since libraries may quote the rest of the file."""
+    return " ".join(str(error).split())[:_LONGEST_REASON]
+
+
+def _checked_shape(
+    stream: IO[bytes], info: zipfile.ZipInfo, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]
+) -> tuple[int, ...]:
+    if info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+        raise NpzError(f"{name} has a compression that numpy does not use")
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise NpzError(f"{name} has a header of version {version}, not 1.0")
+    found_shape, _, found_dtype = np.lib.format.read_array_header_1_0(stream)
+    expected = np.dtype(dtype)
+    # The length of texts is free.
+    if found_dtype != expected and (found_dtype.kind != "U" or expected.kind != "U" or not found_dtype.isnative):
+        raise NpzError(f"{name} is of type {found_dtype}, not {expected}")
+    agrees = len(found_shape) == len(shape) and all(
+        wanted in {None, found} for found, wanted in zip(found_shape, shape, strict=True)
+    )
+    if not agrees:
+        wanted = " x ".join("any" if length is None else str(length) for length in shape)
+        raise NpzError(f"{name} has shape {found_shape}, not {wanted or 'that of a single value'}")
+    size = stream.tell() + math.prod(found_shape) * found_dtype.itemsize
+    if size != info.file_size or size > _DEFLATE_LIMIT * (info.compress_size + 64):
+        raise NpzError(f"{name} states {size} bytes but does not hold them")
+    return found_shape
+
+
 FORMAT_VERSION = 1
 _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64
-_MISSING_IN_OLDER = frozenset({"beam_steps", "indices"})
 _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
@@ -155,14 +310,9 @@ def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry
             (None, None) if field in {"poses", "sensor_poses", "beams", "beam_steps"} else (None,),
         )
         for field in _KEYFRAME_NAMES
-        if field not in _MISSING_IN_OLDER or f"drive_{number}_keyframes_{field}" in arrays
     }
-    keyframes.setdefault("beam_steps", np.zeros((len(keyframes["stamps"]), 3)))
-    if "indices" not in keyframes:
-        keyframes["indices"] = indices_by_stamp(Trajectory(stamps, poses), keyframes["stamps"], keyframes["poses"])
-    found, closures = Keyframes(**keyframes), f"drive_{number}_closures"
-    between = arrays.read(closures, np.int64, (None, 2)) if closures in arrays else np.zeros((0, 2), dtype=np.int64)
-    drive = Drive(name, Trajectory(stamps, poses), found, between, _read_motions(arrays, number))
+    closures, motions = arrays.read(f"drive_{number}_closures", np.int64, (None, 2)), _read_motions(arrays, number)
+    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes), closures, motions)
     if (stray := stray_number(drive, geometry)) is not None:
         raise ValueError(stray)
     return drive
@@ -180,59 +330,3 @@ def _read_provenance(arrays: ArrayZip) -> Mapping[str, object]:
     if not isinstance(provenance, dict):
         raise ValueError("provenance is no JSON object")  # noqa: TRY004  # an error of the file, not of the caller
     return provenance
-
-
-_SAME_POSE = 1e-6
-"""Largest difference of equal poses [m, rad]."""
-
-_MOST_COMPARED = 100
-"""Number of poses with one stamp that are compared with a keyframe; all have one stamp if the clock stands still."""
-
-
-def indices_by_stamp(trajectory: Trajectory, stamps: FloatArray, poses: FloatArray) -> npt.NDArray[np.int64]:
-    """Return the index (K,) of each keyframe in the trajectory, in the order of the drive as stamps may step back.
-
-    A keyframe is the next pose after the keyframe before it that has its stamp. Where several have it, it is the first
-    of them that lies where the keyframe does; where none does, the first. Where none has its stamp, it is the pose at
-    which stamps come nearest to it before they move away again. Without a trajectory keyframes are merely counted.
-
-    Parameters
-    ----------
-    trajectory
-        All poses (N, 3) of the drive and their stamps.
-    stamps, poses
-        Stamps (K,) [s] and poses (K, 3) of the keyframes, in the order of the drive.
-
-    Raises
-    ------
-    ValueError
-        If there are more keyframes than poses.
-    """
-    count, length = len(stamps), len(trajectory)
-    if not length:
-        return np.arange(count)
-    if count > length:
-        raise ValueError(f"{count} keyframes cannot be among the {length} poses of the trajectory")
-    having: dict[float, list[int]] = {}
-    for index, stamp in enumerate(trajectory.stamps.tolist()):
-        having.setdefault(stamp, []).append(index)
-    found, previous = np.empty(count, dtype=np.int64), -1
-    for number, stamp in enumerate(stamps.tolist()):
-        last = length - count + number  # enough poses remain for the later keyframes
-        same = having.get(stamp, [])
-        first = bisect_left(same, previous + 1)
-        coming = [index for index in same[first : first + _MOST_COMPARED] if index <= last]
-        if coming:
-            apart = np.abs(trajectory.poses[coming] - poses[number]).max(axis=1)
-            previous = coming[int(np.argmax(apart < _SAME_POSE))]  # the first pose if none is near
-        else:
-            previous = _nearest_coming(trajectory.stamps, stamp, previous + 1, last)
-        found[number] = previous
-    return found
-
-
-def _nearest_coming(stamps: FloatArray, stamp: float, first: int, last: int) -> int:
-    """Return the first index of a range, ends included, after which the stamps move away from the given stamp."""
-    while first < last and abs(stamps[first + 1] - stamp) < abs(stamps[first] - stamp):
-        first += 1
-    return first

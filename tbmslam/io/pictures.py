@@ -16,11 +16,6 @@ def write_world_file(picture: Path, geometry: GridGeometry) -> None:
 
     Coordinates are metres in the map's frame. Source: ESRI's format, "pixel size in x, two rotations, negative pixel
     size in y, centre of the upper left pixel".
-
-    Raises
-    ------
-    FileNotWrittenError
-        If the file cannot be written.
     """
     x, y = geometry.centre_of(geometry.rows - 1, 0)
     step = geometry.resolution
@@ -52,11 +47,6 @@ def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write pignistic.png, occupied.png, free.png, unknown.png and conflict.png into a folder; see `draw_grid`.
 
     Beside the first lies pignistic.pgw, which holds the picture's position for other programs.
-
-    Raises
-    ------
-    FileNotWrittenError
-        If a file cannot be written.
     """
     for name, picture in draw_grid(grid).items():
         write_bytes(Path(folder, f"{name}.png"), encode_png(picture))

@@ -149,11 +149,6 @@ def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write a grid as `stem`.yaml and `stem`.pgm, or as map.yaml and map.pgm if `stem` is a folder.
 
     The yaw is 0 since a grid's cells lie along the axes; that suits costmaps and AMCL, which ignore a yaw.
-
-    Raises
-    ------
-    FileNotWrittenError
-        If a file cannot be written.
     """
     place = Path(stem)
     place = place / "map" if place.is_dir() else place

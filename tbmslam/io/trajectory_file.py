@@ -1,7 +1,8 @@
-"""Trajectories in text files: TUM's format, and the MIT Stata Center's `*.gt.laser.poses`, which are of the laser."""
+"""Poses in text files: trajectories of TUM and of the MIT Stata Center (`*.gt.laser.poses`), and pose graphs of g2o."""
 
 import math
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
+from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
 
@@ -56,13 +58,7 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def pose_lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a file that should contain a pose, with their numbers from 1.
-
-    Raises
-    ------
-    TumError
-        The file cannot be read.
-    """
+    """Return the lines of a file that should contain a pose, with their numbers from 1."""
     if why := why_unreadable(path):
         raise TumError(f"{path}: {why}: give a trajectory's file")
     try:
@@ -144,3 +140,40 @@ def _laser_pose(place: str, line: str) -> tuple[float, float, float, float]:
     if not (abs(x) <= FARTHEST_PLACE and abs(y) <= FARTHEST_PLACE and np.isfinite(theta)):
         raise TumError(f"{place}: is not finite, or more than {FARTHEST_PLACE:.0e} m away: leave the line out")
     return int(fields[0]) * 1e-6, x, y, theta
+
+
+_UPPER = np.triu_indices(3)
+
+
+def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
+    """Write a pose graph atomically.
+
+    A vertex is the pose of the laser at a keyframe, in the map's frame. An edge is the motion to the next keyframe as
+    odometry and scans measured it, with its information. Loop closures are comments: what was measured is not kept, and
+    the vertices obey them. Source of the format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta`
+    with the upper triangle of the information by rows.
+    """
+    lines: list[str] = []
+    first = 0
+    for drive in drives:
+        lines += _graph_lines(drive, first)
+        first += len(drive.keyframes)
+    write_text(path, "".join(f"{line}\n" for line in lines))
+
+
+def _graph_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield the lines of a drive, with the number of its first vertex."""
+    yield f"# drive {drive.name}"
+    for number, pose in enumerate(drive.keyframes.all_sensor_poses(), first):
+        yield f"VERTEX_SE2 {number} {_spaced(pose)}"
+    if drive.motions is not None:
+        for number, (step, information) in enumerate(
+            zip(drive.motions.steps, drive.motions.informations, strict=True), first
+        ):
+            yield f"EDGE_SE2 {number} {number + 1} {_spaced(step)} {_spaced(information[_UPPER])}"
+    for earlier, later in drive.closures.tolist():
+        yield f"# loop closure {first + earlier} {first + later}"
+
+
+def _spaced(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

@@ -80,13 +80,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Executor:
-    """Runs calls and shows their progress.
-
-    Raises
-    ------
-    ValueError
-        There is no worker.
-    """
+    """Runs calls and shows their progress."""
 
     workers: int = 1
     """Number of processes on this machine."""

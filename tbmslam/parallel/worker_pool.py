@@ -126,11 +126,6 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
     """Keep processes for a block; if it fails or is interrupted, they are stopped and their work is cancelled.
 
     What a signal raises is raised when they are, by the block's end at the latest.
-
-    Raises
-    ------
-    WorkerDiedError
-        A process died.
     """
     others = multiprocessing.active_children()
 

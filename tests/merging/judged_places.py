@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from merging.verification.evidence import Evidence, Pieces
+from merging.verification import Evidence, Pieces
 
 GOOD = Evidence(
     overlap_m2=50.0, compared_wall_m=50.0, agreed_wall_m=44.0, conflicting_wall_m=2.0, unseen_wall_m=1.0,

@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, PoseHypothesis
-from merging.verification.covariance import deviations, seen_from
+from merging.alignment import Alignment, PoseHypothesis, deviations, seen_from
 from tbmslam.geometry.se2 import SE2
 
 COVARIANCE = ((0.04, 0.01, -0.002), (0.01, 0.09, 0.003), (-0.002, 0.003, 0.0004))

@@ -8,7 +8,7 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment
 from merging.fusion import warp
 from merging.map_graph.grouping import Group
-from merging.merger import _why_left_out
+from merging.merge_state import why_left_out
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
@@ -221,4 +221,4 @@ def test_the_reason_of_a_left_out_map_is_its_best_alignment_with_a_merged_map():
         for name, (metres, why) in refused.items()
     }
     group = Group({"a": SE2.identity(), "b": SE2(1.0, 0.0, 0.0)})
-    assert _why_left_out("c", group, alignments) == ("no alignment with a merged map was accepted; with b: more agrees")
+    assert why_left_out("c", group, alignments) == ("no alignment with a merged map was accepted; with b: more agrees")

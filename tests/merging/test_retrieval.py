@@ -8,7 +8,7 @@ import pytest
 
 from merging import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.retrieval import MapPlaces, similarity, similarity_of_all
+from merging.rounds import MapPlaces, similarity, similarity_of_all
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.faults import Fault, inject
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise, poses_at
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise, poses_at
 from tbmslam.configuration.slam_config import config_from_dict, preset
 from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories
 from tbmslam.geometry.se2 import SE2, compose, inverse

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import preset
 from tbmslam.slam import Slam
 from tbmslam.timed_slam import STAGES, StageClock, TimedSlam

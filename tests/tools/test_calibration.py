@@ -7,7 +7,7 @@ from scipy.optimize import check_grad
 
 from merging import MergeConfig
 from merging.scoring import FEATURES, MEASURES, SIGNS, ConfidenceModel
-from merging.verification.evidence import Evidence, Pieces
+from merging.verification import Evidence, Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps

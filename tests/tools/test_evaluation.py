@@ -35,12 +35,6 @@ def test_without_warnings_there_is_no_doubt(tmp_path):
     assert read(tmp_path, source=GIVEN, warnings=[]).doubt() is None
 
 
-def test_a_file_without_a_source_is_read(tmp_path):
-    (tmp_path / "truth.json").write_text(json.dumps({"robots": SAID["robots"]}))
-    older = read_truth_file(tmp_path / "truth.json")
-    assert (older.source, older.doubt(), list(older.poses)) == ("", None, ["robot_0"])
-
-
 def test_the_truth_of_a_simulated_world_is_another_file(tmp_path):
     with pytest.raises(TruthFileError, match=r"truth.json is 'the simulated world, ground truth' and no place of maps"):
         read(tmp_path, source="the simulated world, ground truth", robots=[])

@@ -1,7 +1,7 @@
 import pytest
 
 from merging.config import MergeConfig
-from merging.verification.evidence import examine
+from merging.verification import examine
 from merging.walls import WallMap
 from tools.make_map_pairs import main
 from tools.map_pairs import load_pair

@@ -39,13 +39,7 @@ class FreshProcess(Generic[_R]):
         theirs.close()
 
     def result(self) -> _R:
-        """Wait for the call and return its result.
-
-        Raises
-        ------
-        MeasurementError
-            The call raised a `TbmSlamError`, whose message is repeated, or the process died.
-        """
+        """Wait for the call and return its result."""
         try:
             is_good, answer = self.answered.recv()
         except EOFError:
@@ -72,13 +66,7 @@ class FreshProcess(Generic[_R]):
 
 
 def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
-    """Return the result of a call in a new Python process; see `FreshProcess`.
-
-    Raises
-    ------
-    MeasurementError
-        The call raised a `TbmSlamError`, whose message is repeated, or the process died.
-    """
+    """Return the result of a call in a new Python process; see `FreshProcess`."""
     return FreshProcess(call, *args, **keywords).result()
 
 

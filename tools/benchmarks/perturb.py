@@ -164,25 +164,13 @@ def _mounted(axis: str, offset: float) -> Perturbation:
 
 
 def config_with(setting: str | None) -> SlamConfig:
-    """Return the default configuration, with one parameter changed by a setting as ``map.resolution=0.1``.
-
-    Raises
-    ------
-    ConfigError
-        The parameter does not exist, or the value is impossible.
-    """
+    """Return the default configuration, with one parameter changed by a setting as ``map.resolution=0.1``."""
     config = SlamConfig()
     return config if setting is None else changed(config, parse_setting(setting), "--without")
 
 
 def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveErrors:
-    """Map a perturbed recording in this process and compare it with the truth beside it.
-
-    Raises
-    ------
-    TbmSlamError
-        When the recording cannot be read or mapped, or has no truth.
-    """
+    """Map a perturbed recording in this process and compare it with the truth beside it."""
     truth = truth_beside(spec.path)
     slam, stamps = Slam(config_with(perturbation.setting)), array("d")
     with _without_warnings():

@@ -39,13 +39,7 @@ class _RaisingParser(argparse.ArgumentParser):
 
 
 def parse_recording_spec(text: str) -> RecordingSpec:
-    """Read ``PATH[,option=value]...``; options are those of build_maps about recordings, `-` written `_` or not.
-
-    Raises
-    ------
-    ValueError
-        If an option is unknown or its value is impossible.
-    """
+    """Read ``PATH[,option=value]...``; options are those of build_maps about recordings, `-` written `_` or not."""
     path, *settings = text.split(",")
     parser = _RaisingParser(prog=path, add_help=False, allow_abbrev=False)
     add_recording_options(parser)
@@ -100,13 +94,7 @@ class SimulatedRecording:
 
     @classmethod
     def parse(cls, text: str) -> "SimulatedRecording":
-        """Read ``KIND:SEED:ODOMETRY[,option=value]...``.
-
-        Raises
-        ------
-        ValueError
-            When it is not of that form.
-        """
+        """Read ``KIND:SEED:ODOMETRY[,option=value]...``."""
         description, *settings = text.split(",")
         parts = description.split(":")
         if len(parts) != 3 or not parts[1].isdecimal():
@@ -126,13 +114,7 @@ class SimulatedRecording:
         return [replace(self, seed=self.seed + more) for more in range(count)]
 
     def write(self, folder: Path) -> RecordingSpec:
-        """Write the bag and its truth into a folder.
-
-        Raises
-        ------
-        SimulationError
-            When it cannot be simulated; make_world has said why.
-        """
+        """Write the bag and its truth into a folder."""
         wheels = "good" if self.odometry == IGNORED else self.odometry
         words = ["--world", self.kind, "--seed", str(self.seed), "--odometry", wheels, "--out", str(folder)]
         with contextlib.redirect_stdout(sys.stderr):
@@ -181,13 +163,7 @@ class DriveErrors:
 
 
 def truth_beside(recording: Path) -> Path:
-    """Return the file of relations, or else of true poses, beside a recording.
-
-    Raises
-    ------
-    NoTruthError
-        The recording has no truth.
-    """
+    """Return the file of relations, or else of true poses, beside a recording."""
     for suffix in (".relations", ".truth.tum"):
         if (path := beside(recording, suffix)) is not None:
             return path

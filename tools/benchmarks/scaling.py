@@ -8,9 +8,8 @@ import sys
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from datasets.synthetic.robot.endless_drive import ROUTES, EndlessDrive, Route
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise
+from datasets.synthetic.robot.simulation import ROUTES, EndlessDrive, OdometryNoise, Route
 from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.atomic_file import write_text
@@ -96,13 +95,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
 
 
 def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
-    """Drive and map in this process at a scan rate [Hz], and measure it.
-
-    Raises
-    ------
-    TbmSlamError
-        If the map becomes too large.
-    """
+    """Drive and map in this process at a scan rate [Hz], and measure it."""
     config = preset(preset_name)
     angle_min, angle_increment = SimulatedLaser.field_of(beams)
     laser = SimulatedLaser(beams=beams, angle_min=angle_min, angle_increment=angle_increment, rate=rate)

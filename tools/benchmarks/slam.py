@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from datasets import open_recording
-from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import align_trajectories
@@ -121,13 +120,7 @@ class CpuClock:
 
 
 def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
-    """Map a recording in this process and measure it.
-
-    Raises
-    ------
-    TbmSlamError
-        When the recording cannot be read or mapped.
-    """
+    """Map a recording in this process and measure it."""
     config = preset(preset_name)
     recording = open_recording([spec.path], spec.options)
     warm_up(config, recording)

@@ -112,13 +112,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
 
 
 def cut(text: str, robots: int, out: Path) -> None:
-    """Cut a recording into robots and map each.
-
-    Raises
-    ------
-    MeasurementError
-        If build_maps fails, with its message.
-    """
+    """Cut a recording into robots and map each."""
     path, *settings = text.split(",")
     printed = io.StringIO()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(printed):
@@ -202,13 +196,7 @@ def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgr
 
 
 def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
-    """Return the pose of a merged map in the undivided one, by where both have the robots, each in its own order.
-
-    Raises
-    ------
-    MeasurementError
-        If the maps share fewer than two poses.
-    """
+    """Return the pose of a merged map in the undivided one, by where both have the robots, each in its own order."""
     whole = undivided.drives[0].trajectory
     there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for trajectory in (drive.trajectory for drive in merged.drives):

@@ -1,14 +1,20 @@
-"""The rate of false accepts: simulated pairs of maps of different places."""
+"""The rate of false accepts among simulated maps of different places: in pairs, and in sets of six.
+
+The wrong poses of three maps may be consistent by chance, and maps of one place are similar to the same other place.
+Therefore a set may be joined wrongly although every pair is refused.
+"""
 
 import argparse
 import dataclasses
 import hashlib
+import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
@@ -17,21 +23,27 @@ from tqdm import tqdm
 from datasets.synthetic.map_pairs.pairs import (
     Building,
     MapPair,
+    PlacedMap,
     building_of_world,
     cut_pairs,
     disjoint_pair,
     foreign_pair,
+    maps_of,
+    maps_of_far_ends,
+    maps_of_mirrored,
     mirrored,
     room_of,
 )
-from merging import align
+from merging import MergeConfig, align, merge
+from merging.alignment import Pair
+from merging.map_graph.grouping import groups_of
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.worker_pool import worker_pool
 from tbmslam.special_file import why_unreadable
 from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
-from tools.map_pairs import KnownPair
+from tools.map_pairs import KnownPair, is_right, joined_pairs, known_pair, maps_by_name, shuffled
 
 KINDS = {
     "unrelated": "maps of two buildings, whole or in part",
@@ -43,6 +55,7 @@ UNKNOWN_TO_EACH_OTHER = ("unrelated", "mirrored", "far ends")
 """The kinds whose maps show different places, so that no pose is right."""
 HEAD = ("pairs", "maps", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
 
+_T = TypeVar("_T")
 _WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
 _PAIRS_A_BUILDING = 8
 _SAVED_EVERY = 16
@@ -79,7 +92,9 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     tasks = [(kinds[index % len(KINDS)], index // len(KINDS), args.seed) for index in range(args.pairs)]
     left = [task for task in tasks if task[:2] not in done]
     machine = describe_machine()
-    for met, encounter in enumerate(tqdm(_meet_all(left, args.workers), total=len(left), disable=None), start=1):
+    # Neighbouring tasks share a building, so a worker gets many of them at a time.
+    encountered = _met(meet, left, args.workers, len(KINDS) * _PAIRS_A_BUILDING)
+    for met, encounter in enumerate(tqdm(encountered, total=len(left), disable=None), start=1):
         done[encounter.kind, encounter.number] = encounter
         if args.json and (met % _SAVED_EVERY == 0 or met == len(left)):
             write_text(
@@ -121,13 +136,7 @@ def _judge() -> str:
 
 
 def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[str, int], Encounter]:
-    """Return the encounters of an earlier run, by kind and number.
-
-    Raises
-    ------
-    EarlierRunError
-        If the file does not match this run.
-    """
+    """Return the encounters of an earlier run, by kind and number."""
     if path is None or not path.exists():
         return {}
     if why := why_unreadable(path):
@@ -143,13 +152,13 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
     return {(encounter.kind, encounter.number): encounter for encounter in found}
 
 
-def _meet_all(tasks: list[tuple[str, int, int]], workers: int) -> Iterator[Encounter]:
+def _met(meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], workers: int, chunksize: int) -> Iterator[_T]:
+    """Yield the result of a meeting for each task, in this process or in several."""
     if workers == 1 or not tasks:
-        yield from (meet(*task) for task in tasks)
+        yield from (meeting(*task) for task in tasks)
         return
     with worker_pool(workers) as pool:
-        # Neighbouring tasks share a building, so a worker gets many of them at a time.
-        yield from pool.map(meet, *zip(*tasks, strict=True), chunksize=len(KINDS) * _PAIRS_A_BUILDING)
+        yield from pool.map(meeting, *zip(*tasks, strict=True), chunksize=chunksize)
 
 
 def _pair(kind: str, index: int, seed: int) -> MapPair:
@@ -189,13 +198,132 @@ def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
     tried, wrong = len(encounters), sum(encounter.is_wrong for encounter in encounters)
     if not tried:
         return [kind, about, "0", "0", "-", "-", "0"]
-    interval = binomtest(wrong, tried).proportion_ci(0.95)  # Clopper and Pearson 1934
-    return [
-        kind,
-        about,
-        str(tried),
-        str(wrong),
-        number(100.0 * wrong / tried, 2),
-        f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}",
-        str(sum(encounter.is_ambiguous for encounter in encounters)),
+    ambiguous = sum(encounter.is_ambiguous for encounter in encounters)
+    return [kind, about, str(tried), str(wrong), *_rate(wrong, tried), str(ambiguous)]
+
+
+def _rate(wrong: int, tried: int) -> tuple[str, str]:
+    """Return the rate of errors and its 95 % interval (Clopper and Pearson 1934) [%]."""
+    interval = binomtest(wrong, tried).proportion_ci(0.95)
+    return number(100.0 * wrong / tried, 2), f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"
+
+
+MAPS = 6
+"""Number of maps of a set."""
+SET_KINDS = {
+    "six buildings": "a map of each",
+    "two buildings": "three maps of each",
+    "mirrored": "three maps of a building, three of its mirror image",
+    "far ends": "three maps of each of two ends of a building that share nothing",
+}
+SET_HEAD = (
+    "sets",
+    "maps",
+    "tried",
+    "pairs accepted wrongly",
+    "sets joined wrongly",
+    "rate %",
+    "95 % interval",
+    "joined rightly",
+)
+
+_SETS_APART, _SEEDS_APART = 100, 100_000
+"""Differences between the building numbers of consecutive sets, and of consecutive seeds."""
+
+
+@dataclass(frozen=True)
+class StrangerSet:
+    """The merge of one set."""
+
+    kind: str
+    """One of `SET_KINDS`."""
+    number: int
+    """Number of the set."""
+    accepted: tuple[Pair, ...]
+    """Pairs that were accepted wrongly."""
+    joined: tuple[Pair, ...]
+    """Pairs that were joined wrongly."""
+    right: int
+    possible: int
+    """Numbers of pairs that were joined correctly, and of pairs that show one place."""
+
+
+def benchmark_sets(args: argparse.Namespace) -> None:
+    """Merge sets and print the rate of false joins."""
+    machine = describe_machine()
+    tasks = [(index, args.seed) for index in range(args.sets)]
+    met = list(tqdm(_met(meet_set, tasks, args.workers, 1), total=args.sets, disable=None))
+    table = summary(met)
+    print(text_table(*table))
+    for outcome in met:
+        if outcome.joined:
+            how = "an accepted pair" if set(outcome.accepted) & set(outcome.joined) else "refused pairs that agree"
+            names = sorted(set(itertools.chain.from_iterable(outcome.joined)))
+            print(f"wrongly joined: {', '.join(names)} of set {outcome.number}, {outcome.kind}, by {how}")
+    print(machine_line(machine))
+    write_tables(args.table, machine, {"sets": table})
+
+
+def summary(met: list[StrangerSet]) -> ResultTable:
+    """Return the table."""
+    rows = [
+        _set_row(kind, about, [outcome for outcome in met if outcome.kind == kind]) for kind, about in SET_KINDS.items()
     ]
+    return ResultTable(SET_HEAD, [*rows, _set_row("all", "", met)])
+
+
+def meet_set(number_of_set: int, seed: int) -> StrangerSet:
+    """Make a set by its number and merge it."""
+    placed = make_set(number_of_set, seed)
+    maps = maps_by_name(placed)
+    config = MergeConfig()
+    found = merge(maps, config).alignments
+    pairs = {pair: known_pair(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
+    joined = joined_pairs(groups_of(list(maps), found, config.graph))
+    right = [pair for pair, where in joined.items() if is_right(pairs[pair], where)]
+    return StrangerSet(
+        kind_of(number_of_set),
+        number_of_set,
+        tuple(
+            pair
+            for pair, outcome in found.items()
+            if outcome.accepted and not is_right(pairs[pair], outcome.T_target_source)
+        ),
+        tuple(pair for pair in joined if pair not in right),
+        len(right),
+        sum(known.T_target_source is not None for known in pairs.values()),
+    )
+
+
+def kind_of(number_of_set: int) -> str:
+    """Return the kind of a set."""
+    return list(SET_KINDS)[number_of_set % len(SET_KINDS)]
+
+
+def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
+    """Return the maps of a set, each of a whole building or of a part of one."""
+    rng = np.random.default_rng([seed, number_of_set, MAPS])
+    first = seed * _SEEDS_APART + number_of_set * _SETS_APART
+    kind, half = kind_of(number_of_set), MAPS // 2
+    if kind == "six buildings":
+        placed = [outcome for index in range(MAPS) for outcome in maps_of(_part(first + index, rng), 1, rng)]
+    elif kind == "two buildings":
+        placed = [outcome for index in range(2) for outcome in maps_of(_part(first + index, rng), half, rng)]
+    else:
+        both = maps_of_mirrored if kind == "mirrored" else maps_of_far_ends
+        placed = list(both(_part(first, rng), half, rng))
+    return shuffled(placed, rng)
+
+
+def _part(number_of_building: int, rng: np.random.Generator) -> Building:
+    return some_part(building_of(number_of_building, rng), rng)
+
+
+def _set_row(kind: str, about: str, met: list[StrangerSet]) -> list[str]:
+    tried, wrong = len(met), sum(bool(outcome.joined) for outcome in met)
+    if not tried:
+        return [kind, about, "0", "0", "0", "-", "-", "-"]
+    accepted = sum(len(outcome.accepted) for outcome in met)
+    right, possible = sum(outcome.right for outcome in met), sum(outcome.possible for outcome in met)
+    rightly = f"{right} of {possible}" if possible else "-"
+    return [kind, about, str(tried), str(accepted), str(wrong), *_rate(wrong, tried), rightly]

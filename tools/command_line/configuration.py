@@ -54,11 +54,6 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
         The preset; None for that of the file, or the default.
     file
         A TOML file, or a folder with the config.toml of a program.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, has an unknown parameter, or is based on another preset.
     """
     if file is None:
         return Configuration.of_preset("default" if preset_name is None else preset_name)

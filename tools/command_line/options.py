@@ -97,11 +97,6 @@ def options_from(args: argparse.Namespace) -> "RecordingOptions":
     ----------
     args
         Arguments of a parser with `add_recording_options`.
-
-    Raises
-    ------
-    ValueError
-        A value is impossible, such as a negative range.
     """
     # Loaded here because --help must be quick.
     from datasets.options import RecordingOptions

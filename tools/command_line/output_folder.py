@@ -23,13 +23,7 @@ class OutputError(TbmSlamError):
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[None]:
-    """Create and lock a folder for a block; new folders that stay empty are removed.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be written into, or another run is writing there.
-    """
+    """Create and lock a folder for a block; new folders that stay empty are removed."""
     made: list[Path] = []
     lock = FileLock(folder / _LOCK, timeout=0)
     try:
@@ -84,13 +78,7 @@ _BESIDE_THE_MAP = (*("config.toml", "run.json", "report.json", "overlay.png", "c
 
 
 def write_checksums(folder: Path) -> None:
-    """Write the digests of all files of a result, which must exist.
-
-    Raises
-    ------
-    FileNotWrittenError
-        If the file cannot be written.
-    """
+    """Write the digests of all files of a result, which must exist."""
     files = [*map_files(folder), *(folder / name for name in _BESIDE_THE_MAP if (folder / name).is_file())]
     lines = [f"{_digest(file)}  {file.name}\n" for file in sorted(files)]
     write_text(folder / NAME, "".join(lines))

@@ -37,13 +37,7 @@ def add_extra_files(grammar: argparse.ArgumentParser) -> None:
 
 
 def check_extra_files(options: argparse.Namespace) -> None:
-    """Check that the requested files can be written.
-
-    Raises
-    ------
-    TbmSlamError
-        A required library is not installed.
-    """
+    """Check that the requested files can be written."""
     if options.geotiff:
         from tbmslam.io.geotiff import require_rasterio
 
@@ -54,11 +48,6 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
     """Write the requested files, and rewrite those of an earlier run so that all show the same map.
 
     Without a map the files of an earlier run are removed. So is an earlier GeoTIFF where rasterio is not installed.
-
-    Raises
-    ------
-    TbmSlamError
-        A file cannot be written, or a required library is not installed.
     """
     if tbm_map is None:
         for name in EXTRA_FILES:
@@ -89,13 +78,7 @@ class MissingFileError(TbmSlamError):
 
 
 def check_exist(paths: Iterable[Path], fact: str) -> None:
-    """Check that files or folders exist, before libraries are loaded.
-
-    Raises
-    ------
-    MissingFileError
-        If a path does not exist.
-    """
+    """Check that files or folders exist, before libraries are loaded."""
     for path in paths:
         try:
             path.lstat()
@@ -106,13 +89,7 @@ def check_exist(paths: Iterable[Path], fact: str) -> None:
 
 
 def path_argument(text: str) -> Path:
-    """Return the path of a word of the command line, for the `type` of an argument.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        The text is empty, which `Path` takes for the current folder.
-    """
+    """Return the path of a word of the command line, for the `type` of an argument."""
     if not text:
         raise argparse.ArgumentTypeError("the name of a file is empty: is a variable of the shell unset?")
     return Path(text)

@@ -25,13 +25,7 @@ class UnfitEnvironmentError(TbmSlamError):
 
 
 def check_environment() -> None:
-    """Refuse a limit on memory, or a number of threads, under which compiled code does not work.
-
-    Raises
-    ------
-    UnfitEnvironmentError
-        A setting is impossible; the message states a possible value.
-    """
+    """Refuse a limit on memory, or a number of threads, under which compiled code does not work."""
     limit = _memory_limit()
     if limit is not None and limit < _LEAST_MB * 10**6:
         raise UnfitEnvironmentError(

@@ -83,11 +83,6 @@ def plan_mapping(
     """Return the robots in the order of the recordings.
 
     A recording that is split is read for it, unless all its robots are finished already.
-
-    Raises
-    ------
-    TbmSlamError
-        A recording cannot be read or split, or `--reference` does not fit.
     """
     recordings = list_recordings(args.recordings)
     groups = [(path,) for path in recordings] if args.separate else [tuple(recordings)]

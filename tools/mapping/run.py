@@ -45,13 +45,6 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
     """Map robots and yield their results in order.
 
     What fails does not keep the others from being mapped.
-
-    Raises
-    ------
-    TbmSlamError
-        The only robot could not be mapped; raised at the end.
-    MappingError
-        Some of several robots could not be mapped; raised at the end with their number and the first reason.
     """
     failures: dict[str, TbmSlamError] = {}
     step = "" if executor.is_serial(len(tasks)) else "mapping"  # each robot shows its own steps in this process
@@ -276,7 +269,7 @@ def _written(path: Path) -> str | None:
         if why_unreadable(path):
             return None
         record = json.loads(path.read_text(encoding="utf-8"))
-        return str(record["fingerprint"]) if record["source"] else None  # older files do not state it
+        return str(record["fingerprint"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 

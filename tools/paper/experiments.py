@@ -11,9 +11,8 @@ from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging import merge
 from merging.config import PAPER, MergeConfig
 from merging.config.registration import FeatureConfig
-from merging.experiments.detectors import DetectorResult, compare_detectors
+from merging.experiments.detectors import DetectorResult, Study, Variant, compare_detectors, compare_modifications
 from merging.experiments.map_pair import Halves, MapPair, fuse_halves
-from merging.experiments.modifications import Study, Variant, compare_modifications
 from merging.experiments.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 from merging.fusion import canvas_over, offset_in, window_over
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -47,11 +46,6 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
         More options of make_world, the building among them.
     seed
         Seed of the building; drives have this seed and the following.
-
-    Raises
-    ------
-    PaperMapsError
-        The drives cannot be simulated; make_world printed the reason.
     """
     bags = []
     for drive in range(drives):
@@ -64,13 +58,7 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
 
 
 def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str]) -> Path:
-    """Map recordings by build_maps with more of its options, and return the folder with the maps and their truth.
-
-    Raises
-    ------
-    PaperMapsError
-        The recordings cannot be mapped; build_maps printed the reason.
-    """
+    """Map recordings by build_maps with more of its options, and return the folder with the maps and their truth."""
     code = build_maps.main([*map(str, recordings), "-o", str(folder), *words])
     if code:
         raise PaperMapsError("the recordings could not be mapped: see the message above")
@@ -84,15 +72,7 @@ def map_simulated(bags: Sequence[Path], folder: Path, words: Sequence[str]) -> P
 
 
 def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
-    """Return the pairs of the maps that build_maps wrote into a folder, with their true poses.
-
-    Raises
-    ------
-    TruthFileError
-        If the poses of the maps are unknown.
-    PaperMapsError
-        If there is no pair.
-    """
+    """Return the pairs of the maps that build_maps wrote into a folder, with their true poses."""
     truth = read_truth_file(folder / TRUTH_FILE)
     if (doubt := truth.doubt()) is not None:
         logger.warning("%s %s", folder / TRUTH_FILE, doubt)

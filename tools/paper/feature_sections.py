@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from merging.experiments.detectors import DETECTORS
-from merging.experiments.modifications import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study, Variant
+from merging.experiments.detectors import AS_PROGRAMMED, AS_WRITTEN, DETECTORS, MODIFICATIONS, Setting, Study, Variant
 from merging.experiments.published import (
     LEVEL,
     TABLE_1,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from merging.experiments.modifications import MODIFICATIONS, Study
+from merging.experiments.detectors import MODIFICATIONS, Study
 from merging.experiments.published import TABLE_2, half_interval, half_width, table_2
 from merging.registration.features import Channels
 from tbmslam.belief.grid import TbmGrid

@@ -38,11 +38,6 @@ def make_world(name: str, seed: int = 0) -> World:
         corridor; `hospital`: long corridors around courts, 90 to 220 m long.
     seed
         Any whole number from 0; the same one gives the same building.
-
-    Raises
-    ------
-    ValueError
-        When there is no world of that name, or the seed is negative.
     """
     if name not in WORLDS:
         raise ValueError(f"name must be one of {', '.join(WORLDS)}, got {name!r}")

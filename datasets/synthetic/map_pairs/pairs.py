@@ -62,13 +62,7 @@ class MapPair:
         return float(sum(np.count_nonzero(cells >= 0) for cells in (self.occ_a, self.occ_b)) * self.resolution**2)
 
     def save(self, folder: Path) -> Path:
-        """Write `<name>.npz` atomically, and return its path.
-
-        Raises
-        ------
-        FileNotWrittenError
-            If the folder cannot be written.
-        """
+        """Write `<name>.npz` atomically, and return its path."""
         motion = np.full((3, 3), np.nan) if self.T_a_b is None else self.T_a_b.matrix()
         path = folder / f"{self.name}.npz"
         with replacing(path) as temporary:
@@ -133,13 +127,7 @@ def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -
 
 
 def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
-    """Return maps of two buildings.
-
-    Raises
-    ------
-    ValueError
-        The sizes of their cells differ.
-    """
+    """Return maps of two buildings."""
     if first.resolution != second.resolution:
         raise ValueError(f"buildings must have one resolution, got {first.resolution} and {second.resolution}")
     rng = np.random.default_rng([seed, 2])

@@ -71,11 +71,6 @@ class World:
         labels
             (rows, cols), as in `tbmslam.belief.masses`: OCCUPIED where a surface passes through the cell, FREE
             in the rest of the inside, UNKNOWN elsewhere.
-
-        Raises
-        ------
-        WorldError
-            The world and the cells together are too large, as they are far from each other.
         """
         T_grid_world = SE2.identity() if T_world_grid is None else T_world_grid.inverse()
         walls = T_grid_world.apply(self.walls.reshape(-1, 2, 2)).reshape(-1, 4)
@@ -112,11 +107,6 @@ def load_world(path: Path) -> World:
     ----------
     path
         The .npz file, or a folder with `world.npz`.
-
-    Raises
-    ------
-    WorldError
-        There is no such file, or it holds something else.
     """
     file = path / "world.npz" if path.is_dir() else path
     try:

@@ -1,8 +1,7 @@
 import numpy as np
 
 from merging.config.registration import FeatureConfig
-from merging.experiments.map_pair import MapPair
-from merging.experiments.modifications import (
+from merging.experiments.detectors import (
     AS_PROGRAMMED,
     AS_WRITTEN,
     MODIFICATIONS,
@@ -10,6 +9,7 @@ from merging.experiments.modifications import (
     Variant,
     compare_modifications,
 )
+from merging.experiments.map_pair import MapPair
 from merging.registration.features import describe, match
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, PoseHypothesis
+from merging.alignment import Alignment, PoseHypothesis, seen_from
 from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import _without_outvoted, groups_of
 from merging.map_graph.links import edges_of
-from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}

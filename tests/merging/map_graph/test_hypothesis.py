@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from merging.alignment import Alignment, PoseHypothesis
+from merging.alignment import Alignment, PoseHypothesis, seen_from
 from merging.config.groups import GraphConfig
 from merging.map_graph.links import CentroidFrames, Edge, edges_of, is_same_pose
-from merging.verification.covariance import seen_from
 from tbmslam.geometry.se2 import SE2
 
 GRAPH = GraphConfig()

@@ -7,13 +7,12 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
-from merging.alignment import Alignment
+from merging.alignment import Alignment, deviations
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.search import register_nonrigid, register_refused_pairs
 from merging.rigid_alignment import align_whole
-from merging.verification.covariance import deviations
-from merging.verification.evidence import examine
+from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -5,8 +5,8 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
-from merging.nonrigid.tile_registration import DeformableMap, deform, tiles_of
-from merging.verification.evidence import examine
+from merging.nonrigid.deformation import DeformableMap, deform, tiles_of
+from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN

@@ -6,7 +6,7 @@ import pytest
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion import warp
-from merging.registration.hypotheses import best_of, find_candidates, refine_all
+from merging.registration.correlation import best_of, find_candidates, refine_all
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

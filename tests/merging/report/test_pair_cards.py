@@ -12,7 +12,7 @@ from merging.fusion import warp
 from merging.merger import Merge
 from merging.report import pair_cards
 from merging.report.pair_cards import draw_alone, draw_pair
-from merging.verification.evidence import examine
+from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

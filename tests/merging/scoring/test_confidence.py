@@ -14,7 +14,7 @@ from merging.scoring import (
     features,
     measured,
 )
-from merging.verification.evidence import Pieces
+from merging.verification import Pieces
 from tests.merging.judged_places import CHANCE, GOOD
 
 DECOYS = [CHANCE] * 3

@@ -5,7 +5,7 @@ from merging import scoring
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion import warp
-from merging.registration.hypotheses import find_candidates
+from merging.registration.correlation import find_candidates
 from merging.scoring import confidences, find_decoys, mirror_image, mirrored, score_hypotheses
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from merging.alignment import bent_by, covariance_of, deviations, known_best_at, seen_from
 from merging.config.registration import ExactnessConfig, StructureConfig, VerificationConfig
-from merging.verification.covariance import bent_by, covariance_of, deviations, known_best_at, seen_from
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

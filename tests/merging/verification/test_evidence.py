@@ -5,7 +5,7 @@ import pytest
 
 from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
-from merging.verification.evidence import examine, support_m
+from merging.verification import examine, support_m
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merging.config.registration import StructureConfig, VerificationConfig
-from merging.verification.evidence import seen_through_m, stretches_m
+from merging.verification import seen_through_m, stretches_m
 from merging.walls import Components, WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

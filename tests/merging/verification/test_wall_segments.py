@@ -5,7 +5,7 @@ import pytest
 
 from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
-from merging.verification.evidence import Pieces, count_pieces
+from merging.verification import Pieces, count_pieces
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.calibration.cluster_deviation import deviations_of_parts
+from tbmslam.calibration.hand_eye import deviations_of_parts
 
 PARTS, NUMBERS = 6, 3
 

@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.laser_check import fit_laser
-from tbmslam.calibration.self_calibration import LaserFitConfig
+from tbmslam.calibration.laser_check import LaserFitConfig, fit_laser
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig

@@ -2,7 +2,7 @@ import numpy as np
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.g2o import write_g2o
+from tbmslam.io.trajectory_file import write_g2o
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan

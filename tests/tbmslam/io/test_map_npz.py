@@ -2,15 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.io.map_npz import indices_by_stamp, read_map_file, write_map_file
-from tbmslam.io.npz import ArrayZip, write_npz
+from tbmslam.io.map_npz import ArrayZip, read_map_file, write_map_file, write_npz
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError
@@ -73,12 +70,6 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
     np.testing.assert_array_equal(measured.informations, tbm_map.drives[0].motions.informations)
 
 
-def test_a_file_without_closures_is_read(tbm_map, tmp_path):
-    arrays = arrays_of(tbm_map, tmp_path / "map.npz")
-    np.savez(tmp_path / "older.npz", **{name: values for name, values in arrays.items() if "closures" not in name})
-    assert [one.closures.shape for one in read_map_file(tmp_path / "older.npz").drives] == [(0, 2), (0, 2)]
-
-
 def test_a_map_without_drives_is_one_too(tbm_map, tmp_path):
     write_map_file(tmp_path / "map.npz", TbmMap(tbm_map.grid))
     read = read_map_file(tmp_path / "map.npz")
@@ -92,27 +83,10 @@ def test_the_same_map_gives_the_same_bytes(tbm_map, tmp_path):
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
-def test_a_map_from_before_beams_had_moments_of_their_own_is_read(tbm_map, tmp_path):
-    arrays = {k: v for k, v in arrays_of(tbm_map, tmp_path / "map.npz").items() if not k.endswith("beam_steps")}
-    write_npz(tmp_path / "old.npz", arrays)
-    for drive in read_map_file(tmp_path / "old.npz").drives:
-        assert drive.keyframes.beam_steps.shape == (len(drive.keyframes), 3)
-        assert not drive.keyframes.beam_steps.any()
-
-
-def test_a_map_from_before_motions_were_kept_is_read(tbm_map, tmp_path):
+def test_a_map_without_motions_is_read(tbm_map, tmp_path):
     arrays = {k: v for k, v in arrays_of(tbm_map, tmp_path / "map.npz").items() if "_motions_" not in k}
     write_npz(tmp_path / "old.npz", arrays)
     assert [drive.motions for drive in read_map_file(tmp_path / "old.npz").drives] == [None, None]
-
-
-def test_a_map_from_before_keyframes_had_indices_is_read_where_stamps_step_back(tbm_map, tmp_path):
-    arrays = arrays_of(tbm_map, tmp_path / "map.npz")
-    del arrays["drive_0_keyframes_indices"], arrays["drive_1_keyframes_indices"]
-    arrays["drive_0_stamps"] = np.array([10.0, 11.0, 12.0, 11.0, 12.0])
-    arrays["drive_0_keyframes_stamps"] = np.array([12.0, 11.0])
-    write_npz(tmp_path / "old.npz", arrays)
-    assert [one.keyframes.indices.tolist() for one in read_map_file(tmp_path / "old.npz").drives] == [[2, 3], []]
 
 
 def test_motions_that_are_none_are_refused(tbm_map, tmp_path):
@@ -223,42 +197,3 @@ def test_other_files_are_refused(tmp_path):
         read_map_file(tmp_path / "map.npz")
     with pytest.raises(MapFileError, match=r"none\.npz: .*cannot be read \(No such file"):
         read_map_file(tmp_path / "none.npz")
-
-
-def way(stamps):
-    """Return a drive on which no two poses are alike."""
-    return Trajectory(np.array(stamps, dtype=np.float64), np.arange(3.0 * len(stamps)).reshape(-1, 3))
-
-
-def of(trajectory, indices, moved=0.0):
-    return indices_by_stamp(trajectory, trajectory.stamps[indices], trajectory.poses[indices] + moved).tolist()
-
-
-@given(st.lists(st.sampled_from([0.1, 0.1, 0.1, -0.2, -5.0, -30.0, 0.0, 40.0]), min_size=5, max_size=200), st.data())
-def test_keyframes_are_found_however_stamps_step(steps, data):
-    trajectory = way(np.round(np.cumsum(steps), 1))
-    chosen = data.draw(st.sets(st.integers(0, len(steps) - 1), min_size=1))
-    assert of(trajectory, sorted(chosen)) == sorted(chosen)
-
-
-def test_of_a_drive_that_was_moved_the_first_coming_pose_of_a_stamp_is_taken():
-    trajectory = way([0.0, 1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 4.0])
-    assert of(trajectory, [0, 2, 4, 6, 7], moved=0.5) == [0, 2, 4, 5 + 1, 7]
-    assert of(trajectory, [5], moved=0.5) == [2]
-
-
-def test_where_no_pose_has_the_stamp_the_nearest_coming_one_is_taken():
-    trajectory = way([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
-    stamps = np.array([0.9, 1.8, 1.4, 9.0])
-    assert indices_by_stamp(trajectory, stamps, np.zeros((4, 3))).tolist() == [1, 2, 4, 5]
-
-
-def test_indices_rise_whatever_the_stamps():
-    trajectory, stamps = way([5.0] * 4), np.array([9.0, 5.0, -9.0, 5.0])
-    assert indices_by_stamp(trajectory, stamps, np.zeros((4, 3))).tolist() == [0, 1, 2, 3]
-
-
-def test_more_keyframes_than_poses_are_refused():
-    with pytest.raises(ValueError, match="3 keyframes cannot be among the 2 poses of the trajectory"):
-        indices_by_stamp(way([1.0, 2.0]), np.ones(3), np.zeros((3, 3)))
-    assert indices_by_stamp(way([]), np.ones(3), np.zeros((3, 3))).tolist() == [0, 1, 2]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tbmslam.io.npz import ArrayZip, NpzError, write_npz
+from tbmslam.io.map_npz import ArrayZip, NpzError, write_npz
 
 ARRAYS = {
     "numbers": np.arange(12.0).reshape(3, 4),
@@ -196,7 +196,7 @@ def test_any_damage_is_a_known_error(path):
 INTERRUPTED_WRITING = """
 import sys, zipfile
 import numpy as np
-from tbmslam.io.npz import write_npz
+from tbmslam.io.map_npz import write_npz
 
 def interrupted(entry):
     raise KeyboardInterrupt

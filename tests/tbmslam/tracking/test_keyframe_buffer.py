@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import preset
 from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose

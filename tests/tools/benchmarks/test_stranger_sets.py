@@ -7,8 +7,8 @@ from merging.alignment import Alignment
 from merging.merger import Merge
 from tbmslam.geometry.se2 import SE2
 from tools.benchmark import main
-from tools.benchmarks import stranger_sets
-from tools.benchmarks.stranger_sets import KINDS, MAPS, StrangerSet, make_set, meet_set, summary
+from tools.benchmarks import strangers
+from tools.benchmarks.strangers import MAPS, SET_KINDS, StrangerSet, make_set, meet_set, summary
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
@@ -27,7 +27,7 @@ def test_wrong_joins_are_listed_with_the_reason(monkeypatch, capsys):
         0: StrangerSet("six buildings", 0, (), (("map_1", "map_4"),), 0, 0),
         1: StrangerSet("mirrored", 1, (("map_0", "map_2"),), (("map_0", "map_2"), ("map_2", "map_3")), 0, 0),
     }
-    monkeypatch.setattr(stranger_sets, "meet_set", lambda number, _: met[number])
+    monkeypatch.setattr(strangers, "meet_set", lambda number, _: met[number])
     assert main(["strangers", "--sets", "2", "--workers", "1"]) == 0
     printed = capsys.readouterr().out
     assert "wrongly joined: map_1, map_4 of set 0, six buildings, by refused pairs that agree" in printed
@@ -46,9 +46,9 @@ def test_what_cannot_be_meant_is_wrong_usage(capsys, options, why):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(KINDS)))
+@pytest.mark.parametrize("number", range(len(SET_KINDS)))
 def test_joins_are_held_against_where_the_maps_are(monkeypatch, number):
-    placed, again, other = make_set(number, 3), make_set(number, 3), make_set(number + len(KINDS), 3)
+    placed, again, other = make_set(number, 3), make_set(number, 3), make_set(number + len(SET_KINDS), 3)
     assert len(placed) == MAPS
     for name, one in placed.items():
         np.testing.assert_array_equal(one.occupancy, again[name].occupancy)
@@ -61,13 +61,13 @@ def test_joins_are_held_against_where_the_maps_are(monkeypatch, number):
             found[a, b] = Alignment("correlation", True, "", motion, agreed_wall_m=10.0, confidence=0.95)
         return Merge(None, {}, found, {}, None)
 
-    monkeypatch.setattr(stranger_sets, "merge", all_joined)
+    monkeypatch.setattr(strangers, "merge", all_joined)
     met = meet_set(number, 3)
     same = [placed[a].place == placed[b].place for a, b in itertools.combinations(placed, 2)]
     assert (met.right, met.possible) == (sum(same), sum(same))
     assert len(met.joined) == len(met.accepted) == same.count(False)
     assert met.possible == (0 if met.kind == "six buildings" else 6)
-    monkeypatch.setattr(stranger_sets, "make_set", lambda *_: placed | {"map_0": _elsewhere(placed["map_0"])})
+    monkeypatch.setattr(strangers, "make_set", lambda *_: placed | {"map_0": _elsewhere(placed["map_0"])})
     assert meet_set(number, 3).right == 6 - 2 if met.possible else True
 
 

@@ -16,7 +16,7 @@ def test_pairs_are_loaded_with_their_true_poses(tmp_path):
     for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
         save_map(tmp_path / name, TbmMap(grid))
     truth = {name: {"T_reference_map": list(pose)} for name, pose in poses.items()}
-    (tmp_path / "truth.json").write_text(json.dumps({"robots": truth}))
+    (tmp_path / "truth.json").write_text(json.dumps({"source": OWN_MAP, "robots": truth, "warnings": []}))
     (pair,) = load_pairs(tmp_path, 10, 0.2)
     assert pair.name == "robot_0 - robot_1"
     assert pair.T_target_source == pytest.approx(cut.T_target_source)

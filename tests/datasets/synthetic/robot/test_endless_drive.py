@@ -3,9 +3,8 @@ import itertools
 import numpy as np
 import pytest
 
-from datasets.synthetic.robot.endless_drive import EndlessDrive
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 
 LASER = SimulatedLaser(beams=180, angle_min=-np.pi / 2, angle_increment=np.pi / 180, rate=5.0)
 

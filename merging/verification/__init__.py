@@ -1,1 +1,0 @@
-"""Evidence for and against a pose hypothesis, and its covariance."""
