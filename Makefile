@@ -54,11 +54,13 @@ docs/merged-office.png: install
 	cv2.imwrite('$@', cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) // 24 * 24 + 12)"
 
 # The README's pictures of a report, as a browser shows it; needs Chromium.
-docs/report.png: demo develop
-	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@
-
-docs/pairs.png: demo develop
-	$(BIN)/python tools/screenshot.py demo/merged/report.html -o $@ --element .cards
+docs/pairs.png: PART := .cards
+docs/report.png docs/pairs.png: demo develop
+	$(BIN)/python -c "import contextlib, io, pathlib, PIL.Image; from tests.browser import browser_window; \
+	stack = contextlib.ExitStack(); window = stack.enter_context(browser_window()); \
+	window.goto(pathlib.Path('demo/merged/report.html').resolve().as_uri()); window.wait_for_timeout(300); \
+	png = (window.locator('$(PART)').first if '$(PART)' else window).screenshot(); stack.close(); \
+	PIL.Image.open(io.BytesIO(png)).convert('RGB').quantize(256).save('$@', optimize=True)"
 
 # Two real drives of docs/accuracy.md, from the recordings in DATA: the grounds of a hospital, and an office floor.
 docs/real-drives.png: install

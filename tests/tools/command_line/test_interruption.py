@@ -44,7 +44,6 @@ PROGRAMS = {
     "reproduce_paper": ["--maps", "robot_0", "-o", "out"],
     "calibrate_merging": ["robot_0"],
     "make_map_pairs": ["-o", "out"],
-    "screenshot": ["nothing.html", "-o", "x.png"],
 }
 
 
