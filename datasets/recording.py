@@ -17,7 +17,7 @@ _BLOCK = 256
 
 
 def in_blocks(items: Iterable[Item]) -> Iterator[list[Item]]:
-    """Yield items some at a time, those before a DatasetError, too."""
+    """Yield items in blocks; those before a DatasetError come before it."""
     block: list[Item] = []
     try:
         for item in items:
@@ -38,7 +38,7 @@ _REMEDIES = {
     "impossible_angles": "pass --angle-step-deg",
     "other_frame": "choose another --laser-frame or --scan-topic",
 }
-"""What to do where scans are dropped, by the reason."""
+"""Remedies for dropped scans, by reason."""
 
 ReadingStream: TypeAlias = Callable[[ReadingCounts], Iterator[Reading]]
 
@@ -105,13 +105,13 @@ _MANY = 0.01
 
 
 def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:
-    """Return a sentence for everything odd that the last pass over a recording met; nothing where all was well.
+    """Return a sentence for each oddity of the last pass over a recording.
 
     Parameters
     ----------
     span
-        The mapped part of it; None: all of it. Gaps are those of the part; other counts have no times and are those of
-        knows when they were, of the whole recording.
+        The mapped part of the recording; None for all of it. Gaps are those of the part. Other counts have no times and
+        are those of the whole recording.
     """
     counts = recording.counts
     counted = _counted(counts) + _beam_warnings(counts)

@@ -37,30 +37,11 @@ EXAMPLES = """examples:
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 FAULTS = (
     *("odometry_gap", "odometry_jump", "odometry_reset", "odometry_freeze", "odometry_stuck"),
-    *(
-        "odometry_reversed",
-        "odometry_unit",
-        "clock_offset",
-        "clock_step",
-        "stamps_back",
-        "stamps_twice",
-        "laser_gap",
-        "beams_blocked",
-        "parts_in_view",
-    ),
-    *(
-        "range_scale",
-        "range_offset",
-        "angle_step",
-        "mount",
-        "laser_knocked",
-        "scans_repeated",
-        "glass",
-        "people",
-        "crowd",
-    ),
-    *("furniture", "carried", "lift"),
+    *("odometry_reversed", "odometry_unit", "clock_offset", "clock_step", "stamps_back", "stamps_twice"),
+    *("laser_gap", "beams_blocked", "parts_in_view", "range_scale", "range_offset", "angle_step", "mount"),
+    *("laser_knocked", "scans_repeated", "glass", "people", "crowd", "furniture", "carried", "lift"),
 )
+"""Repeated from `datasets.synthetic.robot.faults`, so that `--help` loads nothing; a test compares both."""
 
 
 def parser(program: str = "make_world") -> argparse.ArgumentParser:

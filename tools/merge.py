@@ -41,15 +41,8 @@ NOTHING_MERGED = 3
 # Repeated here so that `--help` need not load the library; a test compares both.
 METHODS = ("correlation", "features", "birk-carpin", "carpin", "li", "saeedi", "trehard", "dobrokhvalov-filatov")
 RULES = (
-    "disjunctive",
-    "conjunctive",
-    "dempster",
-    "dubois-prade",
-    "yager",
-    "average",
-    "unanimous",
-    "log-odds",
-    "entropy-filter",
+    *("disjunctive", "conjunctive", "dempster", "dubois-prade", "yager"),
+    *("average", "unanimous", "log-odds", "entropy-filter"),
 )
 COVERAGES = ("union", "overlap")
 FARTHEST_POSE = 10_000.0

@@ -1,14 +1,13 @@
 """Correct and false alignments of pairs of maps with known truth, and the calibration of the confidence."""
 
 import argparse
-import json
 import math
 import statistics
 import sys
 import time
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tools.calibration import BINS, calibration_table
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.map_pairs import KnownPair
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ class PairResult:
 def benchmark_pairs(args: argparse.Namespace) -> None:
     """Align all pairs of a folder and print the tables."""
     from tbmslam.errors import TbmSlamError
-    from tbmslam.io.atomic_file import write_bytes, write_text
+    from tbmslam.io.atomic_file import write_bytes
 
     paths = sorted(args.pairs.glob("*.npz"))
     if not paths:
@@ -88,13 +87,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     if args.details:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
-    machine = describe_machine()
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"methods": table})
-    if args.json:
-        pairs = {method: [asdict(outcome) for outcome in found] for method, found in results.items()}
-        record = {"machine": machine, "methods": pairs}
-        write_text(args.json, json.dumps(record, indent=2) + "\n")
+    finish(args, describe_machine(), {"methods": table}, {"methods": results})
     if args.plot:
         from tools.calibration import draw_calibration
 

@@ -3,7 +3,6 @@
 import argparse
 import dataclasses
 import itertools
-import json
 import math
 import resource
 import time
@@ -22,12 +21,12 @@ from merging.fusion import fuse, place
 from merging.map_graph.grouping import Group, groups_of
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
-from tbmslam.io.atomic_file import write_bytes, write_text
+from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import Picture, encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.strangers import building_of
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.map_pairs import is_right, joined_pairs, known_pair, maps_by_name, shuffled
 
 HEAD = (
@@ -79,10 +78,7 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
     table = ResultTable(HEAD, [_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES)
-    print(machine_line(machine))
-    if args.json:
-        write_text(args.json, json.dumps({"machine": machine, "fleets": [dataclasses.asdict(run) for run in runs]}))
-    write_tables(args.table, machine, {"fleets": table})
+    finish(args, machine, {"fleets": table}, {"fleets": runs})
 
 
 def run_fleet(

@@ -1,8 +1,6 @@
 """Cost of a merge by the area of the maps, compared with the paper's program, and cost of merging many robots."""
 
 import argparse
-import dataclasses
-import json
 import math
 import sys
 import time
@@ -21,10 +19,9 @@ from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.atomic_file import write_text
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.map_pairs import KnownPair, grid_of
 
 HEAD = (
@@ -109,11 +106,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
             f"{crew.robots} robots of one building, {crew.workers} workers: {crew.merged} merged in "
             f"{crew.wall_s:.1f} s of wall time; peak of the parent {crew.peak_memory_mb:.0f} MB"
         )
-    print(machine_line(machine))
-    write_tables(args.table, machine, tables)
-    if args.json:
-        figures = {"runs": [dataclasses.asdict(run) for run in runs], "crew": crew and dataclasses.asdict(crew)}
-        write_text(args.json, json.dumps({"machine": machine, **figures}, indent=2) + "\n")
+    finish(args, machine, tables, {"runs": runs, "crew": crew})
 
 
 def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:

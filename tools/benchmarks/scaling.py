@@ -3,7 +3,6 @@
 import argparse
 import dataclasses
 import itertools
-import json
 import sys
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,27 +11,14 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import ROUTES, EndlessDrive, OdometryNoise, Route
 from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
-from tbmslam.io.atomic_file import write_text
 from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 
 HEAD = (
-    *(
-        "route",
-        "preset",
-        "drive m",
-        "scans",
-        "seen m2",
-        "box m2",
-        "cell m",
-        "match us",
-        "insert us",
-        "scan us",
-        "last us",
-    ),
-    *("finish us", "driven MB", "peak MB", "ATE m"),
+    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m", "match us", "insert us"),
+    *("scan us", "last us", "finish us", "driven MB", "peak MB", "ATE m"),
 )
 
 NOTES = """\
@@ -87,11 +73,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
     print(NOTES)
     for failure in failures:
         print(failure)
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"drives": ResultTable(HEAD, rows)})
-    if args.json:
-        record = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs], "failures": failures}
-        write_text(args.json, json.dumps(record, indent=2) + "\n")
+    finish(args, machine, {"drives": ResultTable(HEAD, rows)}, {"runs": runs, "failures": failures})
 
 
 def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
@@ -188,10 +170,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         runs.append({"name": limit.name, **dataclasses.asdict(run)})
         rows.append(_limit_row(limit.name, run))
     print(text_table(LIMITS_HEAD, rows))
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"limits": ResultTable(LIMITS_HEAD, rows)})
-    if args.json:
-        write_text(args.json, json.dumps({"machine": machine, "runs": runs}, indent=2) + "\n")
+    finish(args, machine, {"limits": ResultTable(LIMITS_HEAD, rows)}, {"runs": runs})
 
 
 def _limit_row(name: str, run: ScalingRun) -> list[str]:

@@ -1,10 +1,8 @@
 """Costs and errors of the SLAM: every recording with every preset, each run in a process of its own."""
 
 import argparse
-import dataclasses
 import gc
 import itertools
-import json
 import statistics
 import sys
 import tempfile
@@ -24,14 +22,13 @@ from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import align_trajectories
-from tbmslam.io.atomic_file import write_text
 from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.timed_slam import STAGES, TimedSlam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 
 WARM_UP_SCANS = 20
 """Scans of a recording that are mapped before the measurement."""
@@ -242,12 +239,8 @@ def benchmark_slam(args: argparse.Namespace) -> None:
         print(line)
     if (seeds := seeds_table(results)).rows:
         print(text_table(*seeds))
-    print(machine_line(machine))
     tables = {"drives": ResultTable(HEAD, rows), "seeds": seeds, **by_preset(results)}
-    write_tables(args.table, machine, tables)
-    if args.json:
-        record = {"machine": machine, "results": [dataclasses.asdict(result) for result in results]}
-        write_text(args.json, json.dumps(record, indent=2) + "\n")
+    finish(args, machine, tables, {"results": results})
 
 
 def median_run(runs: Sequence[SlamRun]) -> SlamRun:

@@ -2,10 +2,8 @@
 
 import argparse
 import contextlib
-import dataclasses
 import io
 import itertools
-import json
 import math
 import sys
 import tempfile
@@ -24,14 +22,13 @@ from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agre
 from tbmslam.evaluation.relations import matching_poses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, wrap_angle
-from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
 from tools.command_line.paths import map_folders
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
+from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.evaluation import NAME as TRUTH_FILE
 from tools.evaluation import read_truth_file
 
@@ -103,12 +100,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
         if run.truth_doubt is not None:
             print(f"{run.recording}, {run.robots} robots: {TRUTH_FILE} {run.truth_doubt}")
     print(NOTES)
-    machine = describe_machine()
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"robots": ResultTable(HEAD, rows)})
-    if args.json:
-        figures = {"machine": machine, "runs": [dataclasses.asdict(run) for run in runs]}
-        write_text(args.json, json.dumps(figures, indent=2) + "\n")
+    finish(args, describe_machine(), {"robots": ResultTable(HEAD, rows)}, {"runs": runs})
 
 
 def cut(text: str, robots: int, out: Path) -> None:

@@ -217,13 +217,7 @@ SET_KINDS = {
     "far ends": "three maps of each of two ends of a building that share nothing",
 }
 SET_HEAD = (
-    "sets",
-    "maps",
-    "tried",
-    "pairs accepted wrongly",
-    "sets joined wrongly",
-    "rate %",
-    "95 % interval",
+    *("sets", "maps", "tried", "pairs accepted wrongly", "sets joined wrongly", "rate %", "95 % interval"),
     "joined rightly",
 )
 

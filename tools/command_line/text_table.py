@@ -1,5 +1,7 @@
 """The tables of a program: as text for the terminal, and as a file with the commit, the date and the machine."""
 
+import argparse
+import dataclasses
 import importlib.metadata
 import json
 import os
@@ -103,6 +105,20 @@ def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mappi
         },
     }
     write_text(path, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+
+
+def finish(
+    args: argparse.Namespace,
+    machine: Mapping[str, object],
+    tables: Mapping[str, ResultTable],
+    figures: Mapping[str, object],
+) -> None:
+    """Print the machine, and write the tables and all figures of a benchmark where `--table` and `--json` ask for."""
+    print(machine_line(machine))
+    write_tables(args.table, machine, tables)
+    if args.json:
+        record = {"machine": machine, **figures}
+        write_text(args.json, json.dumps(record, indent=2, default=dataclasses.asdict) + "\n")
 
 
 def commit_of_code(root: Path) -> str | None:

@@ -4,16 +4,7 @@ from importlib import resources
 
 import numpy as np
 
-from merging.scoring import (
-    FEATURES,
-    MEASURES,
-    SIGNS,
-    ConfidenceModel,
-    by_chance,
-    confidences,
-    features,
-    measured,
-)
+from merging.scoring import FEATURES, MEASURES, SIGNS, ConfidenceModel, by_chance, confidences, features, measured
 from merging.verification import Pieces
 from tests.merging.judged_places import CHANCE, GOOD
 

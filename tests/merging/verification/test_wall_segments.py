@@ -60,10 +60,7 @@ def test_another_floor_conflicts(rooms):
 def test_about_the_same_in_any_frame_and_either_way_round(rooms):
     grid, motion = rooms(1), SE2(3.0, -4.0, math.radians(33.0))
     turned, still = structure(warp(grid, motion, grid.geometry)), structure(grid)
-    forth, back = (
-        count_pieces(turned, still, motion, LIMITS),
-        count_pieces(still, turned, motion.inverse(), LIMITS),
-    )
+    forth, back = (count_pieces(turned, still, motion, LIMITS), count_pieces(still, turned, motion.inverse(), LIMITS))
     assert forth.agreeing == pytest.approx(back.agreeing, rel=0.15)
     assert forth.corners == pytest.approx(back.corners, rel=0.25)
 

@@ -66,11 +66,7 @@ def test_a_continued_incident_is_one_incident():
 def test_everything_that_can_go_wrong_is_explained():
     """The words that programs give incidents are the rows of a table."""
     text = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
-    named = [
-        LOST.partition(": ")[0],
-        "a part of the robot",
-        "the scans go",
-    ]
+    named = [LOST.partition(": ")[0], "a part of the robot", "the scans go"]
     written = [
         re.split(r"[{,]", call["words"])[0].strip()
         for package in ("tbmslam", "datasets")

@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
 
-from tbmslam.kernels.rays.counting import (
-    ONE_HIT,
-    beam_ends,
-    count_scans,
-    hits_in,
-    passages_in,
-    write_masses,
-)
+from tbmslam.kernels.rays.counting import ONE_HIT, beam_ends, count_scans, hits_in, passages_in, write_masses
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tests import reference

@@ -24,8 +24,7 @@ def slow_distinct(poses, ranked, apart_m, apart_rad, count):
 
 
 @given(
-    st.integers(0, 30).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-4.0, 4.0))),
-    st.integers(1, 10),
+    st.integers(0, 30).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-4.0, 4.0))), st.integers(1, 10)
 )
 def test_the_best_places_that_are_near_no_better_one_are_kept(poses, count):
     ranked = np.random.default_rng(len(poses)).permutation(len(poses))

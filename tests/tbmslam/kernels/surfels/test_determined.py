@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.surfels.determined import (
-    determined_of_robot,
-    determined_shares,
-    prior_information,
-    seen_by_robot,
-)
+from tbmslam.kernels.surfels.determined import determined_of_robot, determined_shares, prior_information, seen_by_robot
 from tests import reference
 
 small = st.floats(0.01, 1.0)
