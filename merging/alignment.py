@@ -35,7 +35,7 @@ Pair = tuple[str, str]
 
 
 _SURE = 0.999
-"""No hypothesis is believed more than this, and none less than the rest to 1."""
+"""Largest probability of a hypothesis; the smallest is the rest to 1."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class PoseHypothesis:
 
 @dataclass(frozen=True, repr=False)
 class Alignment:
-    """The answer to "where does the source map lie in the target's frame?".
+    """The pose of a source map in the frame of a target map, or the reason why it is unknown.
 
-    A refused pair has an answer too: `accepted` is False, `reason` says why, and the transform, if there is one, is the
-    pose that was refused. It is never the identity by default.
+    If the pair is refused, `accepted` is False, `reason` says why, and the transform is the refused pose, if there is
+    one. It is never the identity by default.
 
     Parameters
     ----------
@@ -228,8 +228,8 @@ def format_evidence(evidence: Evidence) -> str:
     """Return the evidence for and against a pose in one line."""
     return (
         f"{evidence.agreed_wall_m:.1f} m of wall agree ({evidence.agreement:.0%}), "
-        f"{evidence.weakest_wall_m:.1f} m of them against sliding, "
-        f"{evidence.conflict:.0%} stand on free space of the other"
+        f"{evidence.weakest_wall_m:.1f} m of them resist sliding, "
+        f"{evidence.conflict:.0%} lie in free space of the other map"
     )
 
 

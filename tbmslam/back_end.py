@@ -20,27 +20,18 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, p
 
 
 class OptimisedDrive(NamedTuple):
-    """A drive after optimisation.
-
-    Attributes
-    ----------
-    poses
-        (K, 3), of the laser at keyframes.
-    motions
-        Motions between keyframes by odometry and scans.
-    steps
-        The motions as edges.
-    closures
-        The loop closures.
-    hits
-        Hits of the keyframes.
-    """
+    """A drive after optimisation."""
 
     poses: FloatArray
+    """(K, 3), of the laser at keyframes."""
     motions: DriveMotions
+    """Motions between keyframes by odometry and scans."""
     steps: list[MotionEdge]
+    """The motions as edges."""
     closures: list[MotionEdge]
+    """The loop closures."""
     hits: ScanHits
+    """Hits of the keyframes."""
 
     def closed_pairs(self) -> npt.NDArray[np.int64]:
         """Return the keyframes (C, 2) between which loops were closed."""

@@ -22,31 +22,22 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
 
 _AT_START = 1e8 * np.eye(3)
-"""Information of the motion to the first keyframe, which fixes the begin of the drive."""
+"""Information of the motion to the first keyframe, which fixes the start of the drive."""
 
 
 class Placement(NamedTuple):
-    """A reading with its pose.
-
-    Attributes
-    ----------
-    reading
-        As it was measured.
-    scan
-        Its scan, without the motion of the robot while the laser turned.
-    prior
-        The pose by odometry, with its noise.
-    match
-        The pose by odometry and scan.
-    T_map_robot
-        The same, of the robot.
-    """
+    """A reading with its pose."""
 
     reading: Reading
+    """As it was measured."""
     scan: LaserScan
+    """Its scan, without the motion of the robot while the laser turned."""
     prior: PosePrior
+    """The pose by odometry, with its noise."""
     match: ScanMatch
+    """The pose by odometry and scan."""
     T_map_robot: SE2
+    """The same, of the robot."""
 
 
 class FrontEnd:
@@ -55,9 +46,9 @@ class FrontEnd:
     Parameters
     ----------
     config
-        Every parameter.
+        All parameters.
     tracker
-        What registers scans, see `make_tracker`.
+        Registers the scans; see `make_tracker`.
     """
 
     def __init__(self, config: SlamConfig, tracker: Tracker) -> None:
@@ -78,7 +69,7 @@ class FrontEnd:
             scan = deskewed(scan, self._motion.motion_after(reading, sweep), T_robot_sensor, self._deskew)
         match = self._tracker.match(scan, prior, T_robot_sensor)
         if reading.T_odom_robot is None and sweep > 0.0:
-            # Only poses determine the motion then, and that of the scan before would feed its error into the next.
+            # Without odometry only poses determine the motion; the motion of the last scan would propagate its error.
             T_map_robot = match.T_map_sensor @ T_sensor_robot
             motion = self._motion.motion_to(reading, T_map_robot, sweep)
             scan = deskewed(reading.scan, motion, T_robot_sensor, self._deskew)

@@ -1,4 +1,4 @@
-"""Submaps of a drive, and which of them a keyframe may see, by the drift between them."""
+"""Submaps as targets of loop closure, and which of them a keyframe may see by the drift."""
 
 from bisect import bisect, bisect_left
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ from tbmslam.map.scan_hits import DriveHits
 from tbmslam.tracking.surfel_map import SurfelConfig
 
 _BRIDGE = 0.5
-"""What laying the robot onto a place adds to the way [m]."""
+"""Length that a registration to a place adds to a path [m]."""
 
 
 class DriftGraph:
-    """Places joined by the stretches driven between them, the shortest of each pair of places only.
+    """A graph of places; an edge is the shortest path driven between two of them.
 
-    It therefore grows with what was explored and not with the drive. A place is passed once, and met again whenever
-    the robot is laid onto it.
+    It grows with the explored area and not with the drive. A place is passed once, and met again at every registration
+    to it.
     """
 
     def __init__(self) -> None:
@@ -29,11 +29,11 @@ class DriftGraph:
         self._edges: dict[tuple[int, int], int] = {}
         self._ends = np.zeros((64, 2), dtype=np.int64)
         self._lengths = np.zeros(64)
-        # (travelled, place, what it adds) from the place passed last on, in the order of the drive.
+        # (travelled, place, added length) since the last passed place, in the order of the drive.
         self._meetings: list[tuple[float, int, float]] = []
 
     def add_place(self, travelled: float) -> int:
-        """Add the place that was passed after some way [m], further along than those before; return its number."""
+        """Add the place that was passed after a path [m], longer than all before; return its number."""
         place, at = self._places, bisect(self._meetings, (travelled, -1, 0.0))
         self._places += 1
         for neighbour in self._meetings[max(at - 1, 0) : at + 1]:
@@ -43,19 +43,19 @@ class DriftGraph:
         return place
 
     def meet(self, place: int, travelled: float) -> None:
-        """Note that the robot was laid onto a place after some way [m], further along than those before."""
+        """Note a registration to a place after a path [m], longer than all before."""
         if self._meetings:
             self._join((travelled, place, _BRIDGE), self._meetings[-1])
         self._meetings.append((travelled, place, _BRIDGE))
 
     def ways_from(self, travelled: float) -> FloatArray:
-        """Return the shortest way (P,) to every place from where the robot is after some way [m]."""
+        """Return the length of the shortest path (P,) to every place from the robot after a path [m]."""
         since, place, bridge = self._meetings[-1]
         used = len(self._edges)
         return shortest_ways(self._places, self._ends[:used], self._lengths[:used], place) + travelled - since + bridge
 
     def _join(self, one: tuple[float, int, float], other: tuple[float, int, float]) -> None:
-        """Let a way lead from one place to another."""
+        """Join two places, unless a shorter path does."""
         if one[1] == other[1]:
             return
         ends, length = (min(one[1], other[1]), max(one[1], other[1])), abs(one[0] - other[0]) + one[2] + other[2]
@@ -75,7 +75,7 @@ class ChainDrift:
     poses
         Poses (K, 3) of the keyframes as tracked.
     covariances
-        Of the motions from each to the next (K - 1, 3, 3), in the frame at its end.
+        Covariances of the motions from each to the next (K - 1, 3, 3), in the frame at its end.
     """
 
     def __init__(self, poses: FloatArray, covariances: FloatArray) -> None:
@@ -89,8 +89,8 @@ class ChainDrift:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the deviations of position (N,) [m], along its worst direction, and heading (N,) [rad].
 
-        They are those of targets as seen from sources, with nothing but the motions between them (first order; Sola et
-        al., eq. 54).
+        They are those of targets as seen from sources, by the motions between them only (first order; Sola et al.,
+        eq. 54).
         """
         sums = self._sums[np.maximum(sources, targets)] - self._sums[np.minimum(sources, targets)]
         to_target = adjoints(inverse(self._poses[targets]))
@@ -109,33 +109,33 @@ class NearTargets(NamedTuple):
     targets: npt.NDArray[np.int64]
     """Their numbers (T,)."""
     distances: FloatArray
-    """How far the keyframe is from their ways (T,) [m]."""
+    """Distances of the keyframe from their paths (T,) [m]."""
 
 
 class ClosingTargets:
-    """Stretches of a drive that were new when the robot came through.
+    """Segments of a drive through unexplored places, as targets of loop closure.
 
-    A stretch becomes a target some way after its end, unless it was itself laid onto older ones: what comes back to it
-    finds those as well. So a robot that goes round and round has targets on its first round only, and neither their
-    number nor what a search costs grows with the rounds. (Cartographer trims submaps by what they cover instead.)
+    A segment becomes a target some distance after its end, unless it was itself registered to older targets. So a robot
+    that repeats a round has targets on its first round only, and the cost of a search does not grow with the rounds.
+    (Cartographer trims submaps by the area they cover instead.)
 
     Parameters
     ----------
     hits
-        What the drive's keyframes hit.
+        Hits of the drive's keyframes.
     config
-        How submaps are made.
+        The parameters of submaps.
     min_gap
-        Travelled length after which a stretch may be met again [m].
+        Travelled length after which a segment may be met again [m].
     familiar
-        Share of a stretch's keyframes searched for, from which on it counts as laid onto older ones.
+        Share of a segment's searched keyframes that makes it registered to older targets.
 
     Attributes
     ----------
     length
         Travelled length of a target [m].
     last_met
-        Travelled length at which a keyframe was last laid onto a target [m].
+        Travelled length at the last registration to a target [m].
     """
 
     def __init__(
@@ -145,18 +145,18 @@ class ClosingTargets:
         self._min_gap, self._familiar = min_gap, familiar
         self._stretches = np.array(split_into_submaps(hits.poses, config.length))
         self._decided = 0
-        # Of the targets, in the order of the drive: first and last keyframe.
+        # First and last keyframes of the targets, in the order of the drive.
         self._firsts, self._lasts = np.zeros((2, len(self._stretches)), dtype=np.int64)
-        self._ends: list[float] = []  # where on the way they end [m]
+        self._ends: list[float] = []  # travelled length at their ends [m]
         self._graph = DriftGraph()
-        self._latest = np.zeros(len(self._stretches), dtype=np.int64)  # keyframes that were laid onto them last
+        self._latest = np.zeros(len(self._stretches), dtype=np.int64)  # keyframes that were registered to them last
         self.length = config.length
         self.last_met = 0.0
         self._searched, self._laid = np.zeros((2, len(hits.poses)), dtype=np.bool_)
         self._submaps: dict[int, Submap] = {}
 
     def advance(self, keyframe: int) -> None:
-        """Let the drive have come to a keyframe: new stretches far enough behind it become targets."""
+        """Advance to a keyframe: segments far enough behind it become targets."""
         travelled = self._hits.travelled
         while self._decided < len(self._stretches):
             first, last = self._stretches[self._decided].tolist()
@@ -171,27 +171,27 @@ class ClosingTargets:
                 self._graph.add_place(float(travelled[(first + last) // 2]))
 
     def note(self, keyframe: int, targets: Sequence[int]) -> None:
-        """Note which targets a keyframe that was searched for was laid onto; keyframes come in the drive's order."""
+        """Note the targets to which a searched keyframe was registered; keyframes come in the drive's order."""
         self._searched[keyframe], self._laid[keyframe] = True, bool(targets)
         for target in targets:
             self._latest[target], self.last_met = keyframe, float(self._hits.travelled[keyframe])
             self._graph.meet(target, self.last_met)
 
     def near(self, keyframe: int, poses: FloatArray, limit: float) -> NearTargets:
-        """Return the targets of earlier visits whose ways, by the poses (K, 3), are within a limit [m]."""
+        """Return the targets of earlier visits whose paths, by the poses (K, 3), are within a limit [m]."""
         travelled = self._hits.travelled
         old = bisect_left(self._ends, travelled[keyframe] - self._min_gap)
         firsts, lasts = self._firsts[:old], self._lasts[:old]
         return NearTargets(*nearest_stretches(poses, keyframe, firsts, lasts, limit, self._config.length))
 
     def ways(self, keyframe: int) -> FloatArray:
-        """Return the shortest way (T,), over all that was laid onto targets, from a keyframe to each of them [m]."""
+        """Return the length of the shortest path (T,) from a keyframe to each target, over all registrations [m]."""
         return self._graph.ways_from(float(self._hits.travelled[keyframe]))
 
     def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) that were last laid onto them.
+        """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) last registered to them.
 
-        Where none was laid, that is the middle one.
+        Without a registration it is the middle one.
         """
         old = bisect_left(self._ends, self._hits.travelled[keyframe] - self._min_gap)
         return (self._firsts[:old] + self._lasts[:old]) // 2, self._latest[:old]
@@ -201,7 +201,7 @@ class ClosingTargets:
         return int(self._firsts[target]), int(self._lasts[target])
 
     def submap(self, target: int) -> Submap:
-        """Return a target as a submap; those used last are kept, however long the drive is."""
+        """Return a target as a submap; the most recent ones are kept."""
         submap = self._submaps.pop(target, None)
         if submap is None:
             first, last = int(self._firsts[target]), int(self._lasts[target])

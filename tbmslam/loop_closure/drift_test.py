@@ -1,8 +1,8 @@
-"""Whether the motions of the drive allow a loop closure that votes elect.
+"""Test of elected loop closures against the motions of the drive.
 
 In a corridor of equal doors several stops may agree on a wrong place, while no target shows the true one yet. Two
-measurements decide. The pose graph says how far the drive may have drifted. The target says what contradicts the pose
-without the closure: hits in space that it knows to be free. A place far beyond the drift needs such hits.
+measurements decide. The pose graph gives the covariance of the drift. Hits in the free space of the target contradict
+the pose without the closure. A place far beyond the drift is accepted only with such hits.
 """
 
 from collections import defaultdict
@@ -34,13 +34,13 @@ class DriftTest:
     chain
         Motions between consecutive keyframes.
     targets
-        The submaps that places refer to.
+        The submaps of the elected poses.
     hits
-        What the drive's keyframes hit.
+        Hits of the drive's keyframes.
     robust_width
         Width of the kernel of closures [standard deviations].
     length, points
-        Length of way before and after a keyframe [m] that a bundle covers, and the bundle's number of hits.
+        Path before and after a keyframe [m] that a bundle covers, and the bundle's number of hits.
     """
 
     def __init__(
@@ -62,18 +62,18 @@ class DriftTest:
         poses: FloatArray,
         closures: Sequence[MotionEdge],
     ) -> bool:
-        """Return whether the drive may have come to places.
+        """Return whether the drift and the free space allow elected poses.
 
         Parameters
         ----------
         elected
-            Places that agree, in the order of the drive.
+            Poses that agree, in the order of the drive.
         covariance
-            Of the last one's fit (3, 3), in its keyframe's frame.
+            Covariance (3, 3) of the last one's fit, in its keyframe's frame.
         poses
             Poses (K, 3) of the laser at the keyframes.
         closures
-            Loops that are closed already.
+            Closures so far.
         """
         surprise = self._surprise(elected[-1], covariance, poses, closures)
         if surprise <= _SURPRISING:
@@ -86,7 +86,7 @@ class DriftTest:
     def _surprise(
         self, found: PlacedBundle, covariance: FloatArray, poses: FloatArray, closures: Sequence[MotionEdge]
     ) -> float:
-        """Return the squared Mahalanobis distance of a place from where the drive has the keyframe."""
+        """Return the squared Mahalanobis distance of an elected pose from the keyframe's pose."""
         ends = {end for edge in closures for end in (edge.source, edge.target)}
         chain = self._chain.between(np.array(sorted(ends | {found.anchor, found.keyframe})))
         drift = relative_covariance(poses, chain, closures, self._robust_width, found.anchor, found.keyframe)
@@ -94,7 +94,7 @@ class DriftTest:
         return float(error @ np.linalg.solve(drift + covariance, error))
 
     def _violated_before(self, found: PlacedBundle, poses: FloatArray) -> float:
-        """Return which share of a bundle lies in the free space of a target without the closure."""
+        """Return the share of a bundle in the free space of a target at the pose without the closure."""
         bundle = self._hits.bundle(found.keyframe, *self._bundle)
         guess = relative_pose(poses, found.anchor, found.keyframe)
         return self._targets.submap(found.target).fit(bundle, guess).violated

@@ -1,4 +1,4 @@
-"""Where a keyframe may be again that drifted beyond the window in which it is searched for at every step."""
+"""Search for revisited places beyond the usual window: places are compared by signatures that need no common frame."""
 
 import math
 
@@ -13,10 +13,10 @@ from tbmslam.optimisation.pose_graph import relative_pose
 from tbmslam.sensing.laser_scan import Hits
 
 _CELL = 0.4
-"""Hits nearer to each other than about this count once, however often they were seen [m]."""
+"""Side of the cells to which hits are thinned [m]."""
 
 _MOST = 220
-"""Hits that are compared with each other; the cost grows with the square."""
+"""Number of hits that are compared pairwise; the cost grows with its square."""
 
 _WIDTH, _BINS = 1.0, 24  # of distances [m]
 
@@ -25,13 +25,13 @@ _CERTAINTY = 20.0
 
 
 def place_signature(hits: Hits) -> FloatArray:
-    """Return what identifies a place by its hits: a vector (B,) that does not depend on their frame."""
+    """Return the signature (B,) of a place by its hits; it does not depend on their frame."""
     chosen = spread_points(hits.points, _CELL, _MOST)
     return pair_signature(hits.points[chosen], hits.normals[chosen], _WIDTH, _BINS)
 
 
 class PlaceIndex:
-    """Signatures of places, numbered as they come."""
+    """The signatures of places, in the order of their addition."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -49,12 +49,12 @@ class PlaceIndex:
         self._count += 1
 
     def likeliest(self, signature: FloatArray, log_prior: FloatArray, count: int) -> npt.NDArray[np.int64]:
-        """Return up to `count` places that a signature is most likely from, the likeliest first.
+        """Return up to `count` most likely places of a signature, the likeliest first.
 
         Parameters
         ----------
         log_prior
-            What is known otherwise of each place (P,), of the first ones at least; -inf leaves a place out.
+            Log-probability of the first P places without the signature; -inf leaves a place out.
         """
         known = len(log_prior)
         log_likelihoods = log_prior + _CERTAINTY * (self._signatures[:known] @ signature)
@@ -63,33 +63,33 @@ class PlaceIndex:
 
 
 _DEVIATIONS = 3.0
-"""A place is possible up to so many deviations of the drift."""
+"""Number of standard deviations of the drift within which a place is possible."""
 
 _LIKELIEST = 12
-"""Places that are searched each time: more bring hardly any true ones."""
+"""Number of likeliest places that are searched; more hardly find further true ones."""
 
 _CLOSELY = 6
-"""Best poses in them that are looked at closely."""
+"""Number of best poses in them that are refined."""
 
 _ALONE = 10.0
-"""Way since the robot was last laid onto a place; before, it is where it is thought to be [m]."""
+"""Least path since the last registration to a place; before, the pose is accurate [m]."""
 
 
 class FarSearch:
-    """Proposes poses of a keyframe in targets beyond its window, the likeliest ones by what they look like.
+    """Proposes poses of a keyframe in targets beyond its window, the likeliest ones by their signatures.
 
     Parameters
     ----------
     hits
-        What the drive's keyframes hit.
+        Hits of the drive's keyframes.
     targets
-        What they are searched in.
+        The targets of the search.
     drift
-        How far they may have drifted.
+        The drift of the drive.
     window
-        How far from where it is thought to be a keyframe is searched for anyway [m].
+        Largest distance of the usual search from the current pose [m].
     reach
-        How near a keyframe must be to a target's way [m].
+        Largest distance of a keyframe from the path of a target [m].
     """
 
     def __init__(

@@ -1,10 +1,9 @@
-"""Places seen again: found by search, verified, and the whole drive bent so that they coincide.
+"""Loop closure: revisited places are searched, verified, and corrected by a robust pose graph.
 
-Stretches of the drive are joined into submaps. Wherever the drive may have come back, which a model of its drift says,
-a bundle of neighbouring keyframes is searched for in the old submap, laid onto its surfaces and verified: enough of it
-must lie on surfaces, and little in space known to be free. A direction that the fit leaves open, as along a corridor,
-stays open. Where the drive may have drifted far, finds count only when several along the way agree and the drift allows
-them. Accepted closures enter a robust pose graph.
+The drive is divided into submaps. Where the drive may have returned by the model of its drift, a bundle of neighbouring
+keyframes is searched in an old submap, registered to its surfaces and verified: many hits must lie on surfaces, and few
+in free space. A direction that the fit does not determine, as along a corridor, stays undetermined. Where the drift may
+be large, a find is accepted only if several finds along the drive agree and the drift allows them.
 """
 
 import logging
@@ -40,7 +39,7 @@ _FAR_STEP = 2.0
 """Travelled length between keyframes that are searched for far away [m]."""
 
 _FAR_BUNDLE = 4.0
-"""Keyframes within this length before and after join a search far away: many places are alike at one glance [m]."""
+"""Path before and after a keyframe whose hits form a bundle for far searches, as single scans are ambiguous [m]."""
 
 _FAR_VOTES = ClosureVotesConfig(
     min_matched=0.1,
@@ -53,9 +52,9 @@ _FAR_VOTES = ClosureVotesConfig(
     together=0.5,
     apart=1.0,
 )
-"""So long a bundle sees far beyond a target, so that a small share of it may match; more of them must agree."""
+"""A long bundle extends far beyond a target, so a small share of it may match; more bundles must agree."""
 
-_ROUGHLY = 0.05  # precision of poses that the next search begins from
+_ROUGHLY = 0.05  # precision of the initial poses of the next search
 
 
 class LoopClosingConfig(FrozenConfig):
@@ -66,31 +65,33 @@ class LoopClosingConfig(FrozenConfig):
     enabled: bool = Field(True, description="close loops")
     submap: SubmapConfig = SubmapConfig()
     min_gap: float = Field(12.0, gt=0, description="travelled length between two visits to a place [m]")
-    reach: float = Field(4.0, gt=0, description="how near a keyframe must be to a submap's way [m]")
-    bundle: float = Field(1.5, ge=0, description="keyframes within this length before and after join a search [m]")
+    reach: float = Field(4.0, gt=0, description="largest distance of a keyframe from the path of a submap [m]")
+    bundle: float = Field(1.5, ge=0, description="path before and after a keyframe whose hits form a bundle [m]")
     step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
     submaps_per_step: int = Field(2, ge=1, description="nearest old submaps that are searched each time")
     familiar: float = Field(
-        0.75, gt=0, le=1, description="share of a submap found again in older ones, from which on they stand for it"
+        0.75, gt=0, le=1, description="a submap found again in older ones by this share is no target"
     )
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
     max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
     max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
-    surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe by more is used at once [m]")
+    surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe farther is applied at once [m]")
     search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
-    match_points: int = Field(300, ge=10, description="hits of a bundle laid onto the surfaces")
+    match_points: int = Field(300, ge=10, description="hits of a bundle that are registered to surfaces")
     min_matched: float = Field(0.58, ge=0, le=1, description="share of a bundle that must lie on surfaces")
-    max_violated: float = Field(0.2, ge=0, description="hits in known free space for one on surfaces, at the most")
-    max_slide: float = Field(0.3, gt=0, description="how far a fit may end from where it began [m]")
+    max_violated: float = Field(0.2, ge=0, description="most hits in free space for each hit on surfaces")
+    max_slide: float = Field(0.3, gt=0, description="largest distance of a fit from its initial pose [m]")
     votes: ClosureVotesConfig = ClosureVotesConfig()
     min_determined: float = Field(
-        0.02, ge=0, description="curvature of a direction over the other's below which it is open"
+        0.02, ge=0, description="least curvature of a determined direction relative to the other"
     )
     position_deviation: float = Field(0.02, gt=0, description="accuracy of a closure at best [m]")
     heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
-    max_contradiction: float = Field(4.0, gt=0, description="deviations from the solution that end a closure")
-    robust_width: float = Field(2.0, gt=0, description="deviations at which a closure begins to lose its say")
+    max_contradiction: float = Field(
+        4.0, gt=0, description="deviations from the solution from which a closure is dropped"
+    )
+    robust_width: float = Field(2.0, gt=0, description="deviations from which a closure loses weight")
 
 
 class LoopCloser:
@@ -112,7 +113,7 @@ class LoopCloser:
         chain
             Motions between consecutive keyframes.
         progress
-            Who is told how far it is.
+            Receives the progress.
         """
         drive = _Drive(self._config, self._surfels, poses, scans, list(chain), progress or Progress())
         drive.search_forward()
@@ -123,7 +124,7 @@ class LoopCloser:
 
 
 class _Bundle(NamedTuple):
-    """What a keyframe and its neighbours hit, and the points (N, 2) of it that are searched for."""
+    """The hits of a keyframe and its neighbours, and the points (N, 2) for the search."""
 
     hits: Hits
     points: FloatArray
@@ -161,7 +162,7 @@ class _Drive:
         self._far_stop = -1
 
     def search_forward(self) -> None:
-        """Follow the drive in time and close what it comes back to, correcting at once what follows."""
+        """Close loops in the order of the drive; large corrections are applied before the next search."""
         stops = self._stops().tolist()
         for keyframe in self._progress.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
@@ -176,9 +177,9 @@ class _Drive:
         self._optimise()
 
     def tighten(self) -> None:
-        """Lay the keyframes near old submaps onto them once more, now that the poses are nearly right.
+        """Register the keyframes near old submaps once more from the corrected poses.
 
-        What they still miss, adjusting drive and walls makes good.
+        Bundle adjustment corrects the remaining errors.
         """
         stops = self._stops().tolist()
         for keyframe in self._progress.each(stops, "tightening loops", len(stops), "places"):
@@ -193,19 +194,19 @@ class _Drive:
         self._optimise()
 
     def drop_contradictions(self) -> None:
-        """Drop the closures that the rest of the drive contradicts, and do without them."""
+        """Drop the closures that contradict the solution, and optimise again."""
         agree = edge_errors(list(self.closures.values()), self.poses) <= self.config.max_contradiction
         if not agree.all():
             self.closures = dict(compress(self.closures.items(), agree))
             self._optimise()
 
     def _is_met(self, edge: MotionEdge) -> bool:
-        """Tell whether the poses are so near to a closure that laying scans onto surfaces again would find the same."""
+        """Return whether the poses agree with a closure so well that a registration would find the same."""
         error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
         return math.hypot(error.x, error.y) < _SAME_PLACE and abs(error.theta) < _SAME_HEADING
 
     def _is_surprising(self, found: PlacedBundle) -> bool:
-        """Tell whether a keyframe is found so far from where it is thought to be that the next search should know."""
+        """Return whether a keyframe is found so far from its pose that the next search needs the correction."""
         error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
         return math.hypot(error.x, error.y) > self.config.surprise
 
@@ -215,7 +216,7 @@ class _Drive:
         return np.asarray(first, dtype=np.int64)
 
     def _optimise(self, precision: float = 1e-4) -> None:
-        """Solve for the poses that closures join; those between two of them follow both."""
+        """Solve for the poses with closures; poses between two of them follow both."""
         self._add_closures()
         if self.closures:
             closures = self.closures.values()
@@ -225,10 +226,10 @@ class _Drive:
             self.poses = spread_corrections(self._tracked, nodes, solved)
 
     def _pull_together(self) -> None:
-        """Solve for the poses that new closures join, however far they are from them.
+        """Solve for the poses with new closures, whatever their distance.
 
-        Where a closure is far from being met it has lost its say; so it is believed first, which moves the poses to
-        where it and all others can be weighed.
+        A closure far from the poses has no weight in a robust graph. So new closures are trusted first, and weighted
+        like all others after the poses have moved.
         """
         new = [(found.keyframe, found.target) for found in self._new]
         self._add_closures()
@@ -241,7 +242,7 @@ class _Drive:
         self._optimise(_ROUGHLY)
 
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
-        """Return the targets that a keyframe may see, and how far [m], [rad] both may have drifted apart."""
+        """Return the targets that a keyframe may see, with the windows of the search [m], [rad] by the drift."""
         config = self.config
         near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
         if not len(near):
@@ -257,7 +258,7 @@ class _Drive:
         return found
 
     def _found(self, keyframe: int) -> list[PlacedBundle]:
-        """Return where a keyframe's bundle was found; finds of wide searches come when several along the way agree."""
+        """Return the poses of a keyframe's bundle; those of wide searches only once several along the drive agree."""
         fits, votes = [], []
         for target, shift, turn in self._candidates(keyframe):
             if shift > self.config.votes.beyond:
@@ -267,7 +268,7 @@ class _Drive:
         return [fit for fit in fits if fit is not None] + self._elected(self._votes, self._drift_test, votes)
 
     def _elected(self, election: ClosureVotes, test: DriftTest, votes: list[PlacedBundle]) -> list[PlacedBundle]:
-        """Add votes; return those that agree, if they outvote all others and the drive's motions allow them."""
+        """Add votes; return those that agree, if they outweigh all others and the drive's motions allow them."""
         if not votes:
             return []
         election.add(votes)
@@ -279,7 +280,7 @@ class _Drive:
         return elected
 
     def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
-        """Return all places in a target at which a keyframe's bundle may lie."""
+        """Return the possible poses of a keyframe's bundle in a target."""
         config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
         if bundle is None:
             return []
@@ -299,7 +300,7 @@ class _Drive:
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight, fit.violated)
 
     def _found_far(self, keyframe: int) -> list[PlacedBundle]:
-        """Return where a keyframe's bundle was found beyond its window, once several along the way agree."""
+        """Return the poses of a keyframe's bundle beyond its window, once several along the drive agree."""
         stop = int(self._hits.travelled[keyframe] / _FAR_STEP)
         if stop == self._far_stop:
             return []
@@ -316,7 +317,7 @@ class _Drive:
         return self._elected(self._far_votes, self._far_test, votes)
 
     def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
-        """Search a keyframe's bundle in a target; return where it lies, if it can be trusted."""
+        """Search a keyframe's bundle in a target; return its pose if it is verified."""
         config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
         if bundle is None:
             return None
@@ -334,7 +335,7 @@ class _Drive:
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
 
     def _bundle_of(self, keyframe: int) -> _Bundle | None:
-        """Return a keyframe's bundle, unless it has too few hits; it is searched for in several targets on end."""
+        """Return a keyframe's bundle, kept for several targets; None if it has too few hits."""
         if self._bundle[0] != keyframe:
             config, bundle = self.config, None
             hits = self._hits.bundle(keyframe, config.bundle, config.match_points)
@@ -344,7 +345,7 @@ class _Drive:
         return self._bundle[1]
 
     def _add_closures(self) -> None:
-        """Make closures of what was found since the last time."""
+        """Add the new finds as closures."""
         if not self._new:
             return
         informations = np.linalg.inv(self._covariances(self._new))
@@ -354,7 +355,7 @@ class _Drive:
         self._new = []
 
     def _covariances(self, placed: list[PlacedBundle]) -> FloatArray:
-        """Return the covariances (N, 3, 3) of places in the keyframes' frames: of the fits, and what submaps bend."""
+        """Return the covariances (N, 3, 3) of finds in the keyframes' frames: of fits, and of distorted submaps."""
         config = self.config
         floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
         curvatures = np.array([found.hessian for found in placed]) + np.eye(3) * 1e-3
@@ -363,9 +364,9 @@ class _Drive:
         return covariances
 
     def _determined(self, hessian: FloatArray) -> FloatArray:
-        """Return the curvature without the direction that a fit leaves open.
+        """Return the curvature without the direction that a fit does not determine.
 
-        Along a corridor many places fit alike, and still they tell how far away its walls are and where it leads.
+        Along a corridor many poses fit, but they determine the distance of its walls and its direction.
         """
         open_direction = self._open_direction(hessian)
         if open_direction is None:
@@ -376,7 +377,7 @@ class _Drive:
         return closed
 
     def _open_direction(self, hessian: FloatArray) -> FloatArray | None:
-        """Return the direction (2,) that a fit leaves open, if there is one."""
+        """Return the direction (2,) that a fit does not determine; None if it determines all."""
         (xx, xy), (_, yy) = hessian[:2, :2].tolist()
         middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
         spread = math.hypot(half, xy)

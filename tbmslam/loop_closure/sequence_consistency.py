@@ -1,9 +1,9 @@
-"""Finds of wide searches, held back until several of them along the way say the same.
+"""Finds of wide searches are accepted only if several of them along the drive agree.
 
-Where a drive may have drifted far, many places look like the one that is searched for, and the true one may not even
-be known well enough to be found. A single find proves little then. But what is right moves with the robot: all along
-the way it says the same correction, while chance says another one at every step, and a corridor that repeats itself
-says several at once. (After SeqSLAM, M. Milford and G. Wyeth, ICRA 2012: places are recognised by sequences.)
+Where the drift may be large, many places resemble the searched one, and the true one may not be mapped well enough to
+be found. A single find is weak evidence then. True finds give one and the same correction all along the drive, while
+chance gives another one at every step, and a corridor that repeats itself gives several at once. (After SeqSLAM,
+M. Milford and G. Wyeth, ICRA 2012: places are recognised by sequences.)
 """
 
 from typing import NamedTuple
@@ -17,36 +17,36 @@ from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
 
 
 class ClosureVotesConfig(FrozenConfig):
-    """What finds of wide searches must show, alone and together."""
+    """Thresholds of single finds of wide searches, and of their agreement."""
 
-    beyond: float = Field(1.0, gt=0, description="search window from which on finds are held back [m]")
-    places: int = Field(4, ge=1, description="places in a submap that are looked at closely")
+    beyond: float = Field(1.0, gt=0, description="search window from which finds need agreement [m]")
+    places: int = Field(4, ge=1, description="poses in a submap that are refined")
     min_matched: float = Field(0.3, ge=0, le=1, description="share of a bundle that must lie on surfaces")
-    violation_cost: float = Field(4.0, ge=0, description="matched hits that one in known free space outweighs")
-    min_vote: float = Field(0.2, ge=0, le=1, description="of the share matched, what counts for nothing")
-    together: float = Field(0.3, gt=0, description="finds that put the robot so near to each other agree [m]")
-    together_rad: float = Field(0.03, gt=0, description="and turn it alike [rad]")
-    apart: float = Field(0.8, gt=0, description="finds that put the robot so far from each other contradict [m]")
-    stops: int = Field(4, ge=1, description="places on the way at which finds must agree")
-    min_sum: float = Field(0.0, ge=0, description="weight of the best votes of all places that agree, together")
-    margin: float = Field(1.5, ge=1, description="votes for one place over those for any other")
-    memory: float = Field(12.0, gt=0, description="length of way over which finds are remembered [m]")
+    violation_cost: float = Field(4.0, ge=0, description="matched hits that one hit in free space cancels")
+    min_vote: float = Field(0.2, ge=0, le=1, description="matched share without weight")
+    together: float = Field(0.3, gt=0, description="largest distance of the robot by finds that agree [m]")
+    together_rad: float = Field(0.03, gt=0, description="largest rotation between them [rad]")
+    apart: float = Field(0.8, gt=0, description="least distance of the robot by finds that contradict [m]")
+    stops: int = Field(4, ge=1, description="keyframes at which finds must agree")
+    min_sum: float = Field(0.0, ge=0, description="least sum of the best votes that agree")
+    margin: float = Field(1.5, ge=1, description="least sum of votes relative to that of any contradicting pose")
+    memory: float = Field(12.0, gt=0, description="path over which finds are kept [m]")
 
 
 class PlacedBundle(NamedTuple):
-    """Where a keyframe's bundle lies in a target."""
+    """The pose of a keyframe's bundle in a target."""
 
     keyframe: int
     target: int
-    """Their numbers."""
+    """Indices of the keyframe and the target."""
     anchor: int
-    """The keyframe in whose frame the target is."""
+    """The keyframe whose laser is the target's frame."""
     pose: SE2
-    """Where the keyframe lies there."""
+    """Pose of the keyframe in that frame."""
     hessian: FloatArray
-    """Curvature (3, 3) of the directions that are determined."""
+    """Curvature (3, 3) of the determined directions."""
     weight: float = 1.0
-    """How much it counts beside others."""
+    """Weight of its vote."""
     violated: float = 0.0
     """Share of the bundle in space that the target knows to be free."""
 
@@ -57,7 +57,7 @@ class ClosureVotes:
     Parameters
     ----------
     travelled
-        Length of the way up to each keyframe (K,) [m].
+        Length of the path to each keyframe (K,) [m].
     """
 
     def __init__(self, config: ClosureVotesConfig, travelled: FloatArray) -> None:
@@ -66,25 +66,25 @@ class ClosureVotes:
         self._votes: list[PlacedBundle] = []
 
     def weight(self, matched: float, violated: float) -> float:
-        """Return the weight of a find by its shares of hits on surfaces and in free space; 0: it does not count."""
+        """Return the weight of a find by its shares of hits on surfaces and in free space; 0 for a weak find."""
         config = self._config
         if matched < config.min_matched:
             return 0.0
         return max(matched - config.violation_cost * violated - config.min_vote, 0.0)
 
     def add(self, votes: list[PlacedBundle]) -> None:
-        """Add the votes of one keyframe, and forget those of places far behind it."""
+        """Add the votes of one keyframe, and forget those far behind it."""
         if votes:
             since = self._travelled[votes[0].keyframe] - self._config.memory
             self._votes = [vote for vote in self._votes if self._travelled[vote.keyframe] >= since] + votes
 
     def elected(self, poses: FloatArray) -> list[PlacedBundle]:
-        """Return the votes that agree, where they outvote all others; else none.
+        """Return the votes that agree if they outweigh all others, else none.
 
         Parameters
         ----------
         poses
-            Poses (K, 3) of the laser at the keyframes as they are thought to be now.
+            Current poses (K, 3) of the laser at the keyframes.
         """
         config = self._config
         stops = np.array([vote.keyframe for vote in self._votes], dtype=np.int64)
@@ -107,7 +107,7 @@ class ClosureVotes:
     def _agreement(
         self, poses: FloatArray, stops: npt.NDArray[np.int64]
     ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Return which votes (V, V) agree, and which contradict, on where the robot is at the last stop."""
+        """Return which votes (V, V) agree, and which contradict, about the robot's pose at the last keyframe."""
         found = compose(
             poses[[vote.anchor for vote in self._votes]],
             np.array([vote.pose for vote in self._votes], dtype=np.float64),
@@ -120,7 +120,7 @@ class ClosureVotes:
 
 
 def _sum_of_best(weights: FloatArray, stops: npt.NDArray[np.int64]) -> float:
-    """Return the sum of the largest weight at each stop: no stop votes twice."""
+    """Return the sum of the largest weight of each keyframe, so that none votes twice."""
     _, at = np.unique(stops, return_inverse=True)
     largest = np.zeros(at.max(initial=-1) + 1)
     np.maximum.at(largest, at, weights)

@@ -1,4 +1,4 @@
-"""A stretch of a drive as one piece: what other scans, of this robot or another, can be laid onto."""
+"""A segment of a drive as a rigid submap, to which scans of this robot or another one are registered."""
 
 import math
 from dataclasses import dataclass
@@ -26,47 +26,47 @@ from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 
 _HITS = 160
-"""Of each keyframe make a submap: neighbouring ones see the same, and lasers of a beam a degree have no more."""
+"""Hits of each keyframe in a submap: neighbours see the same, and lasers with steps of 1 degree have no more."""
 
 
 class SubmapConfig(FrozenConfig):
-    """How a submap is made and searched."""
+    """Submaps and the search in them."""
 
     length: float = Field(8.0, gt=0, description="travelled length; neighbours overlap by half [m]")
     resolution: float = Field(0.2, gt=0, description="side of a cell of the field that is searched [m]")
     max_range: float = Field(40.0, gt=0, description="hits beyond this are not used [m]")
-    free_penalty: float = Field(
-        0.5, ge=0, le=1, description="what a hit in free space costs, where one on a wall gains 1"
+    free_penalty: float = Field(0.5, ge=0, le=1, description="cost of a hit in free space, a hit on a wall gains 1")
+    shift_cost: float = Field(
+        0.03, ge=0, description="cost of a metre from the initial pose, as a share of all hits [1/m]"
     )
-    shift_cost: float = Field(0.03, ge=0, description="share of all hits that a metre from the guess must win [1/m]")
-    same_place: float = Field(0.8, gt=0, description="places further apart are different ones [m]")
+    same_place: float = Field(0.8, gt=0, description="poses farther apart are distinct [m]")
     turn_step: float = Field(0.025, gt=0, description="step of the heading in a search [rad]")
 
 
 @dataclass(frozen=True)
 class Find:
-    """Where points agree best with a submap."""
+    """The pose at which points agree best with a submap."""
 
     pose: SE2
     """The place."""
     ambiguity: float
-    """Score of the best place elsewhere over the score here: 1 means that nothing tells them apart."""
+    """Score of the best distinct pose, as a share of the score here; 1 is full ambiguity."""
     at_border: bool
-    """Whether the place lies on the border of what was searched: a better one may lie beyond."""
+    """Whether the pose is on the border of the search window, so that a better one may be outside."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How well points fit a submap after being laid onto its surfaces."""
+    """The registration of points to the surfaces of a submap."""
 
     pose: SE2
-    """Where their frame lies."""
+    """Pose of their frame."""
     hessian: FloatArray
     """Curvature (3, 3) there in x, y [1/m^2] and theta."""
     matched: float
     """Share of the points on surfaces."""
     violated: float
-    """Share of the points in space that the submap knows to be free."""
+    """Share of the points in the free space of the submap."""
 
 
 class Submap:
@@ -96,19 +96,19 @@ class Submap:
         self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
 
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
-        """Find where points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad] of a guess.
+        """Find the pose at which points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad].
 
-        Hits on walls speak for a pose, hits in free space against it, and what is unknown says nothing. Of places that
-        agree alike the nearest one is taken.
+        Hits on walls support a pose, hits in free space contradict it, and hits in unknown space do neither. Of equal
+        poses the one nearest to the initial guess is taken.
         """
         (best, place, at_border), (rival, *_) = self._best(points, guess, shift, turn, 2)
         ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
         return Find(place, ambiguity, at_border)
 
     def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
-        """Return up to `count` places where points (N, 2) agree best with the submap, the best one first.
+        """Return up to `count` poses at which points (N, 2) agree best with the submap, the best first; see `search`.
 
-        As in `search`; what lies on the border of the window is left out.
+        Poses on the border of the window are left out.
         """
         found = self._best(points, guess, shift, turn, count)
         return [place for score, place, at_border in found if score > 0.0 and not at_border]
@@ -116,9 +116,9 @@ class Submap:
     def rough_places(
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
     ) -> list[tuple[float, SE2]]:
-        """Return the scores [walls a point] and places of up to `count` best ones, searched in steps twice as large.
+        """Return the scores and poses of up to `count` best poses, searched in steps twice as large.
 
-        Wherever they are in the window, none costs more than another.
+        The distance from the guess costs nothing here.
         """
         if self._coarse is None:
             self._coarse = coarser_field(self._field, self._lattice)
@@ -138,7 +138,7 @@ class Submap:
     def _best(
         self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
     ) -> list[tuple[float, SE2, bool]]:
-        """Return scores and poses of the best places, and whether each lies on the window's border: it may go on."""
+        """Return scores and poses of the best places, and whether each is on the border of the window."""
         config = self._config
         reach = math.ceil(shift / config.resolution)
         half = math.ceil(turn / config.turn_step)
@@ -156,7 +156,7 @@ class Submap:
         return places
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
-        """Lay hits onto the surfaces near a guess, and tell how well they fit there."""
+        """Register hits to the surfaces from an initial guess, and verify them."""
         laid = self._surfaces.register(hits, guess, guess, self._PRIOR, self._SEARCH)
         violated = share_in_free_space(self._field, self._lattice, hits.points, laid.pose)
         return Fit(laid.pose, laid.hessian, laid.matched, violated)
@@ -165,7 +165,7 @@ class Submap:
 def _search_field(
     lasers: FloatArray, ends: FloatArray, begins: npt.NDArray[np.int64], config: SubmapConfig
 ) -> tuple[GainField, Lattice]:
-    """Return what points gain in each cell, and where the cells lie; ends (N, 2) of scans from lasers (K, 3)."""
+    """Return the gain of a hit in each cell, and the lattice, from the ends (N, 2) of scans of lasers (K, 3)."""
     spans = zip(extent(lasers), extent(ends), strict=True)
     left, right, bottom, top = (
         math.floor((max(pair) if upper else min(pair)) / config.resolution)
@@ -178,7 +178,7 @@ def _search_field(
 
 
 def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
-    """Return (first, last) keyframe of stretches of a drive, each `length` metres long and overlapping by half."""
+    """Return the (first, last) keyframes of segments of a drive, each `length` metres long and overlapping by half."""
     way = path_lengths(poses)
     count = max(math.ceil(2.0 * way[-1] / length) - 1, 1)
     stretches = []

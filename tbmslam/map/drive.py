@@ -10,15 +10,15 @@ from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
 
 _EIGENVALUES = 1e-12, 1e12
-"""Limits of an information: deviations of a micrometre and of a kilometre, between which a pose graph can be solved."""
+"""Limits of the eigenvalues of an information, for deviations of a micrometre and a kilometre."""
 
 
 @dataclass(frozen=True)
 class DriveMotions:
     """Motions of the laser between successive keyframes by odometry and scans, with their information.
 
-    Poses after closing loops hold what a robot alone could make of its way. Together with other robots it knows more,
-    and needs what was measured: where a loop bent a corridor, nothing else tells that it was straight.
+    The optimised poses of a drive contain its own loop closures. A joint optimisation with other robots needs the
+    measurements instead: if a loop bent a corridor, only they show that it was straight.
     """
 
     steps: FloatArray

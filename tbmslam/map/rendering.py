@@ -60,7 +60,7 @@ class ScanInserter:
         grid
             The grid to write into.
         scan_quality
-            Weight in [0, 1] of the evidence of every beam, by the certainty of the pose.
+            Weight in [0, 1] of the evidence of every beam.
         """
         limit, no_return = self._config.max_range, self._config.no_return
         starts, ends, is_hit, corners = beams_of_scan(
@@ -123,22 +123,22 @@ class MapConfig(FrozenConfig):
 
 _SCANS_AT_ONCE = 1000
 _BEAMS_KEPT = 2_000_000
-"""Number of beams whose ends are stored until they are counted, in 34 MB."""
+"""Number of beams whose ends are stored until they are counted; they take 34 MB."""
 _BYTES_A_CELL = 24  # counts and masses; to save a map takes less
 
 
 def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
-    """Return the smallest grid that holds all that the keyframes saw.
+    """Return the smallest grid that contains all cells that the keyframes saw.
 
-    Where it would have more than `max_cells` cells, their sides are a multiple of the resolution.
+    If it exceeded `max_cells`, its cells are a multiple of the resolution.
 
     Raises
     ------
     GridTooLargeError
-        When the machine has less memory than it takes; or when it would have more cells than that and every beam has
-        its own word, so that the grid grows scan by scan.
+        The machine has too little memory; or every beam counts, so that the grid grows scan by scan, and it would
+        exceed `max_cells`.
     ValueError
-        When there are more than two million keyframes.
+        There are more than two million keyframes.
     """
     number = sum(map(len, drives))
     if number > MOST_SCANS:
@@ -148,7 +148,7 @@ def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
 
 
 def _from_beams(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
-    """Insert scan by scan, every beam having its own word."""
+    """Insert scan by scan; every beam counts."""
     grid = EvidenceGrid(config.resolution, config.max_cells)
     inserter = ScanInserter(config.sensor_model, config.insertion)
     for keyframes in drives:
@@ -177,7 +177,7 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
 
 
 class _Block(NamedTuple):
-    """Some scans: where their lasers were, and where their beams ended."""
+    """Some scans: the poses of their lasers, and the ends of their beams."""
 
     lasers: FloatArray
     ends: FloatArray
@@ -223,13 +223,13 @@ def _blocks(keyframes: Keyframes, lasers: FloatArray, config: MapConfig) -> Iter
 def _corners(block: _Block) -> FloatArray:
     """Return the lower and the upper corner (2, 2) of the bounding box of all cells that some scans see."""
     lasers = block.lasers[np.diff(block.offsets) > 0, :2]
-    # A kernel's time is a twentieth of what NumPy takes along this axis.
+    # A kernel takes a twentieth of NumPy's time along this axis.
     spans = np.array([extent(np.ascontiguousarray(lasers)), extent(block.ends)])
     return np.array([spans[:, ::2].min(axis=0), spans[:, 1::2].max(axis=0)])
 
 
 def _geometry_around(points: FloatArray, config: MapConfig) -> GridGeometry:
-    """Return the cells that hold all points (N, 2); a multiple of the resolution where there would be too many."""
+    """Return the cells that contain all points (N, 2), larger by a whole factor if there would be too many."""
     low, high = points.min(axis=0), points.max(axis=0)
     times = max(1, math.floor(math.sqrt(float(np.prod(high - low)) / config.max_cells) / config.resolution))
     while _cells(low, high, times * config.resolution) > config.max_cells:
@@ -263,7 +263,7 @@ def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
 def _masses(
     counts: Counts, most: int, config: MapConfig, resolution: float
 ) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
-    """Return the masses (rows, cols, 4) of counts (rows, cols) of at most so many scans."""
+    """Return the masses (rows, cols, 4) of counts (rows, cols) of at most `most` scans."""
     factors, numbers = beam_factors(config.sensor_model, resolution, 1.0), np.arange(most + 1.0)[:, None]
     # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
     hit, miss = (np.maximum(factor[None, :] ** -numbers, 1e-150) for factor in (factors.hit, factors.miss))

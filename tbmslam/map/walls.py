@@ -44,7 +44,7 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
     motions
         T_fixed_moving, as many as wanted.
     limits
-        What agrees and what contradicts.
+        The thresholds of agreement and contradiction.
 
     Returns
     -------
@@ -80,8 +80,8 @@ def slide(
 ) -> list[SE2]:
     """Slide walls onto walls point to line, in both directions, from first guesses (Chen and Medioni 1992; Censi 2008).
 
-    Walls count only with walls that face the same way, and each the less the farther it is (Geman-McClure weights), so
-    that what moved or bent does not pull.
+    Only walls that face the same way are matched. The weight decreases with the distance (Geman-McClure), so that moved
+    or distorted walls have little influence.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Drives and walls adjusted to each other at once, after loops are closed."""
+"""Joint optimisation of poses and walls after loop closure."""

@@ -1,9 +1,9 @@
-"""All of a drive and all walls that it saw, adjusted to each other at once, after loops are closed.
+"""Bundle adjustment: the poses of a drive and the lines of all walls that it saw are optimised jointly.
 
-A tracker lays each scan onto what it knows by then, and errors of millimetres add up along corridors where nothing
-closes. Here every straight piece of wall is one line that all stretches of the drive that saw it must agree on, before
-and after, and the lines and poses that fit best are sought together: bundle adjustment (Triggs et al., 2000), with
-lines as Liu and Zhang (BALM, 2021) and Zhou et al. (2021) use planes.
+A tracker registers each scan to the map so far, and errors of millimetres accumulate along corridors without loops.
+Here every straight piece of wall is one line, which all segments of the drive that saw it must fit. The lines and poses
+that fit best are estimated together (Triggs et al., 2000), with lines as Liu and Zhang (BALM, 2021) and Zhou et al.
+(2021) use planes. Drives are divided into short rigid segments, since a tracker is accurate over a metre.
 """
 
 import itertools
@@ -41,17 +41,17 @@ from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 logger = logging.getLogger(__name__)
 
 _GAUGE = 1e8
-"""Information that holds the first pose where it is [1/m^2]."""
+"""Information that fixes the first pose [1/m^2]."""
 _DAMPING = 1.0
-"""Of every pose: no step goes farther than about a metre or a radian [1/m^2]."""
+"""Information that holds every pose: a step is at most about a metre or a radian [1/m^2]."""
 _QUICK = 3
-"""Every so manieth hit is enough in quick rounds."""
+"""Quick rounds use every third hit."""
 _SHIFT = 0.382
-"""Of a cell, by which cells begin elsewhere in each round, so that where they begin decides nothing."""
+"""Shift of the cells in each round, as a share of a cell, so that no fixed cell borders matter."""
 _MOST_HITS = 4_000_000
-"""So many of all keyframes together are enough; half a gigabyte holds what is made of them."""
+"""Largest number of hits of all keyframes; they take half a gigabyte."""
 _REACH = 2.0
-"""Deviations within which a hit whose normal is not known may lie on a line."""
+"""Standard deviations within which a hit without a normal may lie on a line."""
 
 
 class AdjustmentConfig(FrozenConfig):
@@ -60,25 +60,25 @@ class AdjustmentConfig(FrozenConfig):
     PUBLIC: ClassVar = ("enabled",)
 
     enabled: bool = Field(True, description="optimise poses and wall lines after loop closure")
-    quick_rounds: int = Field(5, ge=0, description="how often a third of the hits is assigned to pieces of wall")
-    rounds: int = Field(1, ge=1, description="how often all hits are, after that")
-    stretch: float = Field(1.0, gt=0, description="travelled length that moves as one [m]")
-    turn: float = Field(1.0, gt=0, description="turned angle that moves as one [rad]")
+    quick_rounds: int = Field(5, ge=0, description="rounds with a third of the hits")
+    rounds: int = Field(1, ge=1, description="rounds with all hits after that")
+    stretch: float = Field(1.0, gt=0, description="travelled length of a rigid segment [m]")
+    turn: float = Field(1.0, gt=0, description="turned angle of a rigid segment [rad]")
     max_range: float = Field(
         30.0, gt=0, description="hits beyond this, or beyond what loops are closed by, are not used [m]"
     )
-    hits: int = Field(200, ge=10, description="hits of a keyframe that are used, about")
-    gap: float = Field(0.5, gt=0, description="between the neighbours of a hit at the most [m]")
-    bulge: float = Field(0.03, gt=0, description="of a hit from the line between its neighbours at the most [m]")
+    hits: int = Field(200, ge=10, description="approximate number of hits of a keyframe that are used")
+    gap: float = Field(0.5, gt=0, description="largest distance between the neighbours of a hit [m]")
+    bulge: float = Field(0.03, gt=0, description="largest distance of a hit from the line between them [m]")
     cell: float = Field(0.3, gt=0, description="side of a cell that holds one piece of wall in a direction [m]")
-    sectors: int = Field(8, ge=4, description="directions of walls that are told apart")
-    min_hits: float = Field(5.0, gt=0, description="hits of a piece of wall, those of one sighting counted as below")
-    enough: float = Field(10.0, gt=0, description="hits of one sighting of a piece, from which on more tell little")
-    thickness: float = Field(0.08, gt=0, description="standard deviation across a piece of wall at the most [m]")
-    length: float = Field(0.03, gt=0, description="standard deviation along a piece of wall at the least [m]")
-    deviation: float = Field(0.05, gt=0, description="of a hit from its wall [m]")
-    robust_width: float = Field(2.0, gt=0, description="deviations at which a sighting begins to lose its say")
-    precision: float = Field(1e-2, gt=0, lt=1, description="share of the equations' right side left unsolved")
+    sectors: int = Field(8, ge=4, description="directions of walls that are distinguished")
+    min_hits: float = Field(5.0, gt=0, description="least hits of a piece of wall, with the limit of `enough`")
+    enough: float = Field(10.0, gt=0, description="hits of one sighting that count at most")
+    thickness: float = Field(0.08, gt=0, description="largest standard deviation across a piece of wall [m]")
+    length: float = Field(0.03, gt=0, description="least standard deviation along a piece of wall [m]")
+    deviation: float = Field(0.05, gt=0, description="standard deviation of a hit from its wall [m]")
+    robust_width: float = Field(2.0, gt=0, description="deviations from which a sighting loses weight")
+    precision: float = Field(1e-2, gt=0, lt=1, description="share of the right side that is left unsolved")
 
 
 def adjust(
@@ -89,18 +89,18 @@ def adjust(
     closure_width: float,
     config: AdjustmentConfig,
 ) -> FloatArray:
-    """Return poses (K, 3) that bring what all keyframes saw of each wall onto one line.
+    """Return the poses (K, 3) that fit the sightings of each wall to one line.
 
     Parameters
     ----------
     poses
         Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other; the first hardly moves.
     chain
-        Motions between keyframes that are believed; those from each keyframe of a drive to its next come in order.
+        Trusted motions between keyframes; those from each keyframe of a drive to its next come in order.
     closures
         Motions between keyframes that saw the same place.
     closure_width
-        Standard deviations at which a closure begins to lose its say.
+        Standard deviations from which a closure loses weight.
     config
         What a piece of wall is, and how well it is known.
     """
@@ -131,27 +131,27 @@ def adjust(
 
 
 class RigidStretches:
-    """The stretches of some drives.
+    """Drives in short rigid segments ("stretches").
 
     Parameters
     ----------
     poses
         Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other.
     counts
-        How many keyframes each drive has.
+        Number of keyframes of each drive.
     config
-        How long a stretch is.
+        The length of a segment.
 
     Attributes
     ----------
     middles
-        The keyframe (N,) whose pose stands for each stretch.
+        The keyframe (N,) whose pose represents each segment.
     owners
-        The stretch (K,) of each keyframe.
+        The segment (K,) of each keyframe.
     ends
-        Which stretch is each drive's first, and where the last one's end (D + 1,).
+        Index of the first segment of each drive, and the number of segments (D + 1,).
     places
-        Poses (K, 3) of the keyframes in their stretches' frames.
+        Poses (K, 3) of the keyframes in their segments' frames.
     """
 
     def __init__(self, poses: FloatArray, counts: Sequence[int], config: AdjustmentConfig) -> None:
@@ -166,9 +166,9 @@ class RigidStretches:
         self.places = compose(inverse(poses[self.middles][self.owners]), poses)
 
     def between(self, chain: Sequence[MotionEdge]) -> list[MotionEdge]:
-        """Return the motions from the middle of each stretch to that of the next of its drive.
+        """Return the motions from the middle of each segment to that of the next one of its drive.
 
-        `chain` are those from each keyframe to the next, without any from one drive to another.
+        `chain` has the motions from each keyframe to the next one of its drive.
         """
         motions, begin = list[MotionEdge](), 0
         for number, (first, last) in enumerate(self._drives()):
@@ -182,7 +182,7 @@ class RigidStretches:
         return motions
 
     def hits(self, drives: Sequence[ScanHits], config: AdjustmentConfig) -> StretchHits:
-        """Return what the stretches hit."""
+        """Return the hits of the segments."""
         of_each = min(config.hits, max(_MOST_HITS // len(self._poses), 1))
         parts, limits = [], (config.max_range, config.gap, config.bulge)
         for scans, (first, last) in zip(drives, self._drives(), strict=True):
@@ -199,7 +199,7 @@ class RigidStretches:
         )
 
     def _begins(self, of_keyframes: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
-        """Return where the hits of each stretch begin, where those of the keyframes of each drive are known."""
+        """Return the first hit of each segment, from the first hits of the keyframes of each drive."""
         begins = np.zeros(1, dtype=np.int64)
         for own in of_keyframes:
             begins = np.concatenate((begins, begins[-1] + own[1:]))
@@ -207,7 +207,7 @@ class RigidStretches:
         return of_stretches
 
     def moved(self, stretches: FloatArray) -> FloatArray:
-        """Return the poses (K, 3) of the keyframes where the stretches are at other poses (N, 3)."""
+        """Return the poses (K, 3) of the keyframes after the segments moved to poses (N, 3)."""
         parts = []
         for number, (first, last) in enumerate(self._drives()):
             own = slice(self.ends[number], self.ends[number + 1])
@@ -219,41 +219,41 @@ class RigidStretches:
 
 
 def _stacked(parts: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
-    """Return rows of drives one after the other; those of a single one are not copied."""
+    """Return the rows of all drives; those of a single drive are not copied."""
     return parts[0] if len(parts) == 1 else np.vstack(parts)
 
 
 def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[np.int64]:
-    """Return the keyframes of a drive at which stretches begin."""
+    """Return the keyframes of a drive at which segments begin."""
     turns = np.cumsum(np.abs(wrap_angles(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
     marks = np.column_stack((path_lengths(poses) // config.stretch, turns // config.turn))
     return np.flatnonzero(np.concatenate(([True], (marks[1:] != marks[:-1]).any(axis=1)))).astype(np.int64)
 
 
 class WallLines:
-    """The equations that lay hits onto straight pieces of wall, which turn and shift along with the poses.
+    """The equations of hits on straight pieces of wall, whose lines move with the poses.
 
-    Hits whose normals are known make the lines; others, seen from afar or near an edge, join those near which they lie.
+    Hits with normals define the lines. Other hits, seen from afar or near an edge, belong to the nearest line.
 
     Parameters
     ----------
     every
-        Every so manieth is used.
+        Every n-th hit is used.
     poses
-        Poses (N, 3) of the stretches.
+        Poses (N, 3) of the segments.
     shift
-        Where cells begin [m].
+        Origin of the cells [m].
     config
-        What a piece of wall is.
+        The parameters of pieces of wall.
 
     Attributes
     ----------
     count
-        How many pieces there are.
+        Number of pieces.
     seen
-        The lines, and what they were made of.
+        The lines and their sightings.
     own, system, gradient
-        As of `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
+        See `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
 
     def __init__(

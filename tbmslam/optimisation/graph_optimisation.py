@@ -18,15 +18,15 @@ from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 
 _GAUGE = 1e12
-"""Information that holds the first pose where it is: a micrometre, a microradian [1/m^2, 1/rad^2]."""
+"""Information that fixes the first pose to a micrometre and a microradian [1/m^2, 1/rad^2]."""
 _MOST_STEPS = 30
-"""Real drives take up to five."""
+"""Largest number of steps; real drives take up to five."""
 _DAMPING = 1e-5
-"""Information that holds each pose in the first step: next to nothing, as a chain bends softly [1/m^2, 1/rad^2]."""
+"""Damping of the first step: nearly none, as a chain is flexible [1/m^2, 1/rad^2]."""
 _MOST_DAMPING = 1e8
-"""With more than this no step is long enough to matter."""
+"""Damping from which no step is long enough to matter."""
 _RESIDUE = 1e-5
-"""Share of the right side that a step may leave unsolved: soft bends of a long drive are a small part of it."""
+"""Share of the right side that a step may leave unsolved: slow bends of a long drive are a small part of it."""
 _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 
@@ -45,16 +45,16 @@ def optimise(
     poses
         Initial poses (N, 3): x [m], y [m], theta [rad].
     chain
-        Motions between nodes which are believed. Chain and closures together connect all nodes.
+        Trusted motions between nodes. Chain and closures together connect all nodes.
     closures
         Motions between nodes that saw the same place.
     robust_width
-        Width of the Cauchy kernel [standard deviations]: closures lose their say beyond it, so that a false one cannot
+        Width of the Cauchy kernel [standard deviations], beyond which closures lose weight, so that a false one cannot
         bend the map.
     nodes
         Rising indices (M,) of the poses to solve for; None for all.
     precision
-        Share of the error below which a further step is not worth its time.
+        Relative decrease of the error below which the steps end.
     """
     if nodes is None:
         nodes = np.arange(len(poses))
@@ -88,7 +88,7 @@ def optimise(
 
 
 def _error(motions: Motions, poses: FloatArray) -> float:
-    """Return the sum of what the robust kernels make of half the squared deviations of motions."""
+    """Return half the sum of the squared deviations of motions under the robust kernels."""
     sources, targets = poses[motions.ends[:, 0]], poses[motions.ends[:, 1]]
     errors = compose(inverse(motions.measured), compose(inverse(sources), targets))
     errors[:, 2] = wrap_angles(errors[:, 2])
@@ -117,13 +117,13 @@ def relative_covariance(
     poses
         Poses (N, 3): x [m], y [m], theta [rad].
     chain
-        Motions which are believed. Chain and closures together connect source and target.
+        Trusted motions. Chain and closures together connect source and target.
     closures
-        Motions that count the less the more standard deviations they are from the poses.
+        Motions whose weight decreases with their deviation from the poses.
     robust_width
         Width of their Cauchy kernel [standard deviations].
     source, target
-        Indices of the pose that is held and of the pose in question.
+        Indices of the fixed pose and of the pose in question.
     """
     nodes = np.unique([end for edge in (*chain, *closures) for end in (edge.source, edge.target)])
     numbers = np.zeros(len(poses), dtype=np.int64)

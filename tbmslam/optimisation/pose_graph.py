@@ -52,7 +52,7 @@ def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
 
 
 def edge_errors(edges: Sequence[MotionEdge], poses: FloatArray) -> FloatArray:
-    """Return how many standard deviations edges (E,) are from the poses (Mahalanobis distances)."""
+    """Return the Mahalanobis distances of edges (E,) from the poses [standard deviations]."""
     ends, measured, information = EdgeArrays.of(edges)
     motions = compose(inverse(poses[ends[:, 0]]), poses[ends[:, 1]])
     errors = log(compose(inverse(measured), motions))
@@ -63,13 +63,13 @@ def edge_errors(edges: Sequence[MotionEdge], poses: FloatArray) -> FloatArray:
 class MotionChain:
     """The motions of a drive from each pose to the next.
 
-    Poses without edges of their own need not be solved for: a chain of motions between two others is one motion whose
-    covariance is the sum of theirs, carried to its end (first order; Sola et al., eq. 54).
+    Poses without other edges need not be solved for. A chain of motions is one motion whose covariance is the sum of
+    theirs, transformed to its end (first order; Sola et al., eq. 54).
 
     Attributes
     ----------
     covariances
-        Of each motion (N, 3, 3), in the frame at its end.
+        Covariance of each motion (N, 3, 3), in the frame at its end.
     """
 
     def __init__(self, chain: Sequence[MotionEdge]) -> None:

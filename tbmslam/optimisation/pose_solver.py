@@ -16,7 +16,7 @@ _MOST_STEPS = 1000
 
 
 class PoseSolver:
-    """The equations of some poses, ready to be solved.
+    """Solver of the equations of poses.
 
     Parameters
     ----------
@@ -25,14 +25,14 @@ class PoseSolver:
     bends
         Knots along the drives.
     precision
-        Share of a right side that may be left unsolved.
+        Share of the right side that may be left unsolved.
     factors
-        Those of nearly the same equations, which make the way to the solution nearly as short; None to make them.
+        Preconditioner of nearly the same equations, which converges nearly as fast; None to compute it.
 
     Attributes
     ----------
     factors
-        As given or made.
+        The preconditioner.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class PoseSolver:
 
 
 _APART = 8
-"""Poses between knots: farther apart they leave more to be done pose by pose, and nearer they cost more themselves."""
+"""Poses between knots: fewer knots need more iterations, and more knots cost more each."""
 _MOST_KNOTS = 250
 
 
@@ -66,7 +66,7 @@ def bends_of(ends: Sequence[int]) -> Bends:
     Parameters
     ----------
     ends
-        Where each drive begins, and where the last one ends (D + 1,); each has a pose at least.
+        First pose of each drive, and the number of poses (D + 1,); each drive has a pose at least.
     """
     apart = max(_APART, -(-ends[-1] // _MOST_KNOTS))
     knots, sides, shares = list[npt.NDArray[np.int64]](), list[npt.NDArray[np.int64]](), list[npt.NDArray[np.float64]]()
@@ -91,18 +91,18 @@ def motions_of(
     owners: npt.NDArray[np.int64],
     places: FloatArray,
 ) -> Motions:
-    """Return the motions between points of view that belong to poses, for `motion_systems.motion_equations`.
+    """Return the motions between viewpoints that are fixed to poses, for `motion_systems.motion_equations`.
 
     Parameters
     ----------
     believed, doubted
-        Motions between points of view.
+        Motions between viewpoints.
     width
-        Standard deviations at which a doubted one begins to lose its say (Cauchy).
+        Width of the Cauchy kernel of doubted motions [standard deviations].
     owners
-        The pose (K,) that each point of view hangs on.
+        The pose (K,) of each viewpoint.
     places
-        Where on it (K, 3).
+        The viewpoint (K, 3) in the frame of its pose.
     """
     ends, measured, informations = EdgeArrays.of([*believed, *doubted])
     widths = np.repeat([np.inf, width], [len(believed), len(doubted)])

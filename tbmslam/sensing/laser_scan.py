@@ -138,7 +138,7 @@ class Reading:
     T_odom_swept: SE2 | None = None
 
     def check(self) -> None:
-        """Refuse numbers that cannot be meant: compiled code would take them for places in memory.
+        """Refuse impossible numbers, from which compiled code would compute memory addresses.
 
         Raises
         ------
