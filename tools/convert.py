@@ -10,7 +10,6 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +39,7 @@ formats:
   .g2o        pose graph, only out
   .dat .pgm   Beesoft map, picture (with --resolution), only in
 """
+_WRITTEN = ("", ".npz", ".yaml", ".yml", ".png", ".tif", ".tiff", ".bag", ".mcap", ".tbm_map", ".g2o")
 _PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg")
 
 
@@ -71,9 +71,9 @@ def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
     if args.out.exists() and args.out.samefile(args.map):
         raise ConversionError(f"{args.out}: is the map itself: choose another name")
-    write = _writer(args.out)
+    ending = _format_of(args.out)
     tbm_map = _read(args.map, args.resolution, tuple(args.origin))
-    write(args.out, tbm_map)
+    _write(args.out, ending, tbm_map)
     print(f"{tbm_map} -> {args.out}")
 
 
@@ -100,82 +100,50 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
     return load_map(path)
 
 
-def _writer(out: Path) -> "Callable[[Path, TbmMap], None]":
-    """Return the writer of the format by the name of a file."""
-    writers = {
-        "": _write_folder,
-        ".npz": _write_npz,
-        ".yaml": _write_ros_map,
-        ".yml": _write_ros_map,
-        ".png": _write_picture,
-        ".tif": _write_geotiff,
-        ".tiff": _write_geotiff,
-        ".bag": _write_bag,
-        ".mcap": _write_bag,
-        ".tbm_map": _write_dump,
-        ".g2o": _write_g2o,
-    }
+def _format_of(out: Path) -> str:
+    """Return the suffix that chooses the format of an output; empty for a folder."""
     ending = "" if out.is_dir() else out.suffix.lower()
-    if ending not in writers:
-        raise ConversionError(f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, writers))}")
-    return writers[ending]
+    if ending not in _WRITTEN:
+        raise ConversionError(
+            f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, _WRITTEN))}"
+        )
+    return ending
 
 
-def _write_folder(out: Path, tbm_map: "TbmMap") -> None:
+def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
+    """Write a map in the format of a suffix."""
+    from datasets.rosbag.occupancy import write_occupancy_bag
+    from tbmslam.io.atomic_file import write_bytes
+    from tbmslam.io.geotiff import write_geotiff
     from tbmslam.io.map_folder import save_map
+    from tbmslam.io.map_npz import write_map_file
+    from tbmslam.io.pictures import draw_grid, encode_png, write_world_file
+    from tbmslam.io.ros_map import write_ros_map
+    from tbmslam.io.tbm_dump import write_tbm_dump
+    from tbmslam.io.trajectory_file import write_g2o
     from tools.command_line.output_folder import output_folder
 
-    with output_folder(out):
-        save_map(out, tbm_map)
-
-
-def _write_npz(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.map_npz import write_map_file
-
-    write_map_file(out, tbm_map)
-
-
-def _write_ros_map(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.ros_map import write_ros_map
-
-    write_ros_map(out.with_suffix(""), tbm_map.grid)
-
-
-def _write_picture(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.atomic_file import write_bytes
-    from tbmslam.io.pictures import draw_grid, encode_png, write_world_file
-
-    write_bytes(out, encode_png(draw_grid(tbm_map.grid)["pignistic"]))
-    write_world_file(out, tbm_map.grid.geometry)
-
-
-def _write_geotiff(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.geotiff import write_geotiff
-
-    write_geotiff(out, tbm_map.grid)
-
-
-def _write_bag(out: Path, tbm_map: "TbmMap") -> None:
-    from datasets.rosbag.occupancy import write_occupancy_bag
-
-    stamps = [float(drive.trajectory.stamps.max()) for drive in tbm_map.drives if len(drive.trajectory)]
-    write_occupancy_bag(
-        out, tbm_map.grid, max(stamps, default=0.0), "mcap" if out.suffix.lower() == ".mcap" else "ros1"
-    )
-
-
-def _write_dump(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.tbm_dump import write_tbm_dump
-
-    write_tbm_dump(out, tbm_map.grid)
-
-
-def _write_g2o(out: Path, tbm_map: "TbmMap") -> None:
-    from tbmslam.io.trajectory_file import write_g2o
-
-    if not any(len(drive.keyframes) for drive in tbm_map.drives):
+    if ending == "":
+        with output_folder(out):
+            save_map(out, tbm_map)
+    elif ending == ".npz":
+        write_map_file(out, tbm_map)
+    elif ending in (".yaml", ".yml"):
+        write_ros_map(out.with_suffix(""), tbm_map.grid)
+    elif ending == ".png":
+        write_bytes(out, encode_png(draw_grid(tbm_map.grid)["pignistic"]))
+        write_world_file(out, tbm_map.grid.geometry)
+    elif ending in (".tif", ".tiff"):
+        write_geotiff(out, tbm_map.grid)
+    elif ending in (".bag", ".mcap"):
+        stamps = [float(drive.trajectory.stamps.max()) for drive in tbm_map.drives if len(drive.trajectory)]
+        write_occupancy_bag(out, tbm_map.grid, max(stamps, default=0.0), "mcap" if ending == ".mcap" else "ros1")
+    elif ending == ".tbm_map":
+        write_tbm_dump(out, tbm_map.grid)
+    elif any(len(drive.keyframes) for drive in tbm_map.drives):
+        write_g2o(out, tbm_map.drives)
+    else:
         raise ConversionError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")
-    write_g2o(out, tbm_map.drives)
 
 
 if __name__ == "__main__":

@@ -72,19 +72,16 @@ class KnownPair:
         apart = np.linalg.norm(found.apply(middle) - self.T_target_source.apply(middle))
         return float(apart), abs(math.degrees(wrap_angle(found.theta - self.T_target_source.theta)))
 
-    def is_right(self, found: SE2 | None) -> bool:
-        """Return whether an alignment is right within 0.5 m and 2 degrees."""
+    def is_right(self, found: SE2 | None, most_deg: float = _RIGHT_DEG) -> bool:
+        """Return whether an alignment is right within 0.5 m and an angle."""
         if found is None or self.T_target_source is None:
             return False
         metres, degrees = self.errors(found)
-        return metres <= _RIGHT_M and degrees <= _RIGHT_DEG
+        return metres <= _RIGHT_M and degrees <= most_deg
 
-    def is_near(self, found: SE2) -> bool:
+    def is_near(self, found: SE2 | None) -> bool:
         """Return whether an alignment is right within 0.5 m and 4 degrees, the tolerance for deformed maps."""
-        if self.T_target_source is None:
-            return False
-        metres, degrees = self.errors(found)
-        return metres <= _RIGHT_M and degrees <= _NEAR_DEG
+        return self.is_right(found, _NEAR_DEG)
 
 
 def load_pair(path: Path) -> KnownPair:
@@ -225,8 +222,3 @@ def joined_pairs(groups: Sequence[Group]) -> dict[Pair, SE2]:
         for group in groups
         for a, b in itertools.combinations(sorted(group.poses), 2)
     }
-
-
-def is_right(known: KnownPair, where: SE2 | None) -> bool:
-    """Return whether a pair shows one place and T_target_source is its true pose."""
-    return known.T_target_source is not None and where is not None and known.is_near(where)

@@ -24,7 +24,6 @@ from tools.map_pairs import KnownPair
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
-    from tbmslam.geometry.se2 import SE2
 
 
 OVERLAPS = (100, 75, 50, 35, 25, 15)
@@ -108,7 +107,6 @@ def measure(path: Path, method: str) -> PairResult:
     from merging import align
     from merging.baselines import howard
     from merging.config import MergeConfig
-    from tools.benchmarks.align import encounters_of
     from tools.map_pairs import load_pair
 
     pair = load_pair(path)
@@ -202,7 +200,7 @@ def _rms(squares: Sequence[float]) -> float:
     return math.sqrt(statistics.fmean(squares))
 
 
-def _surprise(found: "Alignment", truth: "SE2 | None") -> float | None:
+def _surprise(found: "Alignment", truth: SE2 | None) -> float | None:
     if found.T_target_source is None or found.covariance is None or truth is None:
         return None
     error = np.array(found.T_target_source.to(truth).log())

@@ -27,7 +27,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.strangers import building_of
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import is_right, joined_pairs, known_pair, maps_by_name, shuffled
+from tools.map_pairs import joined_pairs, known_pair, maps_by_name, shuffled
 
 HEAD = (
     *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),
@@ -129,7 +129,7 @@ def make_fleet(buildings: int, maps_each: int, seed: int) -> dict[str, PlacedMap
 def _joined(groups: list[Group], placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> tuple[int, int]:
     """Return the numbers of pairs that were joined correctly, and wrongly."""
     joined = joined_pairs(groups)
-    right = sum(is_right(known_pair(pair, placed, maps), where) for pair, where in joined.items())
+    right = sum(known_pair(pair, placed, maps).is_near(where) for pair, where in joined.items())
     return right, len(joined) - right
 
 

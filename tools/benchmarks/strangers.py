@@ -43,7 +43,7 @@ from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.worker_pool import worker_pool
 from tbmslam.special_file import why_unreadable
 from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
-from tools.map_pairs import KnownPair, is_right, joined_pairs, known_pair, maps_by_name, shuffled
+from tools.map_pairs import KnownPair, joined_pairs, known_pair, maps_by_name, shuffled
 
 KINDS = {
     "unrelated": "maps of two buildings, whole or in part",
@@ -274,14 +274,14 @@ def meet_set(number_of_set: int, seed: int) -> StrangerSet:
     found = merge(maps, config).alignments
     pairs = {pair: known_pair(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
     joined = joined_pairs(groups_of(list(maps), found, config.graph))
-    right = [pair for pair, where in joined.items() if is_right(pairs[pair], where)]
+    right = [pair for pair, where in joined.items() if pairs[pair].is_near(where)]
     return StrangerSet(
         kind_of(number_of_set),
         number_of_set,
         tuple(
             pair
             for pair, outcome in found.items()
-            if outcome.accepted and not is_right(pairs[pair], outcome.T_target_source)
+            if outcome.accepted and not pairs[pair].is_near(outcome.T_target_source)
         ),
         tuple(pair for pair in joined if pair not in right),
         len(right),
