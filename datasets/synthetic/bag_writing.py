@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -153,7 +154,7 @@ def write_ros1_bag(
     no_return: float = NO_RETURN,
     lidar: RingLidar | None = None,
 ) -> None:
-    """Write a ROS 1 bag, whole or not at all; an older one of that name is replaced.
+    """Write a ROS 1 bag, whole or not at all; an existing one is replaced.
 
     Parameters
     ----------
@@ -167,56 +168,52 @@ def write_ros1_bag(
     if compression not in {"none", "bz2"}:
         raise ValueError(f"compression must be none or bz2, got {compression!r}")
     messages = Messages(ros1=True)
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            unfinished = Path(folder) / path.name
-            writer = Rosbag1Writer(unfinished)
-            if compression == "bz2":
-                writer.set_compression(Rosbag1Writer.CompressionFormat.BZ2)
-            with writer:
-                connections = {
-                    topic: writer.add_connection(topic, kind, typestore=messages.store)
-                    for topic, kind in _topics(messages, lidar).items()
-                }
-                for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
-                    writer.write(connections[topic], nanoseconds, data)
-            _sync(unfinished)
-            unfinished.replace(path)
-    except OSError as error:
-        raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
+    with _folder_beside(path) as folder:
+        unfinished = folder / path.name
+        writer = Rosbag1Writer(unfinished)
+        if compression == "bz2":
+            writer.set_compression(Rosbag1Writer.CompressionFormat.BZ2)
+        with writer:
+            connections = {
+                topic: writer.add_connection(topic, kind, typestore=messages.store)
+                for topic, kind in _topics(messages, lidar).items()
+            }
+            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
+                writer.write(connections[topic], nanoseconds, data)
+        _sync(unfinished)
+        unfinished.replace(path)
 
 
 def write_mcap_bag(
     robot: SimulatedRobot, path: Path, *, no_return: float = NO_RETURN, lidar: RingLidar | None = None
 ) -> None:
-    """Write a ROS 2 bag, a folder with metadata and one mcap file, whole or not at all; an older one is replaced.
-
-    Parameters
-    ----------
-    no_return
-        Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
-    lidar
-        What is in the laser's place and sends point clouds; None: the laser sends its scans.
-    """
+    """Write a ROS 2 bag, a folder with metadata and one mcap file; otherwise like `write_ros1_bag`."""
     messages = Messages(ros1=False)
+    with _folder_beside(path) as folder:
+        unfinished = folder / "new" / path.name
+        with Rosbag2Writer(unfinished, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+            connections = {
+                topic: writer.add_connection(
+                    topic,
+                    kind,
+                    typestore=messages.store,
+                    offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [],
+                )
+                for topic, kind in _topics(messages, lidar).items()
+            }
+            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
+                writer.write(connections[topic], nanoseconds, data)
+        for file in sorted(unfinished.iterdir()):
+            _sync(file)
+        _replace_folder(unfinished, path, folder / "old")
+
+
+@contextmanager
+def _folder_beside(path: Path) -> Iterator[Path]:
+    """Provide a folder for the parts of a bag during a block; an error of the file system is a `BagWritingError`."""
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            unfinished = Path(folder) / "new" / path.name
-            with Rosbag2Writer(unfinished, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
-                connections = {
-                    topic: writer.add_connection(
-                        topic,
-                        kind,
-                        typestore=messages.store,
-                        offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [],
-                    )
-                    for topic, kind in _topics(messages, lidar).items()
-                }
-                for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
-                    writer.write(connections[topic], nanoseconds, data)
-            for file in sorted(unfinished.iterdir()):
-                _sync(file)
-            _replace_folder(unfinished, path, Path(folder) / "old")
+            yield Path(folder)
     except OSError as error:
         raise BagWritingError(f"{path} cannot be written: {error.strerror}; choose another place with -o") from error
 

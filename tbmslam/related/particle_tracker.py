@@ -45,11 +45,6 @@ class TileMaps:
         """Return the number of maps."""
         return len(self._places)
 
-    @property
-    def tiles_in_use(self) -> int:
-        """The number of tiles of all maps in memory."""
-        return len(self._tiles) - 1 - self._free_count
-
     def grid(self, number: int) -> TileGrid:
         """Return a map in the form that kernels read; it is valid until the next change."""
         return TileGrid(self._tiles, self._places[number], self.resolution, self._first_row, self._first_col)

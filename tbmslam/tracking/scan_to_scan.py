@@ -50,21 +50,14 @@ _KEPT = 8
 
 
 class ScanMotion(NamedTuple):
-    """A scan as seen from an earlier one.
-
-    Attributes
-    ----------
-    motion
-        Its pose in the frame of the earlier one.
-    deviations
-        Standard deviations of position [m] and heading [rad].
-    alike
-        Share of its points that agree with the earlier one.
-    """
+    """A scan as seen from an earlier one."""
 
     motion: SE2
+    """Its pose in the frame of the earlier one."""
     deviations: tuple[float, float]
+    """Standard deviations of position [m] and heading [rad]."""
     alike: float
+    """Share of its points that agree with the earlier one."""
 
     @property
     def is_likely(self) -> bool:

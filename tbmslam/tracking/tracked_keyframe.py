@@ -17,33 +17,22 @@ from tbmslam.tracking.tracker import ScanMatch
 
 @dataclass(frozen=True, slots=True)
 class TrackedKeyframe:
-    """A scan worth keeping, before loops are closed.
-
-    Parameters
-    ----------
-    index
-        Which reading of the drive it is.
-    outline
-        The scan without its ranges.
-    ranges
-        The ranges, in half the memory: a day's drive has some hundred thousand keyframes.
-    T_robot_sensor
-        Pose of the laser on the robot.
-    match
-        Where the tracker placed it.
-    prior
-        Information (3, 3) of the laser's pose in the map's frame that the motion since the last keyframe gave.
-    T_odom_robot
-        Pose of the robot as the odometry has it; None where there was none.
-    """
+    """A scan worth keeping, before loops are closed."""
 
     index: int
+    """Which reading of the drive it is."""
     outline: LaserScan
+    """The scan without its ranges."""
     ranges: npt.NDArray[np.float32]
+    """The ranges, in half the memory: a day's drive has some hundred thousand keyframes."""
     T_robot_sensor: SE2
+    """Pose of the laser on the robot."""
     match: ScanMatch
+    """Where the tracker placed it."""
     prior: FloatArray
+    """Information (3, 3) of the laser's pose in the map's frame that the motion since the last keyframe gave."""
     T_odom_robot: SE2 | None = None
+    """Pose of the robot as the odometry has it; None where there was none."""
 
     @classmethod
     def of(

@@ -10,30 +10,20 @@ from tbmslam.tracking.odometry_noise import Deviations
 
 
 class ScanMatch(NamedTuple):
-    """Where a scan was taken, as far as the map can tell.
-
-    Parameters
-    ----------
-    T_map_sensor
-        Pose of the laser.
-    score
-        How well the scan agrees with the map there; its scale is the matcher's own.
-    moved
-        Whether the map was able to correct the initial guess at all.
-    information
-        Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say.
-    trust
-        Weight of the prior's information beside it: near 0 where the prior was far off, as where wheels slipped.
-    is_lost
-        Whether the scan sees much and hardly anything of it was seen before.
-    """
+    """Where a scan was taken, as far as the map can tell."""
 
     T_map_sensor: SE2
+    """Pose of the laser."""
     score: float
+    """How well the scan agrees with the map there; its scale is the matcher's own."""
     moved: bool
+    """Whether the map was able to correct the initial guess at all."""
     information: FloatArray | None = None
+    """Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say."""
     trust: float = 1.0
+    """Weight of the prior's information beside it: near 0 where the prior was far off, as where wheels slipped."""
     is_lost: bool = False
+    """Whether the scan sees much and hardly anything of it was seen before."""
 
 
 class ScanMatcher(Protocol):
@@ -50,37 +40,25 @@ def moved_from(initial_guess: SE2, pose: SE2) -> bool:
 
 
 class PosePrior(NamedTuple):
-    """A prior on the robot's pose, of Student's t distribution.
-
-    Parameters
-    ----------
-    mean
-        T_map_robot: by odometry since the last keyframe or, without odometry, by the last motion.
-    deviations
-        Of the mean in its own frame, those of the last keyframe's pose and of the motion since then together; all zero
-        for the first pose of a drive, which is where it is.
-    motion
-        Of the motion alone.
-    start
-        T_map_robot: where the search for the scan's place begins, by odometry since the last scan.
-    coasting
-        Returns T_map_robot where the robot would be if it had gone on as before: another start where odometry slips.
-    jump
-        How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0.
-    by_odometry
-        Whether the mean comes from odometry.
-    swerve
-        How far the odometry's step since the last scan is from the robot's last motion at equal speed [m].
-    """
+    """A prior on the robot's pose, of Student's t distribution."""
 
     mean: SE2
+    """T_map_robot: by odometry since the last keyframe or, without odometry, by the last motion."""
     deviations: Deviations
+    """Of the mean in its own frame, those of the last keyframe's pose and of the motion since then together; all zero
+    for the first pose of a drive, which is where it is."""
     motion: Deviations
+    """Of the motion alone."""
     start: SE2
+    """T_map_robot: where the search for the scan's place begins, by odometry since the last scan."""
     coasting: Callable[[], SE2]
+    """Returns T_map_robot where the robot would be if it had gone on as before: another start where odometry slips."""
     jump: float = 0.0
+    """How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0."""
     by_odometry: bool = False
+    """Whether the mean comes from odometry."""
     swerve: float = 0.0
+    """How far the odometry's step since the last scan is from the robot's last motion at equal speed [m]."""
 
 
 class Tracker(Protocol):

@@ -102,10 +102,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
     crew = in_fresh_process(run_crew, args.robots, args.workers) if args.robots else None
     if crew is not None:
         tables["robots"] = ResultTable(CREW_HEAD, [_crew_row(crew)])
-        print(
-            f"{crew.robots} robots of one building, {crew.workers} workers: {crew.merged} merged in "
-            f"{crew.wall_s:.1f} s of wall time; peak of the parent {crew.peak_memory_mb:.0f} MB"
-        )
+        print(text_table(*tables["robots"]))
     finish(args, machine, tables, {"runs": runs, "crew": crew})
 
 

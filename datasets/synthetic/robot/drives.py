@@ -138,11 +138,11 @@ def drive_along(
     length: float = math.inf,
     duration: float = math.inf,
 ) -> Trajectory:
-    """Drive along a path (P, 2) [m] of closely spaced points, facing along it at the start.
+    """Return the drive along a path (P, 2) [m] of closely spaced points, at 50 Hz, facing along it at the start.
 
-    Pure pursuit (Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01) with a
-    forward speed that decreases with the angle to the pursued point, so that the robot turns on the spot where the
-    path reverses.
+    Between poses the twist is constant. Pure pursuit (Coulter, "Implementation of the pure pursuit path tracking
+    algorithm", CMU-RI-TR-92-01) with a forward speed that decreases with the angle to the pursued point, so that the
+    robot turns on the spot where the path reverses.
 
     Parameters
     ----------
@@ -152,11 +152,6 @@ def drive_along(
         Time of the first pose [s].
     length, duration
         The drive ends after this length [m] or duration [s], or at the end of the path.
-
-    Returns
-    -------
-    drive
-        Poses at 50 Hz; between them the twist is constant.
     """
     target = _pursued_index(path, 0, path[0, 0], path[0, 1])
     dx, dy = path[target] - path[0]
@@ -216,7 +211,7 @@ def plan_drives(
     speed: float = 0.65,
     seed: int = 0,
 ) -> list[Trajectory]:
-    """Plan the drives of robots through a world.
+    """Return the true drives of robots through a world, at 50 Hz from `START_STAMP` on.
 
     A short closed tour visits all places of the world. Each robot drives a section of it, and neighbouring sections
     share the fraction `overlap`. Every second robot drives in the opposite direction, and each prefers other paths.
@@ -232,11 +227,6 @@ def plan_drives(
         Largest speed [m/s].
     seed
         Seed of the start of the tour and of all random choices.
-
-    Returns
-    -------
-    drives
-        True poses in the world's frame at 50 Hz from `START_STAMP` on; between samples the twist is constant.
     """
     _check(robots, length, duration, overlap, speed)
     clearance_map = ClearanceMap.of(world)

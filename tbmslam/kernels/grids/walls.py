@@ -10,34 +10,24 @@ from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel
 
 
 class Walls(NamedTuple):
-    """Surface cells of a map and the map around them.
-
-    Parameters
-    ----------
-    points, normals
-        Surface cells (N, 2) [m] and unit vectors (N, 2) into the free space.
-    two_sided
-        Which (N,) have free space on both sides.
-    weights
-        How much each (N,) counts.
-    distances, nearest
-        From every cell (rows, cols) to the nearest surface cell [m], and its index.
-    states
-        0 unknown, 1 free, 2 known otherwise (rows, cols).
-    resolution, origin_x, origin_y
-        Where the cells lie [m].
-    """
+    """Surface cells of a map and the map around them."""
 
     points: FloatArray
     normals: FloatArray
+    """Surface cells (N, 2) [m] and unit vectors (N, 2) into the free space."""
     two_sided: BoolArray
+    """Which (N,) have free space on both sides."""
     weights: FloatArray
+    """How much each (N,) counts."""
     distances: npt.NDArray[np.float32]
     nearest: npt.NDArray[np.int32]
+    """From every cell (rows, cols) to the nearest surface cell [m], and its index."""
     states: npt.NDArray[np.uint8]
+    """0 unknown, 1 free, 2 known otherwise (rows, cols)."""
     resolution: float
     origin_x: float
     origin_y: float
+    """Where the cells lie [m]."""
 
 
 FACING = 0.7
@@ -45,24 +35,16 @@ FACING = 0.7
 
 
 class Limits(NamedTuple):
-    """Distances [m] and a cosine, as the kernels take them.
-
-    Parameters
-    ----------
-    agreement
-        Walls nearer to each other than this agree, if they face the same way.
-    conflict
-        A wall on free space farther than this from every wall contradicts.
-    front
-        Distance before a wall in which the other map must have free space, so that its robot could see the wall.
-    facing
-        Least cosine between the normals of walls that may be one.
-    """
+    """Distances [m] and a cosine, as the kernels take them."""
 
     agreement: float
+    """Walls nearer to each other than this agree, if they face the same way."""
     conflict: float
+    """A wall on free space farther than this from every wall contradicts."""
     front: float
+    """Distance before a wall in which the other map must have free space, so that its robot could see the wall."""
     facing: float
+    """Least cosine between the normals of walls that may be one."""
 
 
 COMPARED, AGREED, CONFLICTING, UNSEEN, XX, XY, YY, SQUARES = range(8)
@@ -82,25 +64,18 @@ def faces(
 
 
 class WallPoints(NamedTuple):
-    """Some walls of a map side by side, and room for where they come to lie on another one.
-
-    Parameters
-    ----------
-    points, normals, two_sided, weights
-        As in `Walls` (K,).
-    x, y
-        Where they lie in the other map's frame (K,) [m].
-    cells
-        The number of the cell of the other map that each lies in (K,); -1 outside.
-    """
+    """Some walls of a map side by side, and room for where they come to lie on another one."""
 
     points: FloatArray
     normals: FloatArray
     two_sided: BoolArray
     weights: FloatArray
+    """As in `Walls` (K,)."""
     x: FloatArray
     y: FloatArray
+    """Where they lie in the other map's frame (K,) [m]."""
     cells: npt.NDArray[np.int32]
+    """The number of the cell of the other map that each lies in (K,); -1 outside."""
 
 
 @kernel

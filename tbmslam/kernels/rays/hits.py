@@ -81,19 +81,12 @@ def beam_starts(count: int, beam_step: Motion) -> FloatArray:
 
 
 @kernel
-def facing_normals(points: FloatArray, apart: int, longest: float) -> FloatArray:
-    """Return unit normals (M, 2), towards the origin, of the surfaces on which points (M, 2) in beam order lie.
+def write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
+    """Write unit normals (M, 2), towards the origin, of the surfaces of points (M, 2) in beam order.
 
-    A normal is square to the line between the neighbours `apart` places before and after; where that line is longer
-    than `longest` [m], or nothing, they lie on something else and the surface is taken to face the origin.
+    A normal is perpendicular to the line between the neighbours `apart` places before and after. If that line is longer
+    than `longest` [m], or a point, they belong to another surface, and the normal points to the origin.
     """
-    normals = np.empty_like(points)
-    _write_normals(points, apart, longest, normals)
-    return normals
-
-
-@kernel
-def _write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
     last = len(points) - 1
     for i in range(len(points)):
         before, after = max(i - apart, 0), min(i + apart, last)
@@ -117,7 +110,7 @@ def hits_of_scan(
     beam_step: Motion,
     max_range: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `hit_points` and their `facing_normals` in one call."""
+    """Return `hit_points` and their normals, see `write_normals`, in one call."""
     points, normals = np.empty((len(ranges), 2)), np.empty((len(ranges), 2))
     count = write_hits(ranges, angle_min, angle_increment, beam_step, max_range, points, normals)
     return points[:count], normals[:count]
@@ -138,7 +131,7 @@ def write_hits(
     Dense beams are closer together than their noise, so neighbours further away tell the direction better.
     """
     count = _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)
-    _write_normals(points[:count], max(len(ranges) // 180, 1), 0.5, normals)
+    write_normals(points[:count], max(len(ranges) // 180, 1), 0.5, normals)
     return count
 
 

@@ -4,16 +4,10 @@ from typing import NamedTuple
 
 
 class Lattice(NamedTuple):
-    """Cells whose corners are multiples of the resolution: column floor(x / resolution), row floor(y / resolution).
-
-    Parameters
-    ----------
-    resolution
-        Side of a cell [m].
-    first_row, first_col
-        Lattice index of the array's cell (0, 0).
-    """
+    """Cells whose corners are multiples of the resolution: column floor(x / resolution), row floor(y / resolution)."""
 
     resolution: float
+    """Side of a cell [m]."""
     first_row: int
     first_col: int
+    """Lattice index of the array's cell (0, 0)."""
