@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from datasets.synthetic.world.world import World, WorldError, load_world
-from merging import MergeConfig, align
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import OCCUPIED, UNKNOWN
@@ -195,6 +194,8 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
 
 def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, guess: SE2) -> tuple[SE2, float]:
     """Return the pose of a map in the truth near a guess, and its probability, by the walls of both."""
+    from merging import MergeConfig, align  # build_maps reads truth.json with this module and merges nothing
+
     whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
     if found.T_target_source is None:
