@@ -58,15 +58,19 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
         if inverses[line, 2] == 0.0:
             continue
         turn, shift = 0.0, 0.0
-        for o in range(begins[line], begins[line + 1]):
-            x, y, theta = changes[seers[o], 0], changes[seers[o], 1], changes[seers[o], 2]
+        # What is not negative needs no question whether it counts from the end.
+        first, stop = np.uint64(begins[line]), np.uint64(begins[line + 1])
+        for o in range(first, stop):
+            seer = np.uint64(seers[o])
+            x, y, theta = changes[seer, 0], changes[seer, 1], changes[seer, 2]
             turn += couplings[o, 0, 0] * x + couplings[o, 1, 0] * y + couplings[o, 2, 0] * theta
             shift += couplings[o, 0, 1] * x + couplings[o, 1, 1] * y + couplings[o, 2, 1] * theta
         line_turn = inverses[line, 0] * turn + inverses[line, 1] * shift
         line_shift = inverses[line, 1] * turn + inverses[line, 2] * shift
-        for o in range(begins[line], begins[line + 1]):
+        for o in range(first, stop):
+            seer = np.uint64(seers[o])
             for i in range(3):
-                product[seers[o], i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
+                product[seer, i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
     return product
 
 

@@ -29,9 +29,10 @@ def solve(factor: FloatArray, vector: FloatArray) -> None:
     """Replace a vector (M,) by the solution of the equations factorised."""
     size = len(vector)
     for k in range(size):
-        ratio = vector[k] / factor[k, k]
-        for j in range(k + 1, size):
-            vector[j] -= ratio * factor[k, j]
+        # Sliced, since only indices from zero on are vectorised.
+        ratio, row, after = vector[k] / factor[k, k], factor[k, k + 1 :], vector[k + 1 :]
+        for j in range(len(after)):
+            after[j] -= ratio * row[j]
     for k in range(size - 1, -1, -1):
         rest = vector[k]
         for j in range(k + 1, size):
