@@ -78,15 +78,17 @@ class SurfelMap:
     spare
         How much further than needed the lattice grows, so that it need not grow again soon; 0 where all comes at
         once [m].
+    slots
+        How many cells have memory from the begin, so that it need not grow soon.
     """
 
-    def __init__(self, config: SurfelConfig, spare: float = 6.4) -> None:
+    def __init__(self, config: SurfelConfig, spare: float = 6.4, slots: int = CELLS) -> None:
         self._spare = SIDE * round(spare / config.resolution / SIDE)
         limits = (config.noise, config.point_size, config.clutter, config.certain_hits)
         self._surfels = Surfels(
             tiles=np.zeros((2, 0, 0), dtype=np.int32),
-            moments=np.zeros((CELLS, 6), dtype=np.float32),
-            fits=np.zeros((CELLS, 8), dtype=np.float32),
+            moments=np.zeros((slots, 6), dtype=np.float32),
+            fits=np.zeros((slots, 8), dtype=np.float32),
             lattice=Lattice(config.resolution, 0, 0),
             limits=limits,
         )
@@ -101,6 +103,11 @@ class SurfelMap:
             surfaces._fill(hits)
         return surfaces
 
+    @property
+    def slots(self) -> int:
+        """How many cells have memory."""
+        return len(self._surfels.moments)
+
     def insert(self, hits: Hits, pose: SE2) -> None:
         """Add hits of a frame at a pose."""
         if not len(hits.points):
@@ -111,7 +118,7 @@ class SurfelMap:
             self._grow_to_contain(hits.placed(pose).points)
             used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
         self._used = used
-        if CELLS * used > len(self._surfels.moments):
+        if CELLS * used > self.slots:
             self._make_room(CELLS * used)
             insert_hits(self._arrays, used, hits.points, hits.normals, there)
 
@@ -206,7 +213,7 @@ class SurfelMap:
 
     def _make_room(self, slots: int) -> None:
         """Have room for that many slots."""
-        have = len(self._surfels.moments)
+        have = self.slots
         more = 2 * slots if self._spare else slots
         moments, fits = (np.zeros((more, width), dtype=np.float32) for width in (6, 8))
         moments[:have], fits[:have] = self._surfels.moments, self._surfels.fits

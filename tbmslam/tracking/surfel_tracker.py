@@ -201,7 +201,8 @@ class SurfelTracker:
             self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
         self._last = pose
         if self._travelled > self._config.window:
-            self._map = SurfelMap(self._config.surfels)
+            # It will be as large as the one before.
+            self._map = SurfelMap(self._config.surfels, slots=self._map.slots)
             for recent in self._recent:
                 self._map.insert(*recent)
             self._recent.clear()
