@@ -8,12 +8,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
-from tbmslam.kernels.adjustment.pose_systems import LineSystem, MotionSystem, PoseSystem
+from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
 from tbmslam.optimisation.pose_graph import MotionEdge
 from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
 
@@ -27,6 +25,8 @@ _MOST_DAMPING = 1e8
 """Damping from which no step is long enough to matter."""
 _RESIDUE = 1e-5
 """Share of the right side that a step may leave unsolved: slow bends of a long drive are a small part of it."""
+_COVARIANCE_RESIDUE = 1e-9
+"""The same for covariances, which take one solution for each axis."""
 _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 
@@ -132,20 +132,13 @@ def relative_covariance(
     own, system, _ = motion_equations(motions, poses[nodes])
     held, asked = numbers[source], numbers[target]
     own[held] += _GAUGE * np.eye(3)
-    right = np.zeros((3 * len(nodes), 3))
-    right[3 * asked : 3 * asked + 3] = np.eye(3)
-    in_map = splu(_matrix(own, system)).solve(right)[3 * asked : 3 * asked + 3]
+    at, bends = poses[nodes], bends_of([0, len(nodes)])
+    solver = PoseSolver(PoseSystem(own, _NO_LINES, system), at, bends, _COVARIANCE_RESIDUE)
+    in_map = np.empty((3, 3))
+    for axis in range(3):
+        force = np.zeros((len(nodes), 3))
+        force[asked, axis] = 1.0
+        in_map[:, axis] = solver.solved(force)[asked]
     rotation = SE2(0.0, 0.0, float(poses[target, 2])).matrix()
     covariance: FloatArray = rotation.T @ in_map @ rotation
     return covariance
-
-
-def _matrix(own: FloatArray, system: MotionSystem) -> csc_array:
-    """Return the sparse matrix (3 N, 3 N) of the curvature of poses (N, 3, 3) and of the motions between them."""
-    sources, targets = system.ends.T
-    every, inner = np.arange(len(own)), np.arange(3)
-    blocks = np.concatenate((own, system.across, np.swapaxes(system.across, 1, 2)))
-    rows = 3 * np.concatenate((every, sources, targets))[:, None, None] + inner[:, None]
-    columns = 3 * np.concatenate((every, targets, sources))[:, None, None] + inner
-    row, column = (np.broadcast_to(each, blocks.shape).ravel() for each in (rows, columns))
-    return coo_array((blocks.ravel(), (row, column)), shape=(3 * len(own), 3 * len(own))).tocsc()
