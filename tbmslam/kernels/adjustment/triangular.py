@@ -3,6 +3,8 @@
 Libraries add up in an order that depends on the machine and its threads; these add up in one.
 """
 
+import numpy as np
+
 from tbmslam.kernels import FloatArray, kernel
 
 
@@ -29,10 +31,10 @@ def solve(factor: FloatArray, vector: FloatArray) -> None:
     """Replace a vector (M,) by the solution of the equations factorised."""
     size = len(vector)
     for k in range(size):
-        # Sliced, since only indices from zero on are vectorised.
-        ratio, row, after = vector[k] / factor[k, k], factor[k, k + 1 :], vector[k + 1 :]
-        for j in range(len(after)):
-            after[j] -= ratio * row[j]
+        ratio = vector[k] / factor[k, k]
+        # Only what is not negative for sure is vectorised.
+        for j in range(np.uint64(k + 1), np.uint64(size)):
+            vector[j] -= ratio * factor[k, j]
     for k in range(size - 1, -1, -1):
         rest = vector[k]
         for j in range(k + 1, size):
