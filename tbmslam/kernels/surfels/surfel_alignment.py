@@ -92,13 +92,15 @@ def pair_up(
     cosine, sine = math.cos(theta), math.sin(theta)
     # What tells the layers apart, in the scan's frame; see `layer_of`.
     facing_x, facing_y = cosine * FACING[0] + sine * FACING[1], cosine * FACING[1] - sine * FACING[0]
-    inverse, count, independent = 1.0 / resolution, 0, 0.0
+    inverse, count, independent = 1.0 / resolution, np.uint64(0), 0.0
     per_span, before = 0.5 / span, 0.5
-    for i in range(0, len(points), every):
+    # What is not negative needs no question whether it counts from the end.
+    stop, step = np.uint64(len(points)), np.uint64(every)
+    for i in range(np.uint64(0), stop, step):
         px, py = points[i, 0], points[i, 1]
         after = 0.5
-        if i + every < len(points):
-            dx, dy = points[i + every, 0] - px, points[i + every, 1] - py
+        if i + step < stop:
+            dx, dy = points[i + step, 0] - px, points[i + step, 1] - py
             after = min(per_span * math.sqrt(dx * dx + dy * dy), 0.5)
         share = before + after
         before = after
@@ -118,8 +120,8 @@ def pair_up(
             pairs[2 + k, count] = fits[slot, k]
         pairs[7, count] = share * fits[slot, 5]
         # A branch would be guessed wrongly too often: what has no surfel is written over.
-        count += int(fits[slot, 5] > 0.0)
-    return count, independent
+        count += np.uint64(fits[slot, 5] > 0.0)
+    return int(count), independent
 
 
 @summing_kernel
