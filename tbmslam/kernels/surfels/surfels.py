@@ -56,9 +56,11 @@ def layer_of(normal_x: float, normal_y: float) -> int:
 
 
 @kernel
-def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> int:
+def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> np.uint32:
     """Return a cell's slot; one below `CELLS` is nobody's."""
-    return int(tiles[layer, row >> TILE_BITS, col >> TILE_BITS] * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
+    # What is not negative needs no question whether it counts from the end.
+    tile = tiles[np.uint32(layer), np.uint32(row >> TILE_BITS), np.uint32(col >> TILE_BITS)]
+    return np.uint32(tile * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
 
 
 @kernel
@@ -114,7 +116,7 @@ def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
 def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
     """Add hits as `cells_of` returns them, whose tiles have been claimed and have room."""
     tiles, moments, fits, _, _ = surfels
-    last_row, last_col, last_layer, slot = -1, -1, -1, 0
+    last_row, last_col, last_layer, slot = -1, -1, -1, np.uint32(0)
     for i in range(len(cells)):
         row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
         if row != last_row or col != last_col or layer != last_layer:
