@@ -107,6 +107,9 @@ class Alignment:
         none.
     T_more_less
         For `correlation`, that best pose: of the map with less wall in the frame of the other map.
+    decoys
+        For `correlation`, the evidence for the best poses of the source's mirror image, at most three: what chance
+        achieves.
     ambiguous
         Whether it was refused because the maps fit well at several poses.
     alternatives
@@ -133,6 +136,7 @@ class Alignment:
     bent_m: float = 0.0
     lead: float = 0.0
     T_more_less: SE2 | None = None
+    decoys: tuple[Evidence, ...] = ()
     ambiguous: bool = False
     alternatives: tuple[PoseHypothesis, ...] = ()
     evidence: Evidence | None = None
@@ -191,7 +195,7 @@ class Alignment:
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
         values = asdict(self)
-        del values["T_more_less"]
+        del values["T_more_less"], values["decoys"]
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale is not a number if all inliers lie at one point.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None

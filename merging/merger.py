@@ -13,7 +13,13 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import NonrigidRegistration, may_be_deformed, register_nonrigid, register_refused_pairs
+from merging.nonrigid.search import (
+    NonrigidRegistration,
+    may_be_deformed,
+    peak_of,
+    register_nonrigid,
+    register_refused_pairs,
+)
 from merging.pose_priors import place_by_priors
 from merging.rigid_alignment import align_whole
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
@@ -147,7 +153,9 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
     """
     config = config or MergeConfig()
     found = align_whole(target, source, config)
-    closer = register_nonrigid(target, source, config) if may_be_deformed(found, config) else None
+    if not may_be_deformed(found, config):
+        return found
+    closer = register_nonrigid(target, source, config, peak_of(found, config))
     return found if closer is None else closer.alignment
 
 

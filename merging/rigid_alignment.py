@@ -20,6 +20,8 @@ _ALTERNATIVES = 4
 """Largest number of alternatives."""
 _WORTH_NAMING = 0.01
 """Least confidence of an alternative."""
+_DECOYS = 3
+"""Largest number of decoys that an alignment keeps."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,7 @@ def _judged(
         ambiguous=ambiguous,
         reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
         alternatives=tuple(others),
+        decoys=tuple(decoys[:_DECOYS]),
     )
 
 

@@ -5,6 +5,9 @@ verification refuses them. A deformed map fits more poses than a rigid one. Ther
 rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
 map, and poses of its mirror image. Registered tiles leave some distance between corresponding walls. If one pose stands
 out clearly in the correlation, a second attempt tolerates larger distances.
+
+The new alignment takes most of the time. It is not tried if the deformed map can hardly pass it: if its evidence has
+too little confidence even without rivals, and with only few decoys, those of the refused rigid alignment.
 """
 
 import itertools
@@ -103,21 +106,35 @@ class NonrigidRegistration:
 
 
 class Peak(NamedTuple):
-    """The best pose of a correlation."""
+    """The best pose of the correlation of a refused rigid alignment."""
 
     motion: SE2
     """The pose of the map with less wall in the other's frame, `Alignment.T_more_less`."""
     lead: float
     """Its score divided by that of the next pose."""
+    decoys: Sequence[Evidence]
+    """The evidence for some poses of the mirror image."""
 
 
-def register_nonrigid(target: TbmMap, source: TbmMap, config: MergeConfig) -> NonrigidRegistration | None:
-    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted."""
+def peak_of(refused: Alignment, config: MergeConfig) -> Peak | None:
+    """Return the best pose of a refused alignment's correlation; None if more poses are to be tried."""
+    if refused.T_more_less is None or config.nonrigid.places > 1:
+        return None
+    return Peak(refused.T_more_less, refused.lead, refused.decoys)
+
+
+def register_nonrigid(
+    target: TbmMap, source: TbmMap, config: MergeConfig, peak: Peak | None = None
+) -> NonrigidRegistration | None:
+    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted.
+
+    Without the peak of their refused rigid alignment it is computed, and no pose is refused by its decoys.
+    """
     if not (config.nonrigid.enabled and config.method == "correlation"):
         return None
     resolution = comparison_resolution([target.grid, source.grid], config)
     fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
-    return register_deformable(fixed, moving, config)
+    return register_deformable(fixed, moving, config, peak)
 
 
 def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
@@ -143,14 +160,15 @@ def _register_onto(
     """Deform the source at the best poses of the correlation, with larger distances where one pose is clear."""
     fixed = target.structure
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
+    decoys: Sequence[Evidence] = ()
     if peak is not None:
-        poses, lead = [peak.motion], peak.lead
+        poses, lead, decoys = [peak.motion], peak.lead, peak.decoys
     else:
         poses = first_apart(proposals().motions, source.structure, config.nonrigid.places)
         lead = lead_of(proposals(), source.structure)
-    found = _attempt(target, source, poses, proposals, config)
+    found = _attempt(target, source, poses, decoys, proposals, config)
     if found is None and lead >= config.nonrigid.clear_lead:
-        found = _attempt(target, source, poses, proposals, _with_wide_distances(config))
+        found = _attempt(target, source, poses, decoys, proposals, _with_wide_distances(config))
     return found
 
 
@@ -158,6 +176,7 @@ def _attempt(
     target: DeformableMap,
     source: DeformableMap,
     poses: Sequence[SE2],
+    decoys: Sequence[Evidence],
     proposals: Callable[[], Proposals],
     config: MergeConfig,
 ) -> NonrigidRegistration | None:
@@ -165,7 +184,7 @@ def _attempt(
     fixed = target.structure
     for pose in poses:
         deformed = deform(fixed, source, pose, config)
-        if deformed is None:
+        if deformed is None or (decoys and _is_hopeless(fixed, deformed, decoys, config)):
             continue
         rigid = align_whole(TbmMap(target.grid), TbmMap(deformed.grid), config)
         if not _is_aligned_at(deformed.motion, rigid, config):
@@ -176,6 +195,17 @@ def _attempt(
             return None
         return NonrigidRegistration(_accepted(rigid, deformed, confidence), deformed.deformation)
     return None
+
+
+def _is_hopeless(target: WallMap, deformed: DeformedMap, decoys: Sequence[Evidence], config: MergeConfig) -> bool:
+    """Return whether a deformed map has too little confidence at its pose even without rivals and most decoys.
+
+    Further rivals and decoys hardly ever increase the confidence.
+    """
+    structure = WallMap.from_grid(deformed.grid, config.structure)
+    motion = refine_all(target, structure, [deformed.motion], config)[0]
+    evidence = examine(target, structure, motion, config.verification)
+    return confidences([evidence], decoys)[0] < config.verification.min_confidence
 
 
 def _with_wide_distances(config: MergeConfig) -> MergeConfig:
@@ -252,7 +282,7 @@ def register_refused_pairs(
         Call(
             f"{source} deformed onto {target}",
             register_deformable,
-            (maps[target, size], maps[source, size], config, _peak_of(found, (target, source), config)),
+            (maps[target, size], maps[source, size], config, _peak_of_pair(found, (target, source), config)),
         )
         for (target, source), size in sizes.items()
     ]
@@ -277,9 +307,6 @@ def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) ->
     return deformable(sent.grid, resolution, config)
 
 
-def _peak_of(found: MergeState, pair: Pair, config: MergeConfig) -> Peak | None:
+def _peak_of_pair(found: MergeState, pair: Pair, config: MergeConfig) -> Peak | None:
     """Return the peak of a pair's correlation; None if more poses are to be tried, or if it is of other grids."""
-    refused = found.alignments[pair]
-    if refused.T_more_less is None or pair in found.evidence_grids or config.nonrigid.places > 1:
-        return None
-    return Peak(refused.T_more_less, refused.lead)
+    return None if pair in found.evidence_grids else peak_of(found.alignments[pair], config)
