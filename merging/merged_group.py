@@ -11,7 +11,7 @@ from merging.fusion import CellSizeError, Fusion, corners_of, fuse, place
 from merging.joint_slam import JointRefinement, redraw, refine_jointly, rendered_alike
 from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.grid_resampling import resample
+from tbmslam.belief.grid_resampling import PlacedGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
@@ -44,7 +44,8 @@ def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, p
     with progress.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
         if joint is not None and _may_be_rendered(joint, config):
-            fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
+            _draw(joint, fusion.grid)
+            fusion = replace(fusion, rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
 
@@ -64,11 +65,18 @@ def _may_be_rendered(joint: JointRefinement, config: MergeConfig) -> bool:
     return not asked and rendered_alike(list(joint.maps.values()))
 
 
-def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
-    """Render the scans of all drives into one grid."""
+_ROWS_AT_ONCE = 256
+"""Rows that are resampled at once, to limit the memory."""
+
+
+def _draw(joint: JointRefinement, canvas: TbmGrid) -> None:
+    """Render the scans of all drives into a grid, in place of its masses."""
     maps = list(joint.maps.values())
     drawn = redraw([drive.keyframes for tbm_map in maps for drive in tbm_map.drives], maps[0])
-    return resample(drawn, SE2.identity(), canvas)
+    placed = PlacedGrid(drawn, SE2.identity(), canvas.geometry)
+    for first in range(0, canvas.geometry.rows, _ROWS_AT_ONCE):
+        last = min(first + _ROWS_AT_ONCE, canvas.geometry.rows)
+        canvas.masses[first:last] = placed.masses_of_rows(first, last)
 
 
 def _merged(
