@@ -13,13 +13,7 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import (
-    NonrigidRegistration,
-    may_be_deformed,
-    peak_of,
-    register_nonrigid,
-    register_refused_pairs,
-)
+from merging.nonrigid.search import NonrigidRegistration, align_deformed, register_refused_pairs
 from merging.pose_priors import place_by_priors
 from merging.rigid_alignment import align_whole
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
@@ -152,11 +146,7 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
         If the maps cannot be brought into cells of one size.
     """
     config = config or MergeConfig()
-    found = align_whole(target, source, config)
-    if not may_be_deformed(found, config):
-        return found
-    closer = register_nonrigid(target, source, config, peak_of(found, config))
-    return found if closer is None else closer.alignment
+    return align_deformed(target, source, align_whole(target, source, config), config)
 
 
 def _grouped(

@@ -123,6 +123,14 @@ def peak_of(refused: Alignment, config: MergeConfig) -> Peak | None:
     return Peak(refused.T_more_less, refused.lead, refused.decoys)
 
 
+def align_deformed(target: TbmMap, source: TbmMap, rigid: Alignment, config: MergeConfig) -> Alignment:
+    """Return the alignment of a deformed map if the rigid alignment was refused and this one is accepted."""
+    if not may_be_deformed(rigid, config):
+        return rigid
+    found = register_nonrigid(target, source, config, peak_of(rigid, config))
+    return rigid if found is None else found.alignment
+
+
 def register_nonrigid(
     target: TbmMap, source: TbmMap, config: MergeConfig, peak: Peak | None = None
 ) -> NonrigidRegistration | None:
