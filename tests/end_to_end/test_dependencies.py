@@ -1,11 +1,14 @@
-"""Every dependency has wheels for the machines that people use: nobody needs a compiler."""
+"""Every dependency has wheels for the machines that people use, and all of them together are not too large."""
 
 import subprocess
 import sys
 import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 GLIBC = ("manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
@@ -37,3 +40,23 @@ def test_every_dependency_has_a_wheel(machine, python, tmp_path):
     if any(what in done.stderr for what in NO_REGISTRY):
         pytest.skip("no package registry can be reached")
     assert done.returncode == 0, done.stderr
+
+
+def installed_with(name):
+    """Return the names of a distribution and of all that it needs here, without extras."""
+    found, waiting = set(), [name]
+    while waiting:
+        name = canonicalize_name(waiting.pop())
+        if name not in found:
+            found.add(name)
+            needed = [Requirement(line) for line in metadata.requires(name) or ()]
+            waiting += [each.name for each in needed if each.marker is None or each.marker.evaluate({"extra": ""})]
+    return found
+
+
+def test_what_is_installed_is_not_too_large():
+    names = installed_with("tbmslam")
+    assert "numpy" in names
+    files = [Path(str(file.locate())) for name in names for file in metadata.files(name) or () if file.suffix != ".pyc"]
+    megabytes = sum(file.stat().st_size for file in files if file.exists()) / 1e6
+    assert 400.0 < megabytes < 640.0  # 592 with the releases of November 2026
