@@ -29,8 +29,8 @@ from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
 from tools.command_line.paths import map_folders
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.evaluation import NAME as TRUTH_FILE
-from tools.evaluation import read_truth_file
+from tools.mapping.truth_file import NAME as TRUTH_FILE
+from tools.mapping.truth_file import read_truth_file
 
 HEAD = (
     *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),

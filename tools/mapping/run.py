@@ -30,9 +30,9 @@ from tools.command_line.options import LIVE
 from tools.command_line.output_folder import OutputError, changed_files, output_folder, write_checksums
 from tools.command_line.paths import check_extra_files, map_folders, write_extra_files
 from tools.command_line.progress import ProgressBars
-from tools.evaluation import GIVEN, NAME, OWN_MAP, read_truth_file
 from tools.mapping.plan import plan_mapping
 from tools.mapping.task import Mapped, MappingTask, Shelf, finished, map_robot
+from tools.mapping.truth_file import GIVEN, NAME, OWN_MAP, read_truth_file
 
 logger = logging.getLogger(__name__)
 

@@ -21,9 +21,9 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps, make_world
 from tools.command_line.text_table import describe_machine
-from tools.evaluation import NAME as TRUTH_FILE
-from tools.evaluation import read_truth_file
 from tools.map_pairs import KnownPair
+from tools.mapping.truth_file import NAME as TRUTH_FILE
+from tools.mapping.truth_file import read_truth_file
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from merging.fusion import fuse, place
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
-from tools.evaluation import OWN_MAP
+from tools.mapping.truth_file import OWN_MAP
 from tools.paper.experiments import PaperMapsError, load_pairs, pair_of_area
 
 

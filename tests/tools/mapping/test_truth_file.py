@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tools.evaluation import GIVEN, OWN_MAP, TruthFile, TruthFileError, read_truth_file
+from tools.mapping.truth_file import GIVEN, OWN_MAP, TruthFile, TruthFileError, read_truth_file
 
 SAID = {
     "source": OWN_MAP,
