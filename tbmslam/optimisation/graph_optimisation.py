@@ -129,10 +129,10 @@ def relative_covariance(
     numbers = np.zeros(len(poses), dtype=np.int64)
     numbers[nodes] = np.arange(len(nodes))
     motions = motions_of(chain, closures, robust_width, numbers, np.zeros((len(poses), 3)))
-    own, system, _ = motion_equations(motions, poses[nodes])
+    at, bends = poses[nodes], bends_of([0, len(nodes)])
+    own, system, _ = motion_equations(motions, at)
     held, asked = numbers[source], numbers[target]
     own[held] += _GAUGE * np.eye(3)
-    at, bends = poses[nodes], bends_of([0, len(nodes)])
     solver = PoseSolver(PoseSystem(own, _NO_LINES, system), at, bends, _COVARIANCE_RESIDUE)
     in_map = np.empty((3, 3))
     for axis in range(3):
