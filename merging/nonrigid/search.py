@@ -90,9 +90,19 @@ def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config
 def _evidence(target: WallMap, source: DeformableMap, pose: SE2, config: MergeConfig) -> Evidence:
     """Return the evidence for a pose after the map was deformed there, or without deformation if that fails."""
     deformed = deform(target, source, pose, config)
-    structure = source.structure if deformed is None else WallMap.from_grid(deformed.grid, config.structure)
-    motion = refine_all(target, structure, [pose if deformed is None else deformed.motion], config)[0]
-    return examine(target, structure, motion, config.verification)
+    if deformed is None:
+        return _evidence_near(target, source.structure, pose, config)
+    return _evidence_of_deformed(target, deformed, config)
+
+
+def _evidence_of_deformed(target: WallMap, deformed: DeformedMap, config: MergeConfig) -> Evidence:
+    """Return the evidence for a deformed map at its pose."""
+    return _evidence_near(target, WallMap.from_grid(deformed.grid, config.structure), deformed.motion, config)
+
+
+def _evidence_near(target: WallMap, source: WallMap, pose: SE2, config: MergeConfig) -> Evidence:
+    """Return the evidence for a pose after its refinement."""
+    return examine(target, source, refine_all(target, source, [pose], config)[0], config.verification)
 
 
 @dataclass(frozen=True)
@@ -210,9 +220,7 @@ def _is_hopeless(target: WallMap, deformed: DeformedMap, decoys: Sequence[Eviden
 
     Further rivals and decoys hardly ever increase the confidence.
     """
-    structure = WallMap.from_grid(deformed.grid, config.structure)
-    motion = refine_all(target, structure, [deformed.motion], config)[0]
-    evidence = examine(target, structure, motion, config.verification)
+    evidence = _evidence_of_deformed(target, deformed, config)
     return confidences([evidence], decoys)[0] < config.verification.min_confidence
 
 
