@@ -79,7 +79,7 @@ class SurfelMap:
         How much further than needed the lattice grows, so that it need not grow again soon; 0 where all comes at
         once [m].
     slots
-        How many cells have memory from the begin, so that it need not grow soon.
+        Number of cells that have memory at first, so that the memory need not grow soon.
     """
 
     def __init__(self, config: SurfelConfig, spare: float = 6.4, slots: int = CELLS) -> None:

@@ -58,7 +58,7 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
         if inverses[line, 2] == 0.0:
             continue
         turn, shift = 0.0, 0.0
-        # What is not negative needs no question whether it counts from the end.
+        # Negative indices count from the end. Unsigned ones need no check for that.
         first, stop = np.uint64(begins[line]), np.uint64(begins[line + 1])
         for o in range(first, stop):
             seer = np.uint64(seers[o])

@@ -32,7 +32,7 @@ def solve(factor: FloatArray, vector: FloatArray) -> None:
     size = len(vector)
     for k in range(size):
         ratio = vector[k] / factor[k, k]
-        # Only what is not negative for sure is vectorised.
+        # The loop is vectorised only with unsigned indices.
         for j in range(np.uint64(k + 1), np.uint64(size)):
             vector[j] -= ratio * factor[k, j]
     for k in range(size - 1, -1, -1):

@@ -32,7 +32,7 @@ def add_window(
     rows, cols
         Size of the window.
     """
-    # What is not negative needs no question whether it counts from the end, and compiles to a few wide instructions.
+    # Negative indices count from the end. Unsigned ones need no check for that, so the loop is vectorised.
     there, here = np.uint64(first), np.uint64(0)
     for _ in range(rows):
         for col in range(np.uint64(cols)):

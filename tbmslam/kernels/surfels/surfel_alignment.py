@@ -94,7 +94,7 @@ def pair_up(
     facing_x, facing_y = cosine * FACING[0] + sine * FACING[1], cosine * FACING[1] - sine * FACING[0]
     inverse, count, independent = 1.0 / resolution, np.uint64(0), 0.0
     per_span, before = 0.5 / span, 0.5
-    # What is not negative needs no question whether it counts from the end.
+    # Negative indices count from the end. Unsigned ones need no check for that.
     stop, step = np.uint64(len(points)), np.uint64(every)
     for i in range(np.uint64(0), stop, step):
         px, py = points[i, 0], points[i, 1]

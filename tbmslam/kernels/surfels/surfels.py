@@ -58,7 +58,7 @@ def layer_of(normal_x: float, normal_y: float) -> int:
 @kernel
 def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> np.uint32:
     """Return a cell's slot; one below `CELLS` is nobody's."""
-    # What is not negative needs no question whether it counts from the end.
+    # Negative indices count from the end. Unsigned ones need no check for that.
     tile = tiles[np.uint32(layer), np.uint32(row >> TILE_BITS), np.uint32(col >> TILE_BITS)]
     return np.uint32(tile * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
 
