@@ -10,7 +10,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import determined_of_robot
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryNoiseConfig
-from tbmslam.tracking.tracker import PosePrior
+from tbmslam.tracking.tracker import Coasting, PosePrior
 
 _JUMP = 2.0
 """A step of the odometry beyond what the speed explains by more than this is no motion [m]."""
@@ -19,6 +19,8 @@ _LONGEST = 2.0
 _FORGETTING = 0.05
 """Share of the usual time between scans that the latest one makes."""
 _NONE = 0.0, 0.0, 0.0
+_SPEED = 1.0
+"""Usual speed of robots, where the last motion is not known [m/s], [rad/s]."""
 _TOP_SPEED = 15.0
 """No robot drives faster [m/s]."""
 
@@ -64,7 +66,7 @@ class MotionModel:
         now, before = reading.T_odom_robot, self._T_odom_robot
         if self._stamp is None:
             start = now or SE2.identity()
-            return PosePrior(start, _NONE, _NONE, start, lambda: start)
+            return PosePrior(start, _NONE, _NONE, start, _no_coasting)
         self._jumped = False
         if now is None or before is None:
             return self._by_constant_velocity(reading)
@@ -77,7 +79,7 @@ class MotionModel:
         motion = self._noise.deviations(self._distance + length, self._turn + abs(step[2]))
         if self._config.composition == "component":
             start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
-            return PosePrior(start, motion, motion, start, lambda: start, by_odometry=True)
+            return PosePrior(start, motion, motion, start, _no_coasting, by_odometry=True)
         start, deviations = self._T_map_robot @ step, _with_variances(motion, self._of_keyframe)
         # By place, as names take half as long again.
         return PosePrior(
@@ -91,12 +93,13 @@ class MotionModel:
             self._swerve(start, stamp),
         )
 
-    def coasting(self, reading: Reading) -> SE2:
-        """Return where the robot would be if it just went on as before."""
-        if self._stamp is None or not 0.0 < self._duration <= 1.0:
-            return self._T_map_robot
-        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
-        return self._T_map_robot @ _part(self._last_step(), min(duration / self._duration, _LONGEST))
+    def coasting(self, reading: Reading) -> Coasting:
+        """Return the robot's pose by its last motion, or by its last pose alone where that motion is not known."""
+        since = 0.0 if self._stamp is None else reading.scan.stamp - self._stamp
+        if 0.0 < self._duration <= 1.0 and since <= 1.0:
+            return Coasting(self._coasted(reading), self._coasting_deviations(reading))
+        far = self._config.odometry.position_floor + _SPEED * max(since, self._usual)
+        return Coasting(self._T_map_robot, (far, far, far))
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
         """Return how the robot moves in the time [s] after a reading that is about to be placed.
@@ -219,14 +222,27 @@ class MotionModel:
         return before.to(after)
 
     def _by_constant_velocity(self, reading: Reading) -> PosePrior:
+        pose, deviations = self._coasted(reading), self._coasting_deviations(reading)
+        return PosePrior(pose, deviations, deviations, pose, _no_coasting)
+
+    def _coasted(self, reading: Reading) -> SE2:
+        """Return the pose by the last motion, and the last pose where that motion is not known."""
+        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+            return self._T_map_robot
+        duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
+        return self._T_map_robot @ _part(self._last_step(), min(duration / self._duration, _LONGEST))
+
+    def _coasting_deviations(self, reading: Reading) -> Deviations:
         config = self._config
         # Stamps may be anything: a scan soon after another one by its stamp may have been taken as late as usual.
         duration = max(0.0 if self._stamp is None else min(reading.scan.stamp - self._stamp, 1.0), self._usual)
         position = config.odometry.position_floor + config.position_per_second * duration
-        heading = config.odometry.heading_floor + config.heading_per_second * duration
-        pose = self.coasting(reading)
-        deviations = position, position, heading
-        return PosePrior(pose, deviations, deviations, pose, lambda: pose)
+        return position, position, config.odometry.heading_floor + config.heading_per_second * duration
+
+
+def _no_coasting() -> None:
+    """Return that inertia tells nothing beside the prior."""
+    return
 
 
 def _with_variances(motion: Deviations, more: Deviations) -> Deviations:

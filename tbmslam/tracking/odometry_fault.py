@@ -8,22 +8,17 @@ fault needs much evidence of the scans, and the next ones need little.
 
 import math
 
-from tbmslam.tracking.odometry_noise import FREEDOM
+from tbmslam.tracking.odometry_noise import student_cost
 
-_BEGINS = 1e-3
-"""Probability that a fault begins at a keyframe."""
+_BEGINS = 0.01
+"""Probability that a fault begins at a keyframe. 0.001 is as good."""
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
-_FAULTY_COST = 4.0
-"""Negative log-likelihood of any pose under faulty odometry; it is 0 at the mean of right odometry. With 6, intel-real
-errs by 0.85 m in one of seven runs with reversed odometry; 3 is as good as 4."""
-_SUSPECTED = 0.01
-"""Probability from which on scans decide between odometry and the last motion: ten times that of a new fault."""
-
-
-def right_cost(surprise: float) -> float:
-    """Return the negative log-likelihood of a squared Mahalanobis distance under right odometry, up to a constant."""
-    return 0.5 * (FREEDOM + 3.0) * math.log1p(surprise / FREEDOM)
+_FAULTY_COST = 5.0
+"""Negative log-likelihood of any pose under faulty odometry; it is 0 at the mean of right odometry. With 4, five of 28
+runs with reversed odometry err (`benchmark.py perturb`), with 6 two, with 5 one."""
+_SUSPECTED = 0.1
+"""Probability from which on other hypotheses are tried beside the odometry's: ten times that of a new fault."""
 
 
 class OdometryFault:
@@ -43,18 +38,9 @@ class OdometryFault:
         """Whether the odometry was faulty a short time ago."""
         return self.probability > _SUSPECTED
 
-    def cost(self, surprise: float, swerves: bool) -> float:
-        """Return the negative log-likelihood of a pose, up to a constant.
-
-        Parameters
-        ----------
-        surprise
-            Its squared Mahalanobis distance from the odometry.
-        swerves
-            Whether the odometry suddenly leaves the robot's last motion. A new fault does so, as robots have inertia.
-            People who go along with a robot do not.
-        """
-        return -math.log(sum(self._likelihoods(surprise))) if swerves or self.is_suspected else right_cost(surprise)
+    def cost(self, surprise: float) -> float:
+        """Return the negative log-likelihood of a pose by its squared Mahalanobis distance from the odometry."""
+        return -math.log(sum(self._likelihoods(surprise)))
 
     def observe(self, surprise: float) -> None:
         """Update the probability with a keyframe's squared Mahalanobis distance from the odometry."""
@@ -64,5 +50,5 @@ class OdometryFault:
 
     def _likelihoods(self, surprise: float) -> tuple[float, float]:
         """Return the likelihoods of both states with their probabilities: right, faulty."""
-        right = (1.0 - self.probability) * math.exp(-right_cost(surprise))
+        right = (1.0 - self.probability) * math.exp(-student_cost(surprise))
         return right, self.probability * math.exp(-_FAULTY_COST)

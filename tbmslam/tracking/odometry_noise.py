@@ -24,6 +24,11 @@ _LEAST, _MOST = 0.05, 20.0
 """Bounds of the factors: scans themselves err by a few millimetres from keyframe to keyframe."""
 
 
+def student_cost(squared: float) -> float:
+    """Return the negative log-likelihood of a squared Mahalanobis distance under Student's t, 0 at the mean."""
+    return 0.5 * (FREEDOM + 3.0) * math.log1p(squared / FREEDOM)
+
+
 class OdometryNoiseConfig(FrozenConfig):
     """Standard deviations of odometry before anything is learnt, and how they are learnt."""
 

@@ -39,6 +39,15 @@ def moved_from(initial_guess: SE2, pose: SE2) -> bool:
     return max(abs(a - b) for a, b in zip(initial_guess, pose, strict=True)) > 1e-7
 
 
+class Coasting(NamedTuple):
+    """The robot's pose if it goes on as before: robots have inertia."""
+
+    mean: SE2
+    """T_map_robot by the robot's last motion."""
+    deviations: Deviations
+    """Of the mean in its own frame, since robots accelerate."""
+
+
 class PosePrior(NamedTuple):
     """A prior on the robot's pose, of Student's t distribution."""
 
@@ -51,8 +60,8 @@ class PosePrior(NamedTuple):
     """Of the motion alone."""
     start: SE2
     """T_map_robot: where the search for the scan's place begins, by odometry since the last scan."""
-    coasting: Callable[[], SE2]
-    """Returns T_map_robot where the robot would be if it had gone on as before: another start where odometry slips."""
+    coasting: Callable[[], Coasting | None]
+    """Returns the pose by inertia, which holds even where the odometry is faulty; None where the mean comes from it."""
     jump: float = 0.0
     """How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0."""
     by_odometry: bool = False

@@ -138,10 +138,30 @@ def test_the_mean_goes_on_from_the_last_keyframe_and_the_search_from_the_last_sc
     assert prior.by_odometry
     assert prior.mean == pytest.approx((0.2, 0.0, 0.0))
     assert prior.start == pytest.approx(SE2(0.1, 0.03, 0.02) @ SE2(0.1, 0.0, 0.0))
-    assert prior.coasting() == pytest.approx(SE2(0.1, 0.03, 0.02) @ SE2(0.1, 0.03, 0.02), abs=2e-3)
+    coasting = prior.coasting()
+    assert coasting.mean == pytest.approx(SE2(0.1, 0.03, 0.02) @ SE2(0.1, 0.03, 0.02), abs=2e-3)
+    assert coasting.deviations == pytest.approx((0.255, 0.255, 0.255))
     model.begin_at_keyframe(reading(0.5, SE2(5.1, 5.0, 0.0)), SE2(0.1, 0.03, 0.02))
     prior = model.predict(reading(1.0, SE2(5.2, 5.0, 0.0)))
     assert prior.mean == pytest.approx(prior.start)
+
+
+def test_a_robot_that_was_not_seen_for_long_may_have_gone_anywhere_near_its_last_pose():
+    model = MotionModel(MotionConfig())
+    model.correct(reading(0.0, SE2.identity()), SE2.identity())
+    model.correct(reading(0.5, SE2(0.1, 0.0, 0.0)), SE2(0.1, 0.0, 0.0))
+    coasting = model.predict(reading(4.5, SE2(0.2, 0.0, 0.0))).coasting()
+    assert coasting.mean == SE2(0.1, 0.0, 0.0)
+    assert coasting.deviations == pytest.approx((4.005, 4.005, 4.005))
+
+
+def test_inertia_says_nothing_beside_a_prior_that_comes_from_it():
+    model = MotionModel(MotionConfig())
+    for stamp in (0.0, 0.5):
+        model.correct(reading(stamp, None), SE2(stamp, 0.0, 0.0))
+    prior = model.predict(reading(1.0, None))
+    assert not prior.by_odometry
+    assert prior.coasting() is None
 
 
 def test_after_a_jump_the_odometry_counts_from_where_the_scan_was_placed():

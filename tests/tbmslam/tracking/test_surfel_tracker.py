@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -6,14 +7,16 @@ import pytest
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
-from tbmslam.tracking.tracker import PosePrior
+from tbmslam.tracking.tracker import Coasting, PosePrior
 
 BEAMS = 720
 DEVIATIONS = (0.02, 0.02, 0.015)
 
 
 def prior_at(mean, coasting=None, deviations=DEVIATIONS):
-    return PosePrior(mean, deviations, deviations, mean, lambda: coasting or mean, by_odometry=True)
+    """The prior by odometry, and by inertia at a speed that may have changed by half a metre a second within 0.2 s."""
+    inertia = Coasting(coasting or mean, (0.105, 0.105, 0.105))
+    return PosePrior(mean, deviations, deviations, mean, lambda: inertia, by_odometry=True)
 
 
 def room_scan(pose, stamp=0.0, shorter=0, half=(4.0, 3.0), noise=0.003):
@@ -148,21 +151,43 @@ def test_odometry_that_says_the_opposite_is_overruled_by_a_room(tracker, step):
     assert match.trust < 0.1
 
 
-def among(scan, bearings, distance):
-    """Return a scan with people 0.4 m wide in some bearings [rad], at a distance [m]."""
+@pytest.mark.parametrize("step", [0.3, 0.4])
+def test_odometry_that_says_the_opposite_is_overruled_along_a_corridor(step):
+    """Its walls are the same everywhere: only the prior by inertia leads the scan to what else it sees."""
+    post = (2.5, 0.45)
+    tracker = learnt(with_post(corridor_scan(SE2.identity()), SE2.identity(), post))
+    true, mean = SE2(step, 0.0, 0.0), SE2(-step, 0.0, 0.0)
+    prior = prior_at(mean, coasting=SE2(0.9 * step, 0.0, 0.0))._replace(swerve=1.9 * step)
+    match = tracker.match(with_post(corridor_scan(true), true, post), prior, SE2.identity())
+    np.testing.assert_allclose(match.T_map_sensor, true, atol=0.01)
+    assert match.trust < 0.1
+
+
+def with_post(scan, pose, post):
+    """Return a scan with a post 0.1 m wide at a place of the map."""
+    x, y = post[0] - pose.x, post[1] - pose.y
+    return among(scan, (math.atan2(y, x),), math.hypot(x, y), width=0.1)
+
+
+def among(scan, bearings, distance, width=0.4):
+    """Return a scan with people of a width in some bearings [rad], at a distance [m]."""
     angles = scan.angle_min + np.arange(BEAMS) * scan.angle_increment
     ranges = scan.ranges.copy()
     for bearing in bearings:
-        ranges[np.abs(angles - bearing) < 0.2 / distance] = distance
+        ranges[np.abs(angles - bearing) < 0.5 * width / distance] = distance
     return replace(scan, ranges=ranges)
 
 
 @pytest.mark.parametrize(("bearings", "step"), [((0.1,), 0.15), ((0.1,), 0.3), ((0.1, 3.0), 0.3)])
 def test_people_who_go_along_a_corridor_do_not_hold_the_robot_back(bearings, step):
-    """They are seen where they were, in the robot's frame, while all walls are the same further on."""
+    """They are seen where they were, in the robot's frame, while all walls are the same further on.
+
+    Odometry and inertia agree against them, though the registration begins where they hold the robot back.
+    """
     tracker = learnt(among(corridor_scan(SE2.identity()), bearings, 1.5))
     true = SE2(step, 0.0, 0.0)
-    prior = prior_at(true, coasting=SE2.identity(), deviations=(0.01, 0.01, 0.005))._replace(start=SE2.identity())
+    coasting = SE2(0.9 * step, 0.0, 0.0)
+    prior = prior_at(true, coasting, deviations=(0.01, 0.01, 0.005))._replace(start=SE2.identity())
     match = tracker.match(among(corridor_scan(true, 0.2), bearings, 1.5), prior, SE2.identity())
     assert match.T_map_sensor.x == pytest.approx(step, abs=0.015)
     np.testing.assert_allclose(match.T_map_sensor[1:], true[1:], atol=2e-3)
