@@ -129,35 +129,38 @@ def count_scans(
     most = 0
     for k in range(len(lasers)):
         most = max(most, offsets[k + 1] - offsets[k])
-    beams = np.empty((5, most))
+    beams, paths = np.empty((6, most)), np.empty((8, most), dtype=np.int64)
     for k in range(len(lasers)):
         spoken, first = (before + k + 1) << (2 * BITS), offsets[k]
         number = offsets[k + 1] - first
         _measure_beams(lasers[k], ends, first, number, resolution, beams)
         for i in range(number):
             row, col = math.floor(beams[4, i]) - first_row, math.floor(beams[3, i]) - first_col
-            cell = row * width + col
-            if is_hit[first + i] and cells[cell] < spoken:
-                cells[cell] = (cells[cell] & BOTH | spoken) + ONE_HIT
+            cell = np.uint64(row * width + col)
+            known = cells[cell]
+            cells[cell] = (known & BOTH | spoken) + ONE_HIT if is_hit[first + i] and known < spoken else known
         x, y = lasers[k, 0] / resolution - first_col, lasers[k, 1] / resolution - first_row
-        for i in range(number):
-            dx, dy = beams[3, i] - first_col - x, beams[4, i] - first_row - y
-            share = _seen_by_neighbours(beams, number, i, resolution)
-            if share < 1.0:
-                _count_beam(cells, width, spoken, (x + share * dx, y + share * dy), (x + dx, y + dy))
+        _plan_paths(beams, number, (x, y), (first_row, first_col), width, paths)
+        _count_paths(cells, spoken, paths, number)
 
 
 @kernel
 def _measure_beams(
     laser: FloatArray, ends: FloatArray, first: int, number: int, resolution: float, beams: FloatArray
 ) -> None:
-    """Write the ways x, y and lengths of a scan's beams [m] and ends x, y [cells], in rows that are vectorised."""
+    """Write what a scan's beams are, in rows (6, beams) so that the loop is vectorised.
+
+    The rows are x, y and the length of the beam [m], x and y of its end [cells], and the share of its length that
+    other beams count, see `_seen_by_neighbours`.
+    """
     x, y = laser[0], laser[1]
     for i in range(number):
         end_x, end_y = ends[first + i, 0], ends[first + i, 1]
         dx, dy = end_x - x, end_y - y
         beams[0, i], beams[1, i], beams[2, i] = dx, dy, math.sqrt(dx * dx + dy * dy)
         beams[3, i], beams[4, i] = end_x / resolution, end_y / resolution
+    for i in range(number):
+        beams[5, i] = _seen_by_neighbours(beams, number, i, resolution)
 
 
 @kernel
@@ -180,35 +183,60 @@ def _seen_by_neighbours(beams: FloatArray, count: int, number: int, resolution: 
 
 
 @kernel
-def _count_beam(
-    cells: npt.NDArray[np.int64], width: int, spoken: int, start: tuple[float, float], end: tuple[float, float]
+def _plan_paths(
+    beams: FloatArray,
+    number: int,
+    laser: tuple[float, float],
+    corner: tuple[int, int],
+    width: int,
+    paths: IntArray,
 ) -> None:
-    """Count one beam's cells, given in cells of the array; a 4-connected line.
+    """Write the path of each beam through the cells (8, beams), from where its neighbours no longer see them.
 
-    Goes along the longer axis and counts the cells where the beam enters and leaves each row or column. Without a
-    branch, since nobody can predict which it is.
+    A path is a 4-connected line. It goes along the longer axis of the beam, and takes the cells where the beam enters
+    and leaves each row or column. Its numbers are: the steps along the axis, -1 if nothing is left to count; the step
+    to the next cell along the axis and across it; the first cell's part along the axis; the first cell; where the beam
+    leaves the first row or column, across the axis, and how far it goes across in a step, in parts of a cell; the last
+    cell. Cells are places in the array. The numbers are written before any cell is counted: the loop has no branch, so
+    it is vectorised, and the processor knows the number of steps early.
     """
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    col, row = math.floor(start[0]), math.floor(start[1])
-    end_col, end_row = math.floor(end[0]), math.floor(end[1])
-    if abs(dx) >= abs(dy):
-        steps, step, side = abs(end_col - col), 1 if dx > 0.0 else -1, width
-        slope = dy / abs(dx) if steps > 0 else 0.0
-        leaves = start[1] + (col + 1 - start[0] if dx > 0.0 else start[0] - col) * slope
-        along, across, last = col, row, end_row
-    else:
-        steps, step, side = abs(end_row - row), width if dy > 0.0 else -width, 1
-        slope = dx / abs(dy)
-        leaves = start[0] + (row + 1 - start[1] if dy > 0.0 else start[1] - row) * slope
-        along, across, last = row * width, col, end_col
-    entered, way, climb = along + across * side, int(leaves * FRACTION), int(slope * FRACTION)
-    for _ in range(steps):
-        left = along + (way >> FRACTION_BITS) * side
-        _count_pair(cells, entered, left, spoken)
-        way += climb
-        along += step
-        entered = left + step
-    _count_pair(cells, entered, along + last * side, spoken)
+    x, y = laser
+    first_row, first_col = corner
+    for i in range(np.uint64(number)):
+        seen, dx, dy = beams[5, i], beams[3, i] - first_col - x, beams[4, i] - first_row - y
+        start_x, start_y, end_x, end_y = x + seen * dx, y + seen * dy, x + dx, y + dy
+        dx, dy = end_x - start_x, end_y - start_y
+        is_flat = abs(dx) >= abs(dy)
+        far, wide = (dx if is_flat else dy), (dy if is_flat else dx)
+        begin, beside = (start_x if is_flat else start_y), (start_y if is_flat else start_x)
+        along, across = math.floor(begin), math.floor(beside)
+        last_along = math.floor(end_x if is_flat else end_y)
+        last_across = math.floor(end_y if is_flat else end_x)
+        step, side = (1 if is_flat else width), (width if is_flat else 1)
+        steps = abs(last_along - along)
+        slope = wide / abs(far) if steps > 0 else 0.0
+        leaves = beside + (along + 1 - begin if far > 0.0 else begin - along) * slope
+        paths[0, i] = steps if seen < 1.0 else -1
+        paths[1, i], paths[2, i] = (step if far > 0.0 else -step), side
+        paths[3, i], paths[4, i] = along * step, along * step + across * side
+        paths[5, i], paths[6, i] = int(leaves * FRACTION), int(slope * FRACTION)
+        paths[7, i] = last_along * step + last_across * side
+
+
+@kernel
+def _count_paths(cells: npt.NDArray[np.int64], spoken: int, paths: IntArray, number: int) -> None:
+    """Count a passage of the cells of each path, see `_plan_paths`."""
+    for i in range(np.uint64(number)):
+        step, side, along, entered = paths[1, i], paths[2, i], paths[3, i], paths[4, i]
+        way, climb = paths[5, i], paths[6, i]
+        for _ in range(paths[0, i]):
+            left = along + (way >> FRACTION_BITS) * side
+            _count_pair(cells, entered, left, spoken)
+            way += climb
+            along += step
+            entered = left + step
+        if paths[0, i] >= 0:
+            _count_pair(cells, entered, paths[7, i], spoken)
 
 
 @kernel
