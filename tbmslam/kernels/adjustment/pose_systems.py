@@ -48,11 +48,7 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
         for i in range(3):
             product[k, i] = own[k, i, 0] * x + own[k, i, 1] * y + own[k, i, 2] * theta
     for e in range(len(motions.ends)):
-        source, target = motions.ends[e, 0], motions.ends[e, 1]
-        for i in range(3):
-            for j in range(3):
-                product[source, i] += motions.across[e, i, j] * changes[target, j]
-                product[target, j] += motions.across[e, i, j] * changes[source, i]
+        _add_motion(motions.across[e], motions.ends[e, 0], motions.ends[e, 1], changes, product)
     couplings, inverses, seers, begins = lines
     for line in range(len(inverses)):
         if inverses[line, 2] == 0.0:
@@ -72,6 +68,28 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
             for i in range(3):
                 product[seer, i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
     return product
+
+
+@kernel
+def _add_motion(across: FloatArray, source: int, target: int, changes: FloatArray, product: FloatArray) -> None:
+    """Add the curvature of a motion between two poses times their changes to the product."""
+    # All is read before anything is written: the processor need not wait for what it has just written.
+    s, t = np.uint64(source), np.uint64(target)
+    a, b, c = changes[s, 0], changes[s, 1], changes[s, 2]
+    x, y, theta = changes[t, 0], changes[t, 1], changes[t, 2]
+    xx, xy, xt = across[0, 0], across[0, 1], across[0, 2]
+    yx, yy, yt = across[1, 0], across[1, 1], across[1, 2]
+    tx, ty, tt = across[2, 0], across[2, 1], across[2, 2]
+    product[s, 0], product[s, 1], product[s, 2] = (
+        product[s, 0] + xx * x + xy * y + xt * theta,
+        product[s, 1] + yx * x + yy * y + yt * theta,
+        product[s, 2] + tx * x + ty * y + tt * theta,
+    )
+    product[t, 0], product[t, 1], product[t, 2] = (
+        product[t, 0] + xx * a + yx * b + tx * c,
+        product[t, 1] + xy * a + yy * b + ty * c,
+        product[t, 2] + xt * a + yt * b + tt * c,
+    )
 
 
 @kernel

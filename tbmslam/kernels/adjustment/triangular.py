@@ -10,9 +10,10 @@ from tbmslam.kernels import FloatArray, kernel
 
 @kernel
 def factorise(matrix: FloatArray) -> FloatArray:
-    """Return the upper triangular factor D U (M, M) of a matrix U^T D U, where the diagonal of U is one.
+    """Return the triangular factor D U (M, M) of a matrix U^T D U, where the diagonal of U is one.
 
-    What is below the diagonal of the matrix is not read, and that of the factor means nothing.
+    What is below the diagonal of the matrix is not read. The factor is stored twice, above the diagonal and below it as
+    its transpose, so that `solve` reads its columns in the order of memory.
     """
     factor = matrix.copy()
     for k in range(len(factor)):
@@ -23,6 +24,9 @@ def factorise(matrix: FloatArray) -> FloatArray:
                 to, of = factor[i, i:], row[i:]
                 for j in range(len(to)):
                     to[j] -= ratio * of[j]
+    for k in range(len(factor)):
+        for i in range(k + 1, len(factor)):
+            factor[i, k] = factor[k, i]
     return factor
 
 
@@ -32,11 +36,11 @@ def solve(factor: FloatArray, vector: FloatArray) -> None:
     size = len(vector)
     for k in range(size):
         ratio = vector[k] / factor[k, k]
-        # The loop is vectorised only with unsigned indices.
+        # Loops are vectorised only with unsigned indices.
         for j in range(np.uint64(k + 1), np.uint64(size)):
             vector[j] -= ratio * factor[k, j]
     for k in range(size - 1, -1, -1):
-        rest = vector[k]
-        for j in range(k + 1, size):
-            rest -= factor[k, j] * vector[j]
-        vector[k] = rest / factor[k, k]
+        known = vector[k] / factor[k, k]
+        vector[k] = known
+        for j in range(np.uint64(k)):
+            vector[j] -= known * factor[k, j]
