@@ -60,7 +60,7 @@ class AdjustmentConfig(FrozenConfig):
     PUBLIC: ClassVar = ("enabled",)
 
     enabled: bool = Field(True, description="optimise poses and wall lines after loop closure")
-    quick_rounds: int = Field(5, ge=0, description="rounds with a third of the hits")
+    quick_rounds: int = Field(2, ge=0, description="rounds with a third of the hits")
     rounds: int = Field(1, ge=1, description="rounds with all hits after that")
     stretch: float = Field(1.0, gt=0, description="travelled length of a rigid segment [m]")
     turn: float = Field(1.0, gt=0, description="turned angle of a rigid segment [rad]")
