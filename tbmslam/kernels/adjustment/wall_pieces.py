@@ -57,10 +57,8 @@ class Sightings(NamedTuple):
     """How many there are."""
     pieces_met: int
     """Of how many pieces."""
-
     moments: FloatArray
-    """Of each sighting (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes
-    [m]."""
+    """Of each (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes [m]."""
     seers: IntArray
     """Its stretch (O,)."""
     pieces: IntArray
@@ -144,40 +142,37 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
         What makes a piece.
     """
     walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
-    size = _used(begins, every) + _used(hits.loose_begins, every)
+    size = (begins[-1] + hits.loose_begins[-1]) // every + 2 * len(poses)  # the rest of each stretch is rounded up
     moments, seers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     latest = np.empty(size, dtype=np.int64)
     table, numbers = np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1)
+    most = _most(begins)
+    placed, keys, facing = np.empty((2, most)), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
     count, cells, pieces_met = 0, 0, 0
-    key_before, number, per_cell = _NOBODY, 0, 1.0 / raster.cell
     for k in range(len(poses)):
-        c, s, first = math.cos(poses[k, 2]), math.sin(poses[k, 2]), count
-        while 2 * (cells + begins[k + 1] - begins[k]) > len(table):  # room for a cell for each hit
+        first, here = count, begins[k]
+        while 2 * (cells + begins[k + 1] - here) > len(table):  # room for a cell for each hit
             table, numbers = _grown(table, numbers)
-        for i in range(begins[k], begins[k + 1], every):
-            own_x, own_y = float(walls[i, 0]), float(walls[i, 1])
-            x, y = c * own_x - s * own_y, s * own_x + c * own_y
-            key = _key_of(poses[k, 0] + x - raster.shift, poses[k, 1] + y - raster.shift, per_cell)
-            if key != key_before:
-                place = _place_of(table, key)
-                if table[place, 0] == _NOBODY:
-                    table[place, 0], table[place, 1] = key, cells
-                    cells += 1
-                key_before, number = key, table[place, 1]
-            at = number * sectors + _sector_of(walls[i, 2] + poses[k, 2], sectors)
+        used = _place_hits(walls, here, begins[k + 1], every, poses[k], raster, placed, keys)
+        for j in range(np.uint64(used)):
+            facing[j] = _sector_of(walls[np.uint64(here) + j * np.uint64(every), 2] + poses[k, 2], sectors)
+        for j in range(np.uint64(used)):
+            place = _place_of(table, keys[j])
+            if table[place, 0] == _NOBODY:
+                table[place, 0], table[place, 1] = keys[j], cells
+                cells += 1
+            at = np.uint64(table[place, 1] * sectors + facing[j])
             piece = numbers[at]
             if piece < 0:
                 numbers[at] = piece = pieces_met
                 latest[piece] = -1
                 pieces_met += 1
-            o = latest[piece]
+            o = latest[np.uint64(piece)]
             if o < first:
                 latest[piece] = o = count
-                seers[o], pieces[o] = k, piece
-                for m in range(6):
-                    moments[o, m] = 0.0
+                _begin_sighting(moments, seers, pieces, o, k, piece)
                 count += 1
-            _add_hit(moments, o, x, y)
+            _add_hit(moments, o, placed[0, j], placed[1, j])
     return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
 
 
@@ -191,21 +186,23 @@ def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) 
 
 
 @kernel
-def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> IntArray:
-    """Return the piece of the only line in each cell (C,), -1 where there is none and -2 where there are several.
+def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> tuple[IntArray, IntArray]:
+    """Return where the lines of each cell begin and end (C + 1,), and the pieces whose lines they are.
 
     Lines (L, 5), see `line_adjustment.fit_lines`, are turned so that their pieces face their left.
     """
-    only = np.full(len(known.numbers) // sectors, -1)
+    begins, members = np.zeros(len(known.numbers) // sectors + 1, dtype=np.int64), np.empty(len(lines), dtype=np.int64)
+    count = 0
     for at in range(len(known.numbers)):
         piece = known.numbers[at]
-        if piece < 0 or lines[piece, 4] == 0.0:
-            continue
-        towards = 2.0 * math.pi * (at % sectors) / sectors
-        if lines[piece, 2] * math.sin(towards) - lines[piece, 3] * math.cos(towards) < 0.0:
-            lines[piece, 2], lines[piece, 3] = -lines[piece, 2], -lines[piece, 3]
-        only[at // sectors] = piece if only[at // sectors] == -1 else -2
-    return only
+        if piece >= 0 and lines[piece, 4] > 0.0:
+            towards = 2.0 * math.pi * (at % sectors) / sectors
+            if lines[piece, 2] * math.sin(towards) - lines[piece, 3] * math.cos(towards) < 0.0:
+                lines[piece, 2], lines[piece, 3] = -lines[piece, 2], -lines[piece, 3]
+            members[count] = piece
+            count += 1
+        begins[at // sectors + 1] = count
+    return begins, members[:count]
 
 
 @kernel
@@ -234,43 +231,32 @@ def join_walls(
     reach
         How far a hit may lie from a line [m].
     """
-    loose, begins, sectors = hits.loose, hits.loose_begins, raster.sectors
+    loose, begins = hits.loose, hits.loose_begins
     count, pieces_met, moments, seers, pieces = seen
-    latest, only = np.full(len(lines), -1), lines_by_cell(known, lines, sectors)
-    table, numbers = known
-    had, own, per_cell, key_before, cell = count, 0, 1.0 / raster.cell, _NOBODY, -1
+    latest = np.full(len(lines), -1)
+    firsts, members = lines_by_cell(known, lines, raster.sectors)
+    placed, keys = np.empty((2, _most(begins))), np.empty(_most(begins), dtype=np.int64)
+    had, own = count, 0
     for k in range(len(poses)):
         while own < had and seers[own] == k:
             latest[pieces[own]] = own
             own += 1
-        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        for i in range(begins[k], begins[k + 1], every):
-            own_x, own_y = float(loose[i, 0]), float(loose[i, 1])
-            x, y = c * own_x - s * own_y, s * own_x + c * own_y
-            at_x, at_y = poses[k, 0] + x, poses[k, 1] + y
-            key = _key_of(at_x - raster.shift, at_y - raster.shift, per_cell)
-            if key != key_before:
-                place = _place_of(table, key)
-                cell = table[place, 1] if table[place, 0] != _NOBODY else -1
-                key_before = key
-            if cell < 0:
+        used = _place_hits(loose, begins[k], begins[k + 1], every, poses[k], raster, placed, keys)
+        for j in range(np.uint64(used)):
+            place = _place_of(known.cells, keys[j])
+            if known.cells[place, 0] == _NOBODY:
                 continue
-            piece = only[cell]
-            if piece >= 0:
-                piece = piece if _is_on(lines, piece, at_x, at_y, x, y, reach) else -1
-            elif piece == -2:
-                for sector in range(sectors):
-                    other = numbers[cell * sectors + sector]
-                    if other >= 0 and _is_on(lines, other, at_x, at_y, x, y, reach):
-                        piece = other if piece == -2 else -1
-            if piece < 0:
+            x, y, cell = placed[0, j], placed[1, j], np.uint64(known.cells[place, 1])
+            met, piece = 0, -1
+            for m in range(np.uint64(firsts[cell]), np.uint64(firsts[cell + np.uint64(1)])):
+                is_on = _is_on(lines, members[m], poses[k, 0] + x, poses[k, 1] + y, x, y, reach)
+                met, piece = (met + 1 if is_on else met), (members[m] if is_on else piece)
+            if met != 1:
                 continue
-            o = latest[piece]
-            if o < 0 or seers[o] != k:
+            o = latest[np.uint64(piece)]
+            if o < 0 or seers[np.uint64(o)] != k:
                 latest[piece] = o = count
-                seers[o], pieces[o] = k, piece
-                for m in range(6):
-                    moments[o, m] = 0.0
+                _begin_sighting(moments, seers, pieces, o, k, piece)
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, seers, pieces)
@@ -312,16 +298,49 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
 
 
 @kernel
-def _used(begins: IntArray, every: int) -> int:
-    """Return how many hits are used."""
-    total = 0
+def _most(begins: IntArray) -> int:
+    """Return the largest number of hits of a stretch."""
+    most = 0
     for k in range(len(begins) - 1):
-        total += (begins[k + 1] - begins[k] + every - 1) // every
-    return total
+        most = max(most, begins[k + 1] - begins[k])
+    return most
 
 
 @kernel
-def _add_hit(moments: FloatArray, o: int, x: float, y: float) -> None:
+def _place_hits(
+    hits: npt.NDArray[np.float32],
+    first: int,
+    stop: int,
+    every: int,
+    pose: FloatArray,
+    raster: Raster,
+    placed: FloatArray,
+    keys: IntArray,
+) -> int:
+    """Write where hits of a stretch lie from its place, along the map's axes, and their cells; return their number.
+
+    No hit waits for another one here: the loop is vectorised, and the cells are known before they are looked up.
+    """
+    c, s, used = math.cos(pose[2]), math.sin(pose[2]), (stop - first + every - 1) // every
+    for j in range(np.uint64(used)):
+        i = np.uint64(first) + j * np.uint64(every)
+        own_x, own_y = float(hits[i, 0]), float(hits[i, 1])
+        x, y = c * own_x - s * own_y, s * own_x + c * own_y
+        placed[0, j], placed[1, j] = x, y
+        keys[j] = _key_of(pose[0] + x - raster.shift, pose[1] + y - raster.shift, 1.0 / raster.cell)
+    return used
+
+
+@kernel
+def _begin_sighting(moments: FloatArray, seers: IntArray, pieces: IntArray, o: int, seer: int, piece: int) -> None:
+    seers[o], pieces[o] = seer, piece
+    for m in range(6):
+        moments[o, m] = 0.0
+
+
+@kernel
+def _add_hit(moments: FloatArray, number: int, x: float, y: float) -> None:
+    o = np.uint64(number)
     moments[o, 0] += 1.0
     moments[o, 1] += x
     moments[o, 2] += y
@@ -340,20 +359,19 @@ def _key_of(x: float, y: float, per_cell: float) -> int:
 def _sector_of(angle: float, sectors: int) -> int:
     """Return the direction nearest to an angle in [-2 pi, 2 pi]."""
     sector = math.floor(angle * (0.5 / math.pi) * sectors + 0.5)
-    if sector < 0:
-        sector += sectors
-    return sector - sectors if sector >= sectors else sector
+    sector += sectors if sector < 0 else 0
+    return sector - (sectors if sector >= sectors else 0)
 
 
 @kernel
-def _place_of(cells: IntArray, key: int) -> int:
+def _place_of(cells: IntArray, key: int) -> np.uint64:
     """Return the place of a key in a hash table, or the free one where it belongs."""
     mask = len(cells) - 1
     # Both halves times primes (M. Teschner et al., 2003), small enough that nothing overflows, compiled or not.
     mixed = ((key >> 32) * 73856093) ^ ((key & 0xFFFFFFFF) * 19349663)
-    place = (mixed ^ (mixed >> 29)) & mask
+    place = np.uint64((mixed ^ (mixed >> 29)) & mask)
     while cells[place, 0] != _NOBODY and cells[place, 0] != key:
-        place = (place + 1) & mask
+        place = (place + np.uint64(1)) & np.uint64(mask)
     return place
 
 
@@ -374,8 +392,8 @@ def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
 def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
     """Tell whether the end x, y of a beam's way can lie on what is left of a line: it is there, and faces the laser."""
     px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]
-    away = lx * (y - py) - ly * (x - px)
-    if abs(away) > reach or abs(lx * (x - px) + ly * (y - py)) > half:
-        return False
-    facing = ly * way_x - lx * way_y
-    return bool(facing > 0.0 and facing * facing > 4e-4 * (way_x * way_x + way_y * way_y))
+    across, along = lx * (y - py) - ly * (x - px), lx * (x - px) + ly * (y - py)
+    facing, length = ly * way_x - lx * way_y, way_x * way_x + way_y * way_y
+    # Without a branch: nobody can predict which test fails.
+    is_there = (abs(across) <= reach) & (abs(along) <= half)
+    return bool(is_there & (facing > 0.0) & (facing * facing > 4e-4 * length))

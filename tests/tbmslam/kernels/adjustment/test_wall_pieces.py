@@ -188,10 +188,12 @@ def test_hits_that_join_a_piece_their_stretch_saw_are_added_to_what_it_saw():
     assert after.moments[1, 1] == pytest.approx(0.6, abs=1e-6)
 
 
-def test_lines_by_cell_tells_where_there_is_one():
+def test_lines_are_listed_by_cell():
     known = Pieces(np.zeros((4, 2), dtype=np.int64), np.array([0, -1, 1, -1, 2, -1, -1, -1, -1, 3, -1, -1]))
     lines = np.array([[0, 0, 1, 0, 0.1], [0, 0, 1, 0, 0.1], [0, 0, 0, 1, 0.1], [0, 0, 0, 0, 0]], dtype=float)
-    assert lines_by_cell(known, lines, 4).tolist() == [-2, 2, -1]
+    begins, members = lines_by_cell(known, lines, 4)
+    assert begins.tolist() == [0, 2, 3, 3]
+    assert members.tolist() == [0, 1, 2]
     # The pieces face right, left and right: what they face is on the left of their lines, or square to them.
     np.testing.assert_array_equal(lines[:, 2:4], [[1, 0], [1, 0], [0, -1], [0, 0]])
 
