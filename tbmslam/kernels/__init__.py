@@ -6,7 +6,9 @@ are silent in compiled code: callers make the grid large enough first, and CI ru
 ``NUMBA_BOUNDSCHECK=1``.
 """
 
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, TypeVar, cast
 
 import numba
@@ -26,6 +28,24 @@ Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]; an SE2 is one."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _load_array_functions() -> None:
+    """Load numba's functions of arrays, which each kernel needs, without SciPy, which takes 0.1 s to load.
+
+    While they load they ask whether SciPy's BLAS can be imported. Without it one inner product runs as a plain loop; no
+    kernel uses it. Matrix products look for the BLAS again when they are compiled.
+    """
+    if "scipy.linalg" in sys.modules:
+        return
+    sys.modules["scipy.linalg"] = cast("Any", None)  # an import of it fails
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        del sys.modules["scipy.linalg"]
+
+
+_load_array_functions()
 
 
 def kernel(function: Function) -> Function:
