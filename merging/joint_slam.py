@@ -28,7 +28,7 @@ from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tbmslam.tracking.tracked_keyframe import chain
@@ -251,7 +251,8 @@ def refine_jointly(
     tracks = [Track(name, drive, poses[name], config.submap) for name, drive in drives]
     starts = np.concatenate(([0], np.cumsum([len(track.keyframes) for track in tracks])))
     rigid = np.vstack([track.sensors for track in tracks])
-    chain = [edge for track, start in zip(tracks, starts, strict=False) for edge in track.chain(int(start), config)]
+    steps = [track.chain(int(start), config) for track, start in zip(tracks, starts, strict=False)]
+    chain = [edge for own in steps for edge in own]
     owners = [track.map_name for track in tracks for _ in range(len(track.sensors))]
     moved, closures = rigid, list[MotionEdge]()
     for shift in (config.first_shift_m, config.last_shift_m, *[0.0] * config.tightenings):
@@ -263,7 +264,9 @@ def refine_jointly(
         moved = optimise(moved, chain, found, config.robust_width)
     if config.adjustment.enabled:
         scans = [track.hits.scans for track in tracks]
-        moved = adjust(moved, scans, chain, found, config.robust_width, config.adjustment)
+        chains = [MotionChain.of([edge for edge in own if edge.target == edge.source + 1]) for own in steps]
+        others = [edge for edge in chain if edge.target != edge.source + 1]
+        moved = adjust(moved, scans, chains, found, config.robust_width, config.adjustment, others)
     corrected = {
         name: frame.map_there(_corrected(name, maps[name], tracks, starts, moved, pose)) for name, pose in poses.items()
     }

@@ -13,10 +13,10 @@ from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import adjust
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
 from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, chain, motions, poses_of_sensor
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, motions, poses_of_sensor
 
 
 class OptimisedDrive(NamedTuple):
@@ -26,8 +26,8 @@ class OptimisedDrive(NamedTuple):
     """(K, 3), of the laser at keyframes."""
     motions: DriveMotions
     """Motions between keyframes by odometry and scans."""
-    steps: list[MotionEdge]
-    """The motions as edges."""
+    chain: MotionChain
+    """The motions as a part of a pose graph."""
     closures: list[MotionEdge]
     """The loop closures."""
     hits: ScanHits
@@ -54,9 +54,10 @@ class BackEnd:
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)
-        steps, hits = chain(measured), ScanHits.of(keyframes, self._closing.submap.max_range)
-        poses, closures = self._closer.close(poses_of_sensor(tracked), hits, steps, progress)
-        return OptimisedDrive(poses, measured, steps, closures, hits)
+        chain = MotionChain(measured.steps, measured.informations)
+        hits = ScanHits.of(keyframes, self._closing.submap.max_range)
+        poses, closures = self._closer.close(poses_of_sensor(tracked), hits, chain, progress)
+        return OptimisedDrive(poses, measured, chain, closures, hits)
 
     def adjusted(self, drive: OptimisedDrive, progress: Progress) -> OptimisedDrive:
         """Return the drive after poses and wall lines were optimised together."""
@@ -64,5 +65,5 @@ class BackEnd:
             return drive
         with progress.during("adjusting"):
             width = self._closing.robust_width
-            poses = adjust(drive.poses, [drive.hits], drive.steps, drive.closures, width, self._adjustment)
+            poses = adjust(drive.poses, [drive.hits], [drive.chain], drive.closures, width, self._adjustment)
         return drive._replace(poses=poses)

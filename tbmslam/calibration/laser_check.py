@@ -73,7 +73,7 @@ class SelfCalibration:
 
     Parameters
     ----------
-    keyframes, poses, steps
+    keyframes, poses, chain
         The whole drive, as of `tbmslam.calibration.laser_check.fit_laser`.
     rates
         Rotation rate of the laser at each keyframe (K,), positive in the direction of the beams [rad/s].
@@ -87,7 +87,7 @@ class SelfCalibration:
         self,
         keyframes: Keyframes,
         poses: FloatArray,
-        steps: Sequence[MotionEdge],
+        chain: MotionChain,
         rates: FloatArray,
         scans: npt.NDArray[np.int64],
         config: LaserFitConfig,
@@ -98,12 +98,10 @@ class SelfCalibration:
             *(keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps),
             *(scans, config.hits, (config.max_range, pieces.gap, pieces.bulge)),
         )
-        first, last = int(scans[0]), int(scans[-1])
-        between = MotionChain(steps[first:last]).between(scans - first)
         self._motions = motions_of(
             [
                 MotionEdge(k, k + 1, edge.T_source_target, config.trust * edge.information)
-                for k, edge in enumerate(between)
+                for k, edge in enumerate(chain.between(scans))
             ],
             [],
             1.0,
@@ -173,7 +171,7 @@ _FARTHEST = np.array([0.1, 0.5])
 def fit_laser(
     keyframes: Keyframes,
     poses: FloatArray,
-    steps: Sequence[MotionEdge],
+    chain: MotionChain,
     config: LaserFitConfig,
     pieces: AdjustmentConfig,
 ) -> LaserErrors | None:
@@ -183,7 +181,7 @@ def fit_laser(
     ----------
     poses
         Adjusted poses (K, 3) of the laser at the keyframes.
-    steps
+    chain
         Tracked motions from each keyframe to the next.
     config, pieces
         The parameters of the fit, and of wall pieces.
@@ -195,7 +193,7 @@ def fit_laser(
     if len(chosen) < config.least_parts:
         return None
     rates = turn_rates(keyframes.stamps, poses[:, 2]) * np.sign(keyframes.beams[:, 1])
-    parts = [SelfCalibration(keyframes, poses, steps, rates, scans, config, pieces) for scans in chosen]
+    parts = [SelfCalibration(keyframes, poses, chain, rates, scans, config, pieces) for scans in chosen]
     found = _settled(parts, config)
     if found is None:
         return None

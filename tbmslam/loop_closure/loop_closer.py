@@ -8,7 +8,6 @@ be large, a find is accepted only if several finds along the drive agree and the
 
 import logging
 import math
-from collections.abc import Sequence
 from itertools import compress
 from typing import ClassVar, NamedTuple
 
@@ -102,7 +101,7 @@ class LoopCloser:
         self._surfels = surfels
 
     def close(
-        self, poses: FloatArray, scans: ScanHits, chain: Sequence[MotionEdge], progress: Progress | None = None
+        self, poses: FloatArray, scans: ScanHits, chain: MotionChain, progress: Progress | None = None
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
@@ -115,7 +114,7 @@ class LoopCloser:
         progress
             Receives the progress.
         """
-        drive = _Drive(self._config, self._surfels, poses, scans, list(chain), progress or Progress())
+        drive = _Drive(self._config, self._surfels, poses, scans, chain, progress or Progress())
         drive.search_forward()
         drive.tighten()
         drive.drop_contradictions()
@@ -139,7 +138,7 @@ class _Drive:
         surfels: SurfelConfig,
         poses: FloatArray,
         scans: ScanHits,
-        chain: list[MotionEdge],
+        chain: MotionChain,
         progress: Progress,
     ) -> None:
         self.config = config
@@ -151,7 +150,7 @@ class _Drive:
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, _Bundle | None] = -1, None
-        self._chain = MotionChain(chain)
+        self._chain = chain
         self._votes = ClosureVotes(config.votes, self._hits.travelled)
         drift = ChainDrift(poses, self._chain.covariances)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)

@@ -84,10 +84,11 @@ class AdjustmentConfig(FrozenConfig):
 def adjust(
     poses: FloatArray,
     drives: Sequence[ScanHits],
-    chain: Sequence[MotionEdge],
+    chains: Sequence[MotionChain],
     closures: Sequence[MotionEdge],
     closure_width: float,
     config: AdjustmentConfig,
+    others: Sequence[MotionEdge] = (),
 ) -> FloatArray:
     """Return the poses (K, 3) that fit the sightings of each wall to one line.
 
@@ -95,19 +96,19 @@ def adjust(
     ----------
     poses
         Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other; the first hardly moves.
-    chain
-        Trusted motions between keyframes; those from each keyframe of a drive to its next come in order.
+    chains
+        Trusted motions from each keyframe of a drive to the next.
     closures
         Motions between keyframes that saw the same place.
     closure_width
         Standard deviations from which a closure loses weight.
     config
         What a piece of wall is, and how well it is known.
+    others
+        Further trusted motions between keyframes.
     """
     stretches = RigidStretches(poses, [len(scans) for scans in drives], config)
-    steps = [edge for edge in chain if edge.target == edge.source + 1]
-    others = [edge for edge in chain if edge.target != edge.source + 1]
-    believed = [*stretches.between(steps), *others]
+    believed = [*stretches.between(chains), *others]
     motions = motions_of(believed, closures, closure_width, stretches.owners, stretches.places)
     bends = bends_of(stretches.ends)
     hits = stretches.hits(drives, config)
@@ -165,19 +166,14 @@ class RigidStretches:
         self.owners: npt.NDArray[np.int64] = np.repeat(np.arange(len(starts)), ends - starts)
         self.places = compose(inverse(poses[self.middles][self.owners]), poses)
 
-    def between(self, chain: Sequence[MotionEdge]) -> list[MotionEdge]:
-        """Return the motions from the middle of each segment to that of the next one of its drive.
-
-        `chain` has the motions from each keyframe to the next one of its drive.
-        """
-        motions, begin = list[MotionEdge](), 0
-        for number, (first, last) in enumerate(self._drives()):
-            own = chain[begin : begin + last - first - 1]
-            begin += len(own)
+    def between(self, chains: Sequence[MotionChain]) -> list[MotionEdge]:
+        """Return the motions from the middle of each segment to that of the next one of its drive."""
+        motions = list[MotionEdge]()
+        for number, ((first, _), chain) in enumerate(zip(self._drives(), chains, strict=True)):
             middles = self.middles[self.ends[number] : self.ends[number + 1]]
             motions += [
                 MotionEdge(first + edge.source, first + edge.target, edge.T_source_target, edge.information)
-                for edge in MotionChain(own).between(middles - first)
+                for edge in chain.between(middles - first)
             ]
         return motions
 

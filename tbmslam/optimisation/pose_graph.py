@@ -66,19 +66,32 @@ class MotionChain:
     Poses without other edges need not be solved for. A chain of motions is one motion whose covariance is the sum of
     theirs, transformed to its end (first order; Sola et al., eq. 54).
 
+    Parameters
+    ----------
+    steps
+        Motions (N, 3): x [m], y [m], theta [rad] of each pose as seen from the one before.
+    informations
+        Inverse covariances (N, 3, 3), in the frames at their ends.
+
     Attributes
     ----------
     covariances
         Covariance of each motion (N, 3, 3), in the frame at its end.
     """
 
-    def __init__(self, chain: Sequence[MotionEdge]) -> None:
-        _, self._motions, informations = EdgeArrays.of(chain)
+    def __init__(self, steps: FloatArray, informations: FloatArray) -> None:
+        self._steps = steps
         self.covariances: FloatArray = np.asarray(np.linalg.inv(informations), dtype=np.float64)
+
+    @classmethod
+    def of(cls, edges: Sequence[MotionEdge]) -> "MotionChain":
+        """Return the motions of edges from each pose to the next."""
+        _, steps, informations = EdgeArrays.of(edges)
+        return cls(steps, informations)
 
     def between(self, nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
         """Return the motions from each of some poses, given by rising indices (M,), to the next."""
-        steps, covariances = compose_chain(self._motions, self.covariances, nodes)
+        steps, covariances = compose_chain(self._steps, self.covariances, nodes)
         keys = nodes.tolist()
         return [
             MotionEdge(source, target, SE2(*step), information)

@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
-from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
@@ -17,7 +17,7 @@ def drifting(robot, drift_per_metre):
     """Return true and drifting laser poses of a keyframe every 0.4 m, their scans and the motions between them."""
     true, tracked, scans = drifting_keyframes(robot, drift_per_metre, 0.4)
     chain = [MotionEdge(k, k + 1, relative_pose(tracked, k, k + 1), INFORMATION) for k in range(len(tracked) - 1)]
-    return true, tracked, scans, chain
+    return true, tracked, scans, MotionChain.of(chain)
 
 
 @pytest.mark.parametrize(("world", "left"), [("apartment", 0.5), ("office", 0.1), ("store", 0.25)])
@@ -42,7 +42,9 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
     poses = np.column_stack((np.arange(0.0, 30.0, 0.5), np.zeros(60), np.zeros(60)))
     scans = [LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0 + 0.01 * k)) for k in range(60)]
     chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), INFORMATION) for k in range(59)]
-    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, packed(scans), chain)
+    closed, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(
+        poses, packed(scans), MotionChain.of(chain)
+    )
     assert closures == []
     np.testing.assert_array_equal(closed, poses)
 
@@ -82,7 +84,7 @@ def drifting_far(robot, seed):
         step = relative_pose(true, k, k + 1) @ SE2(*generator.normal(0.0, deviations))
         tracked.append(tracked[-1] @ step)
         chain.append(MotionEdge(k, k + 1, step, np.diag(deviations**-2.0)))
-    return true, np.array(tracked), scans, chain
+    return true, np.array(tracked), scans, MotionChain.of(chain)
 
 
 def false_closures(true, closures):
@@ -114,7 +116,7 @@ def test_a_closure_knows_nothing_of_a_direction_that_its_fit_leaves_open():
     """Along a corridor: there the prior of closures must not make up what no laser saw."""
     scans = packed([LaserScan(float(k), -1.5, 0.05, 0.1, 20.0, np.full(60, 2.0)) for k in range(50)])
     chain = [MotionEdge(k, k + 1, SE2.identity(), INFORMATION) for k in range(49)]
-    drive = _Drive(LoopClosingConfig(), SurfelConfig(), np.zeros((50, 3)), scans, chain, Progress())
+    drive = _Drive(LoopClosingConfig(), SurfelConfig(), np.zeros((50, 3)), scans, MotionChain.of(chain), Progress())
     drive._new = [PlacedBundle(40, 0, 3, SE2(1.0, 2.0, np.pi / 2), np.diag([0.0, 1e6, 1e6]))]
     drive._add_closures()
     (closure,) = drive.closures.values()

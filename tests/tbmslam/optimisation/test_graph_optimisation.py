@@ -130,7 +130,7 @@ def numeric_covariance(poses, edges, source, target):
 
 def test_the_drift_of_a_chain_is_that_of_the_composed_motions(chain):
     poses, edges = chain
-    (between,) = MotionChain(edges).between(np.array([2, 9]))
+    (between,) = MotionChain.of(edges).between(np.array([2, 9]))
     covariance = relative_covariance(poses, edges, [], 2.0, 2, 9)
     np.testing.assert_allclose(covariance, np.linalg.inv(between.information), rtol=1e-6, atol=1e-12)
 

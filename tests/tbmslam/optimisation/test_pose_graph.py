@@ -46,7 +46,7 @@ def drive(generator):
 def test_solving_the_skeleton_is_solving_the_drive(drive):
     poses, chain, closures = drive
     nodes = np.array([0, 10, 23, 40, 50, 59])
-    few = optimise(poses, MotionChain(chain).between(nodes), closures, 1e6, nodes)
+    few = optimise(poses, MotionChain.of(chain).between(nodes), closures, 1e6, nodes)
     every = optimise(poses, chain, closures, 1e6)
     assert np.abs(every - poses).max() > 0.02
     np.testing.assert_allclose(few, every[nodes], atol=1e-3)
@@ -54,4 +54,4 @@ def test_solving_the_skeleton_is_solving_the_drive(drive):
 
 def test_one_node_has_no_motions(drive):
     _, chain, _ = drive
-    assert MotionChain(chain).between(np.array([0])) == []
+    assert MotionChain.of(chain).between(np.array([0])) == []

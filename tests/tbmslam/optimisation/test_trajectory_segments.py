@@ -5,7 +5,7 @@ from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, RigidStretches
-from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 from tbmslam.sensing.laser_scan import LaserScan
 
 CONFIG = AdjustmentConfig(stretch=1.0, turn=1.0)
@@ -27,8 +27,11 @@ def test_stretches_and_motions_do_not_reach_from_one_drive_into_another():
     poses = np.vstack((straight(7), straight(5, y=9.0), straight(1, y=-9.0)))
     stretches = RigidStretches(poses, [7, 5, 1], CONFIG)
     np.testing.assert_array_equal(stretches.owners, [0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3, 4])
-    chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), np.eye(3) * 100.0) for k in range(11) if k != 6]
-    between = stretches.between(chain)
+    chains = [
+        MotionChain.of([MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), np.eye(3) * 100.0) for k in range(*own)])
+        for own in ((0, 6), (7, 11), (12, 12))
+    ]
+    between = stretches.between(chains)
     assert [(edge.source, edge.target) for edge in between] == [(1, 5), (8, 11)]
     for edge in between:
         np.testing.assert_allclose(edge.T_source_target, relative_pose(poses, edge.source, edge.target), atol=1e-12)
@@ -88,7 +91,7 @@ def test_a_drive_of_one_keyframe_is_one_stretch(counts):
     poses = straight(len(counts))
     stretches = RigidStretches(poses, counts, CONFIG)
     assert len(stretches.middles) == len(counts)
-    assert stretches.between([]) == []
+    assert stretches.between([MotionChain.of([]) for _ in counts]) == []
 
 
 def test_the_hits_must_be_of_as_many_drives():
