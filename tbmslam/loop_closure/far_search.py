@@ -99,13 +99,26 @@ class FarSearch:
         self._window, self._reach = window, reach
         self._index = PlaceIndex()
 
-    def places(self, keyframe: int, poses: FloatArray, bundle: Hits, search_points: int) -> list[tuple[int, SE2]]:
-        """Return targets and poses in them at which a keyframe's bundle may lie, the best first."""
+    def possible(self, keyframe: int, poses: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return the log-likelihoods (T,) of a keyframe being at old targets by its drift, and turns (T,) [rad].
+
+        None if the drift allows no place beyond the window.
+        """
         if self._hits.travelled[keyframe] - self._targets.last_met < _ALONE:
-            return []
-        log_prior, turns = self._possible(keyframe, poses)
-        if not np.isfinite(log_prior).any():
-            return []
+            return None
+        log_prior, turns = self._by_drift(keyframe, poses)
+        return (log_prior, turns) if np.isfinite(log_prior).any() else None
+
+    def places(
+        self,
+        keyframe: int,
+        poses: FloatArray,
+        bundle: Hits,
+        search_points: int,
+        possible: tuple[FloatArray, FloatArray],
+    ) -> list[tuple[int, SE2]]:
+        """Return targets and poses in them at which a keyframe's bundle may lie, the best first."""
+        log_prior, turns = possible
         while len(self._index) < len(log_prior):
             self._index.add(place_signature(self._hits_of(len(self._index))))
         points = bundle.thinned(search_points).points
@@ -120,8 +133,8 @@ class FarSearch:
         found.sort(key=lambda one: -one[0])
         return [(target, pose) for _, target, pose in found[:_CLOSELY]]
 
-    def _possible(self, keyframe: int, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the log-likelihoods (T,) of a keyframe being at old targets by its drift, and turns (T,) [rad]."""
+    def _by_drift(self, keyframe: int, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the log-likelihoods and turns of `possible`; -inf for places that the drift rules out."""
         anchors, latest = self._targets.anchors(keyframe)
         here = np.full(len(anchors), keyframe)
         positions, headings = self._drift.deviations(latest, here)

@@ -304,11 +304,15 @@ class _Drive:
         if stop == self._far_stop:
             return []
         self._far_stop = stop
+        possible = self._far.possible(keyframe, self.poses)
+        if possible is None:
+            return []
         bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
         if len(bundle.points) < self.config.search_points // 2:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []
-        for target, rough in self._far.places(keyframe, self.poses, bundle, self.config.search_points // 2):
+        few = self.config.search_points // 2
+        for target, rough in self._far.places(keyframe, self.poses, bundle, few, possible):
             place = self._targets.submap(target).search(points, rough, 0.6, 0.06).pose
             vote = self._vote(self._far_votes, keyframe, target, bundle, place)
             if vote is not None:
@@ -323,7 +327,8 @@ class _Drive:
         guess = relative_pose(self.poses, submap.anchor, keyframe)
         if shift > 0.0:
             found = submap.search(bundle.points, guess, shift, turn)
-            if found.at_border:
+            # Walls are drawn wider than a fit may miss them, so a fit matches hardly more than the search has found.
+            if found.at_border or found.score < config.min_matched:
                 return None
             guess = found.pose
         fit = submap.fit(bundle.hits, guess)

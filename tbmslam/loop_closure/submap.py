@@ -49,6 +49,8 @@ class Find:
 
     pose: SE2
     """The place."""
+    score: float
+    """Gain of the points there, less the cost of its distance, as a share of what walls under all of them gain."""
     ambiguity: float
     """Score of the best distinct pose, as a share of the score here; 1 is full ambiguity."""
     at_border: bool
@@ -103,7 +105,7 @@ class Submap:
         """
         (best, place, at_border), (rival, *_) = self._best(points, guess, shift, turn, 2)
         ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0
-        return Find(place, ambiguity, at_border)
+        return Find(place, best / (WALL * max(len(points), 1)), ambiguity, at_border)
 
     def places(self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int) -> list[SE2]:
         """Return up to `count` poses at which points (N, 2) agree best with the submap, the best first; see `search`.

@@ -33,10 +33,21 @@ def test_a_search_finds_the_place(submap):
     assert np.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.3
     assert abs(found.pose.theta - true.theta) < 0.03
     assert not found.at_border
+    assert 0.8 < found.score <= 1.0
     fit = made.fit(hits, found.pose)
     assert np.hypot(fit.pose.x - true.x, fit.pose.y - true.y) < 0.02
     assert fit.matched > 0.8
     assert fit.violated < 0.05
+
+
+def test_the_score_of_a_search_tells_how_many_hits_can_lie_on_walls(submap):
+    made, hits, true = submap
+    there = made.search(hits.points, true, 0.3, 0.03)
+    astray = hits.points.copy()
+    astray[: len(astray) // 2] += 100.0  # in unknown space
+    half = made.search(astray, true, 0.3, 0.03)
+    assert half.score == pytest.approx(0.5 * there.score, abs=0.1)
+    assert made.search(hits.points + 100.0, true, 0.3, 0.03).score <= 0.0
 
 
 def test_the_places_of_a_search_begin_with_the_best(submap):
