@@ -1,5 +1,6 @@
 """Submaps as targets of loop closure, and which of them a keyframe may see by the drift."""
 
+import math
 from bisect import bisect, bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -98,6 +99,15 @@ class ChainDrift:
         xx, yy, xy = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
         largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
         return np.sqrt(np.maximum(largest, 0.0)), np.sqrt(np.maximum(covariances[:, 2, 2], 0.0))
+
+    def largest_deviation(self, first: int, last: int) -> float:
+        """Return a bound of the deviation of position between a keyframe and a later one [m], by plain numbers.
+
+        It bounds the deviations from all keyframes in between, too: a covariance grows along a drive.
+        """
+        (xx, _, xt), (_, yy, yt), (_, _, tt) = (self._sums[last] - self._sums[first]).tolist()
+        x, y, _ = self._poses[last].tolist()
+        return math.sqrt(max(xx - 2.0 * y * xt + yy + 2.0 * x * yt + (x * x + y * y) * tt, 0.0))
 
 
 _SUBMAPS_KEPT = 500

@@ -106,6 +106,9 @@ class FarSearch:
         """
         if self._hits.travelled[keyframe] - self._targets.last_met < _ALONE:
             return None
+        _, latest = self._targets.anchors(keyframe)
+        if not len(latest) or _DEVIATIONS * self._drift.largest_deviation(latest.min(), keyframe) <= self._window:
+            return None
         log_prior, turns = self._by_drift(keyframe, poses)
         return (log_prior, turns) if np.isfinite(log_prior).any() else None
 

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -138,3 +140,14 @@ def test_drift_is_that_of_the_composed_motions(generator):
     positions, headings = drift.deviations(np.array([3]), np.array([37]))
     np.testing.assert_allclose(positions, np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     np.testing.assert_allclose(headings, np.sqrt(covariance[2, 2]))
+
+
+def test_the_largest_deviation_bounds_those_from_all_keyframes_between(generator):
+    poses = np.cumsum(generator.normal(0.2, 0.4, (40, 3)), axis=0)
+    roots = generator.normal(0.0, 0.01, (39, 3, 3))
+    drift = ChainDrift(poses, roots @ np.swapaxes(roots, 1, 2))
+    between = np.arange(3, 37)
+    positions, _ = drift.deviations(between, np.full(len(between), 37))
+    bound = drift.largest_deviation(3, 37)
+    assert positions[0] == positions.max()
+    assert positions[0] <= bound <= math.sqrt(2.0) * positions[0]
