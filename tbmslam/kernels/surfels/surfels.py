@@ -104,12 +104,23 @@ def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
         if row == last_row and col == last_col and layer == last_layer:
             continue
         last_row, last_col, last_layer = row, col, layer
-        for r in range((row - 1) >> TILE_BITS, ((row + 1) >> TILE_BITS) + 1):
-            for c in range((col - 1) >> TILE_BITS, ((col + 1) >> TILE_BITS) + 1):
-                if tiles[layer, r, c] == 0:
-                    tiles[layer, r, c] = used
-                    used += 1
+        # The cells around one lie in four tiles at the most; often some of them are the same.
+        below, above = (row - 1) >> TILE_BITS, (row + 1) >> TILE_BITS
+        left, right = (col - 1) >> TILE_BITS, (col + 1) >> TILE_BITS
+        used = _claim_tile(tiles, layer, below, left, used)
+        used = _claim_tile(tiles, layer, below, right, used)
+        used = _claim_tile(tiles, layer, above, left, used)
+        used = _claim_tile(tiles, layer, above, right, used)
     return used
+
+
+@kernel
+def _claim_tile(tiles: TileIndex, layer: int, row: int, col: int, used: int) -> int:
+    """Give the number `used` to a tile without one, and return how many are in use then."""
+    if tiles[np.uint32(layer), np.uint32(row), np.uint32(col)] != 0:
+        return used
+    tiles[np.uint32(layer), np.uint32(row), np.uint32(col)] = used
+    return used + 1
 
 
 @kernel
