@@ -256,8 +256,7 @@ def mirror_image(structure: WallMap) -> WallMap:
         geometry=GridGeometry(g.resolution, -(g.origin_x + g.cols * g.resolution), g.origin_y, g.rows, g.cols),
         points=structure.points * (-1.0, 1.0),
         normals=structure.normals * (-1.0, 1.0),
-        known=_flipped(structure.known),
-        free=_flipped(structure.free),
+        states=_flipped(structure.states),
         distances_m=_flipped(structure.distances_m),
         nearest=_flipped(structure.nearest),
     )

@@ -30,7 +30,7 @@ class Components(NamedTuple):
     def of(cls, cells: BoolArray, *, corners: bool = True) -> "Components":
         """Find the components of cells (rows, cols); `corners` connects cells that touch at a corner only."""
         connectivity = 8 if corners else 4
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=connectivity)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.view(np.uint8), connectivity=connectivity)
         return cls(np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32))
 
     @property
@@ -38,12 +38,11 @@ class Components(NamedTuple):
         """The widths and the heights (K + 1,) of the components [cells]."""
         return self.stats[:, cv2.CC_STAT_WIDTH], self.stats[:, cv2.CC_STAT_HEIGHT]
 
-    def at_least(self, side: float) -> "Components":
-        """Return the components of at least this width or height [cells]."""
+    def at_least(self, side: float) -> BoolArray:
+        """Return the cells (rows, cols) of components of at least this width or height [cells]."""
         kept = np.maximum(*self.sides) >= side
-        kept[0] = True
-        numbers = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32)
-        return Components(numbers[self.labels], self.stats[kept])
+        kept[0] = False  # the background
+        return np.asarray(kept[self.labels])
 
     def cells_of(self, index: int) -> npt.NDArray[np.float32]:
         """Return the columns and rows (N, 2) of the cells of a component, relative to its corner."""
@@ -70,18 +69,26 @@ def steadiness(
     """
     half_gap = max(round(config.gap_m / 2.0 / resolution), 1)
     mended = _grown(walls, half_gap)
+    weights = _weights_by_length(mended, surface, half_gap, resolution, config)
+    things = _blocks(walls, resolution, config)[surface]
+    things |= _outlines(mended, free, half_gap, resolution, config)[surface]
+    return np.asarray(np.where(things, config.least_weight, weights), dtype=np.float64)
+
+
+def _weights_by_length(
+    mended: BoolArray, surface: BoolArray, half_gap: int, resolution: float, config: StructureConfig
+) -> FloatArray:
+    """Return the weights (N,) of surface cells by the length of their walls, whose gaps are mended."""
     pieces = Components.of(mended)
     sizes = _sizes(pieces, config.steady_m / resolution + 2 * half_gap) - 2 * half_gap
     ramp = (sizes * resolution - config.movable_m) / max(config.steady_m - config.movable_m, resolution)
-    weights = np.clip(ramp, config.least_weight, 1.0)[pieces.labels[surface]]
-    things = _blocks(walls, resolution, config) | _outlines(mended, free, half_gap, resolution, config)
-    return np.asarray(np.where(things[surface], config.least_weight, weights), dtype=np.float64)
+    return np.asarray(np.clip(ramp, config.least_weight, 1.0)[pieces.labels[surface]])
 
 
 def _blocks(walls: BoolArray, resolution: float, config: StructureConfig) -> BoolArray:
     """Return the cells (rows, cols) of short solid blocks."""
     square = np.ones((max(round(config.block_m / resolution), 3),) * 2, np.uint8)
-    thick = cv2.morphologyEx(walls.astype(np.uint8), cv2.MORPH_OPEN, square)
+    thick = cv2.morphologyEx(walls.view(np.uint8), cv2.MORPH_OPEN, square)
     blocks = Components.of(thick > 0)
     shorter = (config.movable_m + config.steady_m) / 2.0 / resolution
     small = _sizes(blocks, shorter) < shorter
@@ -111,7 +118,7 @@ def _outlines(
 
 def _grown(cells: BoolArray, by: int) -> BoolArray:
     """Return the cells (rows, cols) dilated by a distance [cells]."""
-    return np.asarray(cv2.dilate(cells.astype(np.uint8), np.ones((2 * by + 1,) * 2, np.uint8)) > 0)
+    return np.asarray(cv2.dilate(cells.view(np.uint8), np.ones((2 * by + 1,) * 2, np.uint8)), np.uint8).view(np.bool_)
 
 
 def _sizes(pieces: Components, enough: float) -> FloatArray:
@@ -150,9 +157,8 @@ class WallMap:
     """Unit vectors (N, 2) from the wall into the free space."""
     two_sided: BoolArray
     """Which surface cells (N,) have free space on both sides; the sign of their normals is arbitrary."""
-    known: BoolArray
-    free: BoolArray
-    """Which cells (rows, cols) have evidence, and which are free."""
+    states: npt.NDArray[np.uint8]
+    """0 unknown, 1 free, 2 known otherwise (rows, cols)."""
     distances_m: npt.NDArray[np.float32]
     """Distance from every cell (rows, cols) to the nearest surface cell [m]; inf without walls."""
     nearest: npt.NDArray[np.int32]
@@ -166,27 +172,37 @@ class WallMap:
         free_mass, wall_mass = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
         free = free_mass > wall_mass
         walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
-        walls = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution).labels > 0
-        surface = walls & (cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        walls = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution)
+        surface = walls & _grown(free, 1)
         normals, two_sided = _normals(free, walls, surface)
-        distances, nearest = _nearest_surface(surface)
         g = grid.geometry
+        weights = steadiness(walls, free, surface, g.resolution, config)
+        distances, nearest = _nearest_surface(surface)
+        distances *= np.float32(g.resolution)
         return cls(
             geometry=g,
             points=g.centres_of(*np.nonzero(surface)),
             normals=normals,
             two_sided=two_sided,
-            known=grid.is_known(),
-            free=free,
-            distances_m=(distances * g.resolution).astype(np.float32),
+            states=np.where(free, np.uint8(1), np.where(grid.is_known(), np.uint8(2), np.uint8(0))),
+            distances_m=distances,
             nearest=nearest,
-            weights=steadiness(walls, free, surface, g.resolution, config),
+            weights=weights,
         )
+
+    @property
+    def known(self) -> BoolArray:
+        """Which cells (rows, cols) have evidence."""
+        return np.asarray(self.states > 0)
+
+    @property
+    def free(self) -> BoolArray:
+        """Which cells (rows, cols) are free."""
+        return np.asarray(self.states == 1)
 
     @cached_property
     def walls(self) -> Walls:
         """The map in the form that the kernels take."""
-        states = np.where(self.free, np.uint8(1), np.where(self.known, np.uint8(2), np.uint8(0)))
         g = self.geometry
         return Walls(
             np.ascontiguousarray(self.points),
@@ -195,7 +211,7 @@ class WallMap:
             self.weights,
             self.distances_m,
             self.nearest,
-            np.ascontiguousarray(states),
+            np.ascontiguousarray(self.states),
             float(g.resolution),
             float(g.origin_x),
             float(g.origin_y),
@@ -243,23 +259,41 @@ def without_walls(target: WallMap, source: WallMap) -> str | None:
 
 def _normals(free: BoolArray, walls: BoolArray, surface: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the normals (N, 2) of surface cells, and which cells have free space on both sides (N,)."""
-    sharp = free.astype(np.float32) - walls.astype(np.float32)
-    contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float32)
-    gradient = _derivatives(contrast, ((1, 0), (0, 1)), surface)
+    derivatives = np.concatenate([_derivatives(free, walls, surface, band) for band in _bands(len(surface))])
+    gradient = np.ascontiguousarray(derivatives[:, :2])
     steepness = np.linalg.norm(gradient, axis=1)
     # In the middle of a thin wall the slopes of its sides cancel. The curvature gives the direction of the wall.
     two_sided = steepness < _FLAT
-    xx, xy, yy = _derivatives(contrast, ((2, 0), (1, 1), (0, 2)), surface).T
+    xx, xy, yy = derivatives[:, 2:].T
     across = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     axes = np.column_stack((np.cos(across), np.sin(across)))
     return np.where(two_sided[:, None], axes, gradient / np.maximum(steepness, _FLAT)[:, None]), two_sided
 
 
-def _derivatives(
-    contrast: npt.NDArray[np.float32], orders: tuple[tuple[int, int], ...], surface: BoolArray
-) -> FloatArray:
-    """Return derivatives of the given orders along x and y at the surface cells (N, len(orders))."""
-    columns = [cv2.Sobel(contrast, cv2.CV_32F, *order, scale=0.125)[surface] for order in orders]
+_BAND = 256
+"""Rows of cells that are computed at once, to limit the memory."""
+_AROUND = 16
+"""Rows beside a band that its derivatives depend on: the filters reach 7 rows."""
+
+
+def _bands(rows: int) -> list[slice]:
+    return [slice(first, min(first + _BAND, rows)) for first in range(0, rows, _BAND)]
+
+
+_ORDERS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+"""Orders along x and y of the derivatives."""
+
+
+def _derivatives(free: BoolArray, walls: BoolArray, surface: BoolArray, band: slice) -> FloatArray:
+    """Return the derivatives (N, 5) of the blurred contrast of free space and walls at the surface cells of a band."""
+    there = surface[band]
+    if not there.any():
+        return np.zeros((0, len(_ORDERS)))
+    first = max(band.start - _AROUND, 0)
+    around, inside = slice(first, band.stop + _AROUND), slice(band.start - first, band.stop - first)
+    sharp = free[around].astype(np.float32) - walls[around].astype(np.float32)
+    contrast = np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1.5), dtype=np.float32)
+    columns = [cv2.Sobel(contrast, cv2.CV_32F, *order, scale=0.125)[inside][there] for order in _ORDERS]
     return np.column_stack(columns).astype(np.float64)
 
 
@@ -268,8 +302,11 @@ def _nearest_surface(surface: BoolArray) -> tuple[npt.NDArray[np.float32], npt.N
     if not surface.any():
         return np.full(surface.shape, np.inf, dtype=np.float32), np.zeros(surface.shape, dtype=np.int32)
     distances, labels = cv2.distanceTransformWithLabels(
-        (~surface).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        (~surface).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     index_of_label = np.zeros(labels.max() + 1, dtype=np.int32)
     index_of_label[labels[surface]] = np.arange(np.count_nonzero(surface), dtype=np.int32)
-    return np.asarray(distances, dtype=np.float32), index_of_label[labels]
+    nearest = np.asarray(labels, dtype=np.int32)
+    for band in _bands(len(nearest)):  # in place, since a second array of a large map takes much memory
+        nearest[band] = index_of_label[nearest[band]]
+    return np.asarray(distances, dtype=np.float32), nearest

@@ -55,7 +55,7 @@ class _Layout:
         geometry = structure.geometry
         # Free space near walls does not count, so that a small displacement of a wall is no contradiction.
         factor = max(1, round(cell_m / geometry.resolution))
-        blocks = _counted(structure.free & (structure.distances_m > clearance_m), factor)
+        blocks = _clear_blocks(structure, clearance_m, factor)
         rows, cols = np.nonzero(blocks)
         counts = blocks[rows, cols]
         side = factor * geometry.resolution
@@ -153,6 +153,22 @@ class _Search:
 
 def _complex(points: FloatArray) -> _Complex:
     return np.ascontiguousarray(points).view(np.complex128)[:, 0]
+
+
+_BAND = 256
+"""Rows of cells that are counted at once, to limit the memory."""
+
+
+def _clear_blocks(structure: WallMap, clearance_m: float, side: int) -> npt.NDArray[np.int64]:
+    """Return the number of free cells far from walls in each block of `side` by `side`, fewer at the far edges."""
+    states, distances = structure.states, structure.distances_m
+    band = side * max(_BAND // side, 1)
+    return np.concatenate(
+        [
+            _counted((states[first : first + band] == 1) & (distances[first : first + band] > clearance_m), side)
+            for first in range(0, len(states), band)
+        ]
+    )
 
 
 def _counted(cells: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.int64]:

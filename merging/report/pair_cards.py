@@ -102,7 +102,7 @@ def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
 
 def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
     rows, cols, inside = structure.geometry.cells_at(points)
-    return np.asarray(inside & structure.known[rows, cols])
+    return np.asarray(inside & (structure.states[rows, cols] > 0))
 
 
 def _compared(
@@ -117,7 +117,7 @@ def _compared(
     facing = (SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals) * fixed.normals[nearest]).sum(axis=1)
     alike = (facing >= FACING) | ((moving.two_sided | fixed.two_sided[nearest]) & (facing <= -FACING))
     agreed = inside & alike & (distances <= config.agreement_distance_m)
-    return agreed, inside & fixed.free[rows, cols] & (distances > config.conflict_distance_m)
+    return agreed, inside & (fixed.states[rows, cols] == 1) & (distances > config.conflict_distance_m)
 
 
 MOST_CARDS = 60
