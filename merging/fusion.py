@@ -10,8 +10,11 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from merging.config import Coverage, Rule
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid
+from tbmslam.belief.masses import Masses
+from tbmslam.belief.sparse_zeros import sparse_zeros
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.grids import fusion
@@ -242,25 +245,33 @@ def fuse(
     if not all(0.0 <= trust <= 1.0 for trust in trusts):
         raise ValueError(f"reliabilities must lie within [0, 1], got {trusts}")
     canvas = canvas_over([layer.geometry for layer in layers])
+    masses = TiledMasses(canvas.rows, canvas.cols)
     fusion = Fusion(
-        TbmGrid(canvas, np.empty((canvas.rows, canvas.cols, 4), dtype=np.float32)),
-        np.empty((canvas.rows, canvas.cols), dtype=np.float32),
-        np.zeros((canvas.rows, canvas.cols), dtype=np.uint16),
+        TbmGrid(canvas, masses),
+        sparse_zeros((canvas.rows, canvas.cols), np.float32),
+        sparse_zeros((canvas.rows, canvas.cols), np.uint16),
         rule,
     )
     required = len(layers) if coverage == "overlap" else 1
     sources = [(*offset_in(canvas, layer.geometry), layer, trust) for layer, trust in zip(layers, trusts, strict=True)]
-    height = max(_CELLS_AT_ONCE // max(canvas.cols, 1), 1)
+    height = max(_CELLS_AT_ONCE // max(canvas.cols, 1) // SIDE, 1) * SIDE
     blocks = [slice(top, min(top + height, canvas.rows)) for top in range(0, canvas.rows, height)]
-    in_threads(lambda block: _fuse_rows(sources, RULES[rule], required, block, fusion), blocks)
+    in_threads(
+        lambda block: masses.put_rows(block.start, _fuse_rows(sources, RULES[rule], required, block, fusion)), blocks
+    )
     return fusion
 
 
 def _fuse_rows(
     sources: Sequence[tuple[int, int, Layer, float]], rule: FusionRule, required: int, block: slice, fusion: Fusion
-) -> None:
-    """Fill some rows of a fusion; a source is the first row and column of a layer, the layer and its reliability."""
-    fused, conflict, seen_by = fusion.grid.masses[block], fusion.conflict[block], fusion.seen_by[block]
+) -> Masses:
+    """Return the masses of some rows of a fusion, and fill its conflict and its counts of sources there.
+
+    A source is the first row and column of a layer, the layer and its reliability.
+    """
+    rows, cols = block.stop - block.start, fusion.grid.geometry.cols
+    fused, conflict = np.empty((rows, cols, 4), dtype=np.float32), np.empty((rows, cols), dtype=np.float32)
+    seen_by = np.zeros((rows, cols), dtype=np.uint16)
     kept = fused if rule.width == 4 else np.empty((*seen_by.shape, rule.width), dtype=np.float32)
     agreed = np.empty((*seen_by.shape, 4), dtype=np.float32)  # the conjunction of all, for the conflict
     for row, col, layer, trust in sources:
@@ -270,6 +281,10 @@ def _fuse_rows(
             masses = layer.masses_of_rows(first - row, last - row)
             add_layer(rule.code, masses, trust, kept[window], agreed[window], seen_by[window])
     finish(rule.code, kept, agreed, seen_by, required, fused, conflict)
+    # Zeros are not written, since the arrays of a fusion take memory where they are written.
+    for filled, found in ((fusion.conflict[block], conflict), (fusion.seen_by[block], seen_by)):
+        np.copyto(filled, found, where=found > 0)
+    return fused
 
 
 _LEAST = 0.1

@@ -44,8 +44,7 @@ def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, p
     with progress.during("fusing"):
         fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
         if joint is not None and _may_be_rendered(joint, config):
-            _draw(joint, fusion.grid)
-            fusion = replace(fusion, rule="redrawn")
+            fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
 
@@ -65,18 +64,11 @@ def _may_be_rendered(joint: JointRefinement, config: MergeConfig) -> bool:
     return not asked and rendered_alike(list(joint.maps.values()))
 
 
-_ROWS_AT_ONCE = 256
-"""Rows that are resampled at once, to limit the memory."""
-
-
-def _draw(joint: JointRefinement, canvas: TbmGrid) -> None:
-    """Render the scans of all drives into a grid, in place of its masses."""
+def _drawn(joint: JointRefinement, canvas: GridGeometry) -> TbmGrid:
+    """Return the grid of the scans of all drives, on the cells of a canvas."""
     maps = list(joint.maps.values())
     drawn = redraw([drive.keyframes for tbm_map in maps for drive in tbm_map.drives], maps[0])
-    placed = PlacedGrid(drawn, SE2.identity(), canvas.geometry)
-    for first in range(0, canvas.geometry.rows, _ROWS_AT_ONCE):
-        last = min(first + _ROWS_AT_ONCE, canvas.geometry.rows)
-        canvas.masses[first:last] = placed.masses_of_rows(first, last)
+    return PlacedGrid(drawn, SE2.identity(), canvas).drawn()
 
 
 def _merged(

@@ -13,6 +13,7 @@ from merging.config import MergeConfig
 from merging.fusion import CellSizeError
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution, prepared
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.tiled_masses import SIDE, Place, TiledMasses
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor
 
@@ -23,16 +24,22 @@ class _Packed(NamedTuple):
     """A compressed grid."""
 
     geometry: GridGeometry
-    masses: bytes
+    places: list[Place]
+    first: tuple[int, int]
+    """The places of the tiles, and the first cell, as in `TiledMasses`."""
+    tiles: bytes
+    """The masses of the tiles, compressed."""
 
     @classmethod
     def of(cls, grid: TbmGrid) -> "_Packed":
-        masses = np.ascontiguousarray(grid.masses, dtype=np.float32)
-        return cls(grid.geometry, zlib.compress(masses.tobytes(), level=1))
+        cells = grid.cells if isinstance(grid.cells, TiledMasses) else TiledMasses.of(grid.cells)
+        tiles = b"".join(tile.tobytes() for tile in cells.tiles.values())
+        return cls(grid.geometry, list(cells.tiles), cells.first, zlib.compress(tiles, level=1))
 
     def unpacked(self) -> TbmGrid:
-        masses = np.frombuffer(bytearray(zlib.decompress(self.masses)), dtype=np.float32)
-        return TbmGrid(self.geometry, masses.reshape(self.geometry.rows, self.geometry.cols, 4))
+        masses = np.frombuffer(zlib.decompress(self.tiles), dtype=np.float32).reshape(-1, SIDE, SIDE, 4)
+        tiles = dict(zip(self.places, masses, strict=True))
+        return TbmGrid(self.geometry, TiledMasses(self.geometry.rows, self.geometry.cols, tiles, self.first))
 
 
 class CompressedGrid:

@@ -21,7 +21,7 @@ from merging.config import MergeConfig
 from merging.registration.correlation import find_candidates
 from merging.verification import Evidence
 from merging.walls import WallMap
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import FloatArray
 
 
@@ -260,12 +260,6 @@ def mirror_image(structure: WallMap) -> WallMap:
         distances_m=_flipped(structure.distances_m),
         nearest=_flipped(structure.nearest),
     )
-
-
-def mirrored(grid: TbmGrid) -> TbmGrid:
-    """Return a grid mirrored at its y axis."""
-    g = grid.geometry
-    return TbmGrid(g._replace(origin_x=-(g.origin_x + g.cols * g.resolution)), _flipped(grid.masses))
 
 
 def _flipped(cells: npt.NDArray[Cell]) -> npt.NDArray[Cell]:

@@ -169,9 +169,11 @@ class WallMap:
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "WallMap":
         """Find walls and free space of a grid."""
-        free_mass, wall_mass = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
-        free = free_mass > wall_mass
-        walls = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
+        free, walls = np.zeros((2, *grid.cells.shape[:2]), dtype=np.bool_)
+        for rows, cols, masses in grid.pieces():
+            free_mass, wall_mass = masses[..., FREE], masses[..., OCCUPIED]
+            free[rows, cols] = free_mass > wall_mass
+            walls[rows, cols] = (wall_mass > free_mass) & (wall_mass >= config.min_wall_mass)
         walls = Components.of(walls).at_least(config.min_speck_m / grid.geometry.resolution)
         surface = walls & _grown(free, 1)
         normals, two_sided = _normals(free, walls, surface)

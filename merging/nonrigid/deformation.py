@@ -15,14 +15,15 @@ from merging.config.registration import StructureConfig
 from merging.registration.correlation import refine_all
 from merging.verification import examine
 from merging.walls import WallMap
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.belief.masses import UNKNOWN
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import Masses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 
 _STEP = 8
 """The inverse of a deformation is computed at every eighth cell and interpolated linearly between them."""
-_BAND = 256
+_BAND = 8 * SIDE
 """Rows of cells that are resampled at once, to limit the memory."""
 _ROUNDS = 8
 """Fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
@@ -117,11 +118,11 @@ class Deformation:
         """Return the deformed map in the source's frame; the rigid T_target_source then aligns it with the target."""
         T_source_target = T_target_source.inverse()
         geometry = _covering(T_source_target.apply(self.apply(_sample_points(grid.geometry))), grid)
-        masses = np.empty((geometry.rows, geometry.cols, 4), dtype=np.float32)
+        masses = TiledMasses(geometry.rows, geometry.cols)
         for first in range(0, geometry.rows, _BAND):
             last = min(first + _BAND, geometry.rows)
             band = geometry._replace(origin_y=geometry.origin_y + first * geometry.resolution, rows=last - first)
-            masses[first:last] = _read(grid, *self._cells_of(band, T_source_target, grid.geometry))
+            masses.put_rows(first, _read(grid, *self._cells_of(band, T_source_target, grid.geometry)))
         return TbmGrid(geometry, masses)
 
     def _cells_of(
@@ -151,9 +152,11 @@ class Deformation:
 def _read(grid: TbmGrid, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]) -> Masses:
     """Return the masses (rows, cols, 4) of cells of a grid; cells outside the grid are unknown."""
     inside = (rows >= 0) & (rows < grid.geometry.rows) & (cols >= 0) & (cols < grid.geometry.cols)
-    masses = np.zeros((*inside.shape, 4), dtype=np.float32)
-    masses[..., UNKNOWN] = 1.0
-    masses[inside] = grid.masses[rows[inside], cols[inside]]
+    masses = vacuous_masses(*inside.shape)
+    rows, cols = rows[inside], cols[inside]
+    if len(rows):
+        first, last = int(rows.min()), int(rows.max()) + 1
+        masses[inside] = grid.masses_of_rows(first, last)[rows - first, cols]
     return masses
 
 
@@ -196,11 +199,11 @@ def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -
         The parameters that define walls.
     """
     known = grid.cropped_to_known()
-    rows, cols = known.masses.shape[:2]
+    rows, cols = known.geometry.rows, known.geometry.cols
     side = side_m / known.geometry.resolution
     while math.ceil(rows / side) * math.ceil(cols / side) > most:
         side *= 1.1
-    cut = [_cut_out(known, row, col) for row in pairwise(_cuts(rows, side)) for col in pairwise(_cuts(cols, side))]
+    cut = [known.part(*row, *col) for row in pairwise(_cuts(rows, side)) for col in pairwise(_cuts(cols, side))]
     tiles = [WallMap.from_grid(part, config) for part in cut if part.is_known().any()]
     return [tile for tile in tiles if tile.wall_m >= _LEAST_WALL * side_m]
 
@@ -209,17 +212,6 @@ def _cuts(size: int, side: float) -> list[int]:
     """Return the bounds of equal parts of a row of cells, each at most a side long."""
     count = max(math.ceil(size / side), 1)
     return [round(size * index / count) for index in range(count + 1)]
-
-
-def _cut_out(grid: TbmGrid, rows: tuple[int, int], cols: tuple[int, int]) -> TbmGrid:
-    g = grid.geometry
-    geometry = g._replace(
-        origin_x=g.origin_x + cols[0] * g.resolution,
-        origin_y=g.origin_y + rows[0] * g.resolution,
-        rows=rows[1] - rows[0],
-        cols=cols[1] - cols[0],
-    )
-    return TbmGrid(geometry, np.ascontiguousarray(grid.masses[slice(*rows), slice(*cols)]))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
 from merging.rigid_alignment import align_whole, comparison_resolution
-from merging.scoring import confidences, mirrored
+from merging.scoring import confidences
 from merging.verification import Evidence, examine
 from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
@@ -64,7 +64,7 @@ class DeformedRivals:
         cls, target: WallMap, source: DeformableMap, pose: SE2, proposals: list[SE2], config: MergeConfig
     ) -> "DeformedRivals":
         """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image."""
-        mirror = DeformableMap.of(mirrored(source.grid), config)
+        mirror = DeformableMap.of(source.grid.mirrored(), config)
         decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
         poses = [pose, *_rivals(target, source, proposals, config)]
         motions = first_apart(poses, source.structure, len(poses))

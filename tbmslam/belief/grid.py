@@ -1,19 +1,21 @@
 """A grid of masses and its geometry, and the conversion of other maps' occupancies to masses and back."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, pignistic
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, VACUOUS, Masses, pignistic
+from tbmslam.belief.tiled_masses import TiledMasses
 from tbmslam.geometry.se2 import FloatArray
 
-Masses = npt.NDArray[np.float32]
 SUM_TOLERANCE = 1e-3
 """Largest deviation of the sum of a cell's masses from one, by rounding in float32."""
-_CELLS_AT_ONCE = 1 << 20
+_BAND = 256
+"""Rows that are processed together, to limit the memory."""
 _SLIVER = 1e-6
 """Largest rounding error of an edge, as a share of a cell."""
 
@@ -78,18 +80,19 @@ class TbmGrid:
     ----------
     geometry
         Geometry of the cells.
-    masses
-        Masses (rows, cols, 4), float32, ordered CONFLICT, FREE, OCCUPIED, UNKNOWN as in `tbmslam.belief.masses`.
+    cells
+        Masses (rows, cols, 4), float32, ordered CONFLICT, FREE, OCCUPIED, UNKNOWN as in `tbmslam.belief.masses`: an
+        array, or tiles, which take less memory where most cells are unknown.
     """
 
     geometry: GridGeometry
-    masses: Masses
+    cells: Masses | TiledMasses
 
     def __post_init__(self) -> None:
         """Check that geometry and masses match."""
         expected = (self.geometry.rows, self.geometry.cols, 4)
-        if self.masses.shape != expected:
-            raise ValueError(f"masses must have the shape {expected} of the geometry, got {self.masses.shape}")
+        if self.cells.shape != expected:
+            raise ValueError(f"masses must have the shape {expected} of the geometry, got {self.cells.shape}")
         if not (self.geometry.resolution > 0.0 and math.isfinite(self.geometry.resolution)):
             raise ValueError(f"resolution must be positive, got {self.geometry.resolution}")
         if not (math.isfinite(self.geometry.origin_x) and math.isfinite(self.geometry.origin_y)):
@@ -117,29 +120,68 @@ class TbmGrid:
         """Return a grid of unknown cells."""
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
 
+    def tiled(self) -> "TbmGrid":
+        """Return the same grid with its masses in tiles."""
+        return self if isinstance(self.cells, TiledMasses) else TbmGrid(self.geometry, TiledMasses.of(self.cells))
+
+    @property
+    def masses(self) -> Masses:
+        """The masses (rows, cols, 4) as an array. Of tiles it is drawn at each access, and cannot be changed."""
+        if not isinstance(self.cells, TiledMasses):
+            return self.cells
+        drawn = self.window(0, self.geometry.rows, 0, self.geometry.cols)
+        drawn.flags.writeable = False
+        return drawn
+
+    def pieces(self) -> Iterator[tuple[slice, slice, Masses]]:
+        """Yield parts of the grid with their rows and columns; cells in no part are vacuous."""
+        rows, cols = self.geometry.rows, self.geometry.cols
+        if isinstance(self.cells, TiledMasses):
+            yield from self.cells.pieces(0, rows, 0, cols)
+            return
+        for first in range(0, rows, _BAND):
+            band = slice(first, min(first + _BAND, rows))
+            yield band, slice(0, cols), self.cells[band]
+
+    def window(self, top: int, bottom: int, left: int, right: int) -> Masses:
+        """Return the masses (bottom - top, right - left, 4) of some rows and columns, which must be in the grid."""
+        if isinstance(self.cells, TiledMasses):
+            return self.cells.window(top, bottom, left, right)
+        return self.cells[top:bottom, left:right]
+
     def fault(self) -> str | None:
         """Return why the masses are invalid, such as one below zero; None if they are valid."""
-        cells = self.masses.reshape(-1, 4)
-        for start in range(0, len(cells), _CELLS_AT_ONCE):
-            block = cells[start : start + _CELLS_AT_ONCE]
-            if not block.min() >= 0.0:  # also for nan
+        for _, _, masses in self.pieces():
+            block = masses.reshape(-1, 4)
+            if not block.min(initial=0.0) >= 0.0:  # also for nan
                 return f"a mass is {block.min()}, not zero or more"
-            error = float(np.abs(block @ np.ones(4, dtype=block.dtype) - 1.0).max())
+            error = float(np.abs(block @ np.ones(4, dtype=block.dtype) - 1.0).max(initial=0.0))
             if not error <= SUM_TOLERANCE:
                 return f"the masses of a cell miss the sum of 1 by {error:.3g}"
         return None
 
     def is_known(self) -> npt.NDArray[np.bool_]:
         """Return which cells (rows, cols) have any evidence."""
-        return np.asarray(self.masses[..., UNKNOWN] < 1.0)
+        if isinstance(self.cells, TiledMasses):
+            return self.cells.known()
+        return np.asarray(self.cells[..., UNKNOWN] < 1.0)
 
     def pignistic(self) -> FloatArray:
         """Return the probability (rows, cols) of being occupied."""
-        return pignistic(self.masses)
+        probability = np.full(self.cells.shape[:2], 0.5)
+        for rows, cols, masses in self.pieces():
+            probability[rows, cols] = pignistic(masses)
+        return probability
 
     def masses_of_rows(self, first: int, last: int) -> Masses:
         """Return the masses of the rows from `first` up to, and without, `last`."""
-        return self.masses[first:last]
+        return self.window(first, last, 0, self.geometry.cols)
+
+    def mirrored(self) -> "TbmGrid":
+        """Return the grid mirrored at its y axis."""
+        g, cells = self.geometry, self.cells
+        flipped = cells.mirrored() if isinstance(cells, TiledMasses) else np.ascontiguousarray(cells[:, ::-1])
+        return TbmGrid(g._replace(origin_x=-(g.origin_x + g.cols * g.resolution)), flipped)
 
     def cropped(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmGrid":
         """Return the cells that touch a rectangle [m]."""
@@ -149,8 +191,7 @@ class TbmGrid:
         (top, left), (bottom, right) = (np.clip(edge, 0, (g.rows, g.cols)).astype(int).tolist() for edge in (low, high))
         if top >= bottom or left >= right:
             raise ValueError(f"({min_x}, {min_y}) to ({max_x}, {max_y}) m holds no cell of {g.bounds()}")
-        part = self._part(top, bottom, left, right)
-        return TbmGrid(part.geometry, np.ascontiguousarray(part.masses))
+        return _without_rest(self.part(top, bottom, left, right))
 
     def known_part(self, margin: int = 0) -> "TbmGrid":
         """Return a view of the smallest part with all known cells; see `cropped_to_known`."""
@@ -160,15 +201,19 @@ class TbmGrid:
             return self
         top, bottom = max(rows[0] - margin, 0), min(rows[-1] + 1 + margin, self.geometry.rows)
         left, right = max(cols[0] - margin, 0), min(cols[-1] + 1 + margin, self.geometry.cols)
-        return self._part(int(top), int(bottom), int(left), int(right))
+        return self.part(int(top), int(bottom), int(left), int(right))
 
-    def _part(self, top: int, bottom: int, left: int, right: int) -> "TbmGrid":
-        """Return a view of some rows and columns."""
+    def part(self, top: int, bottom: int, left: int, right: int) -> "TbmGrid":
+        """Return a view of some rows and columns, which must be in the grid."""
         g = self.geometry
         geometry = GridGeometry(
             g.resolution, g.origin_x + left * g.resolution, g.origin_y + top * g.resolution, bottom - top, right - left
         )
-        return TbmGrid(geometry, self.masses[top:bottom, left:right])
+        cells = self.cells
+        inside = (
+            cells.part(top, bottom, left, right) if isinstance(cells, TiledMasses) else cells[top:bottom, left:right]
+        )
+        return TbmGrid(geometry, inside)
 
     def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
         """Return the smallest part with all known cells, with a margin of cells where the grid has them.
@@ -176,7 +221,13 @@ class TbmGrid:
         A grid without evidence is returned unchanged.
         """
         part = self.known_part(margin)
-        return self if part is self else TbmGrid(part.geometry, np.ascontiguousarray(part.masses))
+        return self if part is self else _without_rest(part)
+
+
+def _without_rest(part: TbmGrid) -> TbmGrid:
+    """Return a view of a grid as a grid of its own, so that the rest takes no memory."""
+    cells = part.cells
+    return TbmGrid(part.geometry, cells if isinstance(cells, TiledMasses) else np.ascontiguousarray(cells))
 
 
 RELIABILITY = 0.9
@@ -184,8 +235,6 @@ RELIABILITY = 0.9
 
 MIN_BALANCE = 0.1
 """Least difference of the masses of free and occupied for a decision; see `occupancy_of`."""
-_BAND = 256
-"""Rows that are processed together, to limit the memory."""
 
 
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
@@ -196,10 +245,10 @@ def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
     for as against, is unknown. The bounds lie near one half because the pignistic probability counts half of UNKNOWN
     either way, and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
     """
-    occupancy = np.full(grid.masses.shape[:2], -1, dtype=np.int8)
+    occupancy = np.full(grid.cells.shape[:2], -1, dtype=np.int8)
     # Intermediate arrays of a whole map would take more memory than the map.
-    for first in range(0, len(occupancy), _BAND):
-        masses, decided = grid.masses[first : first + _BAND], occupancy[first : first + _BAND]
+    for rows, cols, masses in grid.pieces():
+        decided = occupancy[rows, cols]
         balance = masses[..., OCCUPIED] - masses[..., FREE]
         needed = MIN_BALANCE * (1.0 - masses[..., CONFLICT])
         decided[balance > needed] = 100

@@ -8,12 +8,18 @@ would fall between the centres. Both are convex combinations of beliefs, hence b
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import Masses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids import resampling as kernels
+
+_BLOCK = 8 * SIDE
+"""Side of the blocks of the target for which tiles are put together to an array."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +40,49 @@ class PlacedGrid:
 
     def masses_of_rows(self, first: int, last: int) -> Masses:
         """Return the masses of the target's rows from `first` up to, and without, `last`."""
-        row_of, col_of = _cells_in_source(self.grid.geometry, self.T_target_source, self.geometry)
+        if not isinstance(self.grid.cells, TiledMasses):
+            resampled = np.empty((last - first, self.geometry.cols, 4), dtype=np.float32)
+            self._read(np.asarray(self.grid.cells, dtype=np.float32), (0, 0), (first, 0), resampled)
+            return resampled
+        resampled = vacuous_masses(last - first, self.geometry.cols)
+        for top in range(first, last, _BLOCK):
+            for left in range(0, self.geometry.cols, _BLOCK):
+                block = resampled[top - first : min(top + _BLOCK, last) - first, left : left + _BLOCK]
+                self._read_block(self.grid.cells, (top, left), block)
+        return resampled
+
+    def _read_block(self, cells: TiledMasses, first: tuple[int, int], resampled: Masses) -> None:
+        """Write a block of the target's cells from the row and column `first` on, if the source has evidence there."""
+        ends = [np.array([at, at + size]) for at, size in zip(first, resampled.shape[:2], strict=True)]
+        corners = np.array([(row, col, 1.0) for row in ends[0] for col in ends[1]])
+        source = np.column_stack([corners @ of for of in self._affine])
+        # A cell more all around: the corners are rounded.
+        low = np.maximum(np.floor(source.min(axis=0)).astype(int) - 1, 0)
+        high = np.minimum(np.floor(source.max(axis=0)).astype(int) + 2, cells.shape[:2])
+        (top, left), (bottom, right) = low.tolist(), high.tolist()
+        if top < bottom and left < right and cells.has_evidence(top, bottom, left, right):
+            self._read(cells.window(top, bottom, left, right), (top, left), first, resampled)
+
+    def _read(self, masses: Masses, corner: tuple[int, int], first: tuple[int, int], resampled: Masses) -> None:
+        """Write the target's cells from the row and column `first` on; the source's masses begin at `corner`."""
         # A ratio slightly above 1 is a rounding error, not a coarser grid.
         samples = max(1, math.ceil(self.geometry.resolution / self.grid.geometry.resolution - 1e-6))
-        resampled = np.empty((last - first, self.geometry.cols, 4), dtype=np.float32)
-        kernels.resample(np.asarray(self.grid.masses, dtype=np.float32), row_of, col_of, samples, first, resampled)
-        return resampled
+        size = self.grid.geometry.rows, self.grid.geometry.cols
+        kernels.resample(masses, corner, size, *self._affine, samples, first, resampled)
+
+    @cached_property
+    def _affine(self) -> tuple[np.ndarray, np.ndarray]:
+        return _cells_in_source(self.grid.geometry, self.T_target_source, self.geometry)
 
     def drawn(self) -> TbmGrid:
         """Return the beliefs on the target's cells; cells outside of the source are unknown."""
-        return TbmGrid(self.geometry, self.masses_of_rows(0, self.geometry.rows))
+        rows = self.geometry.rows
+        if not isinstance(self.grid.cells, TiledMasses):
+            return TbmGrid(self.geometry, self.masses_of_rows(0, rows))
+        tiled = TiledMasses(rows, self.geometry.cols)
+        for first in range(0, rows, _BLOCK):
+            tiled.put_rows(first, self.masses_of_rows(first, min(first + _BLOCK, rows)))
+        return TbmGrid(self.geometry, tiled)
 
 
 def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:

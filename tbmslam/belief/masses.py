@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from tbmslam.geometry.se2 import FloatArray
 
+Masses = npt.NDArray[np.float32]
+"""Masses (rows, cols, 4) of the cells of a grid."""
 CONFLICT, FREE, OCCUPIED, UNKNOWN = 0, 1, 2, 3
 VACUOUS: FloatArray = np.array([0.0, 0.0, 0.0, 1.0])
 """The belief without any knowledge."""

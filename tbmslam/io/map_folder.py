@@ -40,7 +40,7 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     FileNotWrittenError
         If the folder or a file cannot be written.
     """
-    if not tbm_map.grid.masses.size:
+    if not tbm_map.grid.geometry.rows * tbm_map.grid.geometry.cols:
         raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
     folder = Path(folder)
     older = _trajectories_in(folder)

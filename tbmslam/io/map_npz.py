@@ -31,7 +31,9 @@ from typing import IO, Any, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import Masses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import replacing
@@ -56,9 +58,11 @@ class NpzError(TbmSlamError):
 
 
 def write_npz(
-    path: str | os.PathLike[str], arrays: dict[str, Array], make_way: Callable[[], object] | None = None
+    path: str | os.PathLike[str], arrays: Mapping[str, Array | TbmGrid], make_way: Callable[[], object] | None = None
 ) -> None:
     """Write named arrays atomically in the given order for `numpy.load`; see `replacing`.
+
+    A grid is written as the array of its masses, a band of rows at a time.
 
     Raises
     ------
@@ -73,12 +77,27 @@ def write_npz(
             for name, values in arrays.items():
                 # An entry that is opened by its name gets the zip epoch as its time, so equal arrays give equal bytes.
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
-                    np.lib.format.write_array(stream, values, allow_pickle=False)
+                    if isinstance(values, TbmGrid):
+                        _write_masses(stream, values)
+                    else:
+                        np.lib.format.write_array(stream, values, allow_pickle=False)
     except ValueError as error:
         # An archive that is interrupted at the end of an entry cannot be closed; the error would hide the interruption.
         if isinstance(error.__context__, KeyboardInterrupt):
             raise KeyboardInterrupt from error
         raise
+
+
+_BAND = 8 * SIDE
+"""Rows of masses that are written or read at once, to limit the memory."""
+
+
+def _write_masses(stream: IO[bytes], grid: TbmGrid) -> None:
+    header = {"descr": "<f4", "fortran_order": False, "shape": (grid.geometry.rows, grid.geometry.cols, 4)}
+    np.lib.format.write_array_header_1_0(stream, header)
+    for first in range(0, grid.geometry.rows, _BAND):
+        rows = grid.masses_of_rows(first, min(first + _BAND, grid.geometry.rows))
+        stream.write(np.ascontiguousarray(rows, dtype="<f4").data)
 
 
 class ArrayZip:
@@ -141,6 +160,22 @@ class ArrayZip:
             if values.dtype.kind == "U" and np.any(np.frombuffer(values.tobytes(), dtype=np.uint32) > sys.maxunicode):
                 raise NpzError(f"{name} is damaged text")
             return np.ascontiguousarray(values).reshape(values.shape)
+
+    def masses(self, name: str, rows: int, cols: int) -> TiledMasses:
+        """Return masses (rows, cols, 4), which are read a band of rows at a time; see `shape` for the errors."""
+        tiled = TiledMasses(rows, cols)
+        self.shape(name, np.float32, (rows, cols, 4))
+        with self._entry(name) as (stream, _):
+            np.lib.format.read_magic(stream)
+            _, by_columns, _ = np.lib.format.read_array_header_1_0(stream)
+            if by_columns:
+                return TiledMasses.of(cast("Masses", self.read(name, np.float32, (rows, cols, 4))))
+            for first in range(0, rows, _BAND):
+                count = min(_BAND, rows - first)
+                band = np.frombuffer(stream.read(count * cols * 16), dtype=np.float32)
+                tiled.put_rows(first, band.reshape(count, cols, 4))
+            stream.read(1)  # the checksum is compared at the end of an entry
+        return tiled
 
     @contextmanager
     def _entry(self, name: str) -> Iterator[tuple[IO[bytes], zipfile.ZipInfo]]:
@@ -215,12 +250,12 @@ def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap, make_way: Call
     write_npz(path, _arrays(tbm_map, provenance), make_way)
 
 
-def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array]:
+def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array | TbmGrid]:
     geometry = tbm_map.grid.geometry
-    arrays: dict[str, Array] = {
+    arrays: dict[str, Array | TbmGrid] = {
         "format_version": np.array(FORMAT_VERSION, dtype=np.int64),
         "geometry": np.array([geometry.resolution, geometry.origin_x, geometry.origin_y], dtype=np.float64),
-        "masses": tbm_map.grid.masses.astype(np.float32, copy=False),
+        "masses": tbm_map.grid,
         "provenance": np.array(provenance),
         "drives": np.array([drive.name for drive in tbm_map.drives], dtype=np.str_),
     }
@@ -294,7 +329,7 @@ def _read_grid(path: str | os.PathLike[str], arrays: ArrayZip) -> TbmGrid:
     resolution, origin_x, origin_y = arrays.read("geometry", np.float64, (3,)).tolist()
     geometry = GridGeometry(resolution, origin_x, origin_y, rows, cols)
     check_geometry(path, geometry)
-    grid = TbmGrid(geometry, cast("Masses", arrays.read("masses", np.float32, (rows, cols, 4))))
+    grid = TbmGrid(geometry, arrays.masses("masses", rows, cols))
     if (fault := grid.fault()) is not None:
         raise ValueError(fault)
     return grid

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, Masses
 from tbmslam.io.atomic_file import write_bytes, write_text
 
 
@@ -65,11 +65,10 @@ def draw_grid(grid: TbmGrid) -> dict[str, Picture]:
     """
     rows, cols = grid.geometry.rows, grid.geometry.cols
     pictures = {name: np.empty((rows, cols), dtype=np.uint8) for name in PICTURE_NAMES}
-    upright = grid.masses[::-1]
     # A few rows at a time stay in the processor's cache, which is several times faster on large maps.
     for start in range(0, rows, _ROWS_AT_ONCE):
-        block = slice(start, start + _ROWS_AT_ONCE)
-        masses = upright[block]
+        block = slice(start, min(start + _ROWS_AT_ONCE, rows))
+        masses = grid.masses_of_rows(rows - block.stop, rows - block.start)[::-1]
         pictures["pignistic"][block] = _grey(_pignistic_free(masses))
         for name, subset in _MASSES.items():
             pictures[name][block] = _grey(masses[..., subset])

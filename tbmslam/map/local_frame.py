@@ -50,5 +50,5 @@ class LocalFrame:
             return tbm_map
         cells = tbm_map.grid.geometry
         origin_x, origin_y = cells.origin_x + self.T_far_near.x, cells.origin_y + self.T_far_near.y
-        grid = TbmGrid(cells._replace(origin_x=origin_x, origin_y=origin_y), tbm_map.grid.masses)
+        grid = TbmGrid(cells._replace(origin_x=origin_x, origin_y=origin_y), tbm_map.grid.cells)
         return tbm_map.moved(self.T_far_near, grid)

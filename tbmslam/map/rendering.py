@@ -11,6 +11,8 @@ from pydantic import Field, model_validator
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.sparse_zeros import sparse_zeros
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_scans, write_masses
@@ -102,7 +104,7 @@ class MapConfig(FrozenConfig):
         ge=1000,
         description=(
             "largest number of cells; a larger map gets coarser cells, and a grid that grows during the "
-            "drive ends with an error; a cell takes 28 bytes while it is rendered and 16 afterwards"
+            "drive ends with an error; a seen cell takes 24 bytes while it is rendered and 16 afterwards"
         ),
     )
     # A beam with evidence for both contradicts itself, so that many equal beams would fill a cell with conflict.
@@ -124,7 +126,7 @@ class MapConfig(FrozenConfig):
 _SCANS_AT_ONCE = 1000
 _BEAMS_KEPT = 2_000_000
 """Number of beams whose ends are stored until they are counted; they take 34 MB."""
-_BYTES_A_CELL = 24  # counts and masses; to save a map takes less
+_BYTES_A_CELL = 24  # counts and masses, if all cells are seen; to save a map takes less
 
 
 def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
@@ -167,8 +169,7 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     geometry = _geometry_around(np.vstack(corners), config)
     resolution = geometry.resolution
     first_row, first_col = round(geometry.origin_y / resolution), round(geometry.origin_x / resolution)
-    # The system allocates memory at the first access, so unexplored parts of the box take little memory.
-    counts: Counts = np.zeros((geometry.rows + 2, geometry.cols + 2), dtype=np.int64)
+    counts: Counts = sparse_zeros((geometry.rows + 2, geometry.cols + 2), np.int64)
     lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
     for block in blocks:
         count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
@@ -260,14 +261,18 @@ def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
     return math.prod(rows_and_cols.astype(int).tolist())
 
 
-def _masses(
-    counts: Counts, most: int, config: MapConfig, resolution: float
-) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
-    """Return the masses (rows, cols, 4) of counts (rows, cols) of at most `most` scans."""
+def _masses(counts: Counts, most: int, config: MapConfig, resolution: float) -> TiledMasses:
+    """Return the masses of counts (rows, cols) of at most `most` scans."""
     factors, numbers = beam_factors(config.sensor_model, resolution, 1.0), np.arange(most + 1.0)[:, None]
     # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
     hit, miss = (np.maximum(factor[None, :] ** -numbers, 1e-150) for factor in (factors.hit, factors.miss))
-    # NumPy asks for large pages, which take the system a third of the time of small ones.
-    masses = np.empty((*counts.shape, 4), dtype=np.float32)
-    write_masses(counts, hit, miss, config.keep_conflict, masses)
+    rows, cols = counts.shape
+    masses, starts = TiledMasses(rows, cols), np.arange(0, cols, SIDE)
+    for row in range(0, rows, SIDE):
+        band = counts[row : row + SIDE]
+        for col in np.flatnonzero(np.logical_or.reduceat(band.any(axis=0), starts)).tolist():
+            seen = band[:, col * SIDE : (col + 1) * SIDE]
+            tile = np.empty((*seen.shape, 4), dtype=np.float32)
+            write_masses(seen, hit, miss, config.keep_conflict, tile)
+            masses.put_tile(row // SIDE, col, tile)
     return masses

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from tbmslam.belief.grid import GridGeometry, Masses, TbmGrid
-from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, pignistic
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, Masses, pignistic
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.map.drive import Drive
 from tbmslam.report.sheet import Colour, Kind, Levels, Marks, Palette, Raster, Switch, levels_of

@@ -21,7 +21,6 @@ from merging.scoring import (
     find_decoys,
     measured,
     mirror_image,
-    mirrored,
     score_hypotheses,
 )
 from merging.verification import Pieces
@@ -257,7 +256,7 @@ def structure(grid):
 
 def test_a_mirror_image_is_what_the_mirrored_grid_looks_like(rooms):
     grid = rooms(1)
-    seen, expected = mirror_image(structure(grid)), structure(mirrored(grid))
+    seen, expected = mirror_image(structure(grid)), structure(grid.mirrored())
     assert seen.geometry == expected.geometry
     np.testing.assert_array_equal(seen.free, expected.free)
     np.testing.assert_allclose(seen.distances_m, expected.distances_m, atol=1e-6)
@@ -287,7 +286,7 @@ def test_twice_mirrored_is_the_map_itself(rooms):
 def test_the_mirror_image_of_a_mirrored_building_fits(rooms):
     grid = rooms(1)
     other = warp(grid, SE2(2.0, -1.0, 0.4), grid.geometry)
-    stranger = structure(mirrored(other))
+    stranger = structure(other.mirrored())
     alike = max(decoy.agreed_wall_m for decoy in find_decoys(structure(grid), stranger, CONFIG))
     chance = max(decoy.agreed_wall_m for decoy in find_decoys(structure(grid), structure(other), CONFIG))
     assert alike > 2.0 * chance

@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 from tbmslam.kernels import kernel
 
+Cell = tuple[int, int]
+"""A row and a column."""
+
 _TILE = 16
 """Columns of a tile: a turned grid is read across its rows, and a tile of few columns stays near one place."""
 
@@ -14,15 +17,18 @@ _TILE = 16
 @kernel
 def resample(
     masses: npt.NDArray[np.float32],
+    corner: Cell,
+    size: Cell,
     row_of: npt.NDArray[np.float64],
     col_of: npt.NDArray[np.float64],
     samples: int,
-    first: int,
+    first: Cell,
     resampled: npt.NDArray[np.float32],
 ) -> None:
-    """Write into every cell of `resampled` (rows, cols, 4) the mean of the cells of `masses` that it covers.
+    """Write into every cell of `resampled` (rows, cols, 4) the mean of the cells of the old grid that it covers.
 
-    `resampled` holds the new grid's rows from the ``first`` one on.
+    `resampled` holds the new grid's cells from the row and column ``first`` on, and `masses` those of the old grid from
+    the row and column ``corner`` on: all that are read. The old grid has ``size`` rows and columns.
 
     A place (row, col) of the new grid, counted in cells from its outer corner, lies in the old grid at row
     ``row_of @ (row, col, 1)`` and column ``col_of @ (row, col, 1)``. Each new cell is read at ``samples`` x ``samples``
@@ -31,48 +37,57 @@ def resample(
     for left in range(0, resampled.shape[1], _TILE):
         right = min(left + _TILE, resampled.shape[1])
         for index in range(resampled.shape[0]):
+            row = (first[0] + index, first[1])
             if samples == 1:
-                _read_row(masses, row_of, col_of, first + index, resampled[index], left, right)
+                _read_row(masses, corner, size, row_of, col_of, row, resampled[index], left, right)
             else:
-                _average_row(masses, row_of, col_of, samples, first + index, resampled[index], left, right)
+                _average_row(masses, corner, size, row_of, col_of, samples, row, resampled[index], left, right)
 
 
 @kernel
 def _read_row(
     masses: npt.NDArray[np.float32],
+    corner: Cell,
+    size: Cell,
     row_of: npt.NDArray[np.float64],
     col_of: npt.NDArray[np.float64],
-    row: int,
+    first: Cell,
     resampled: npt.NDArray[np.float32],
     left: int,
     right: int,
 ) -> None:
-    old_rows, old_cols = float(masses.shape[0]), float(masses.shape[1])
-    for col in range(left, right):
+    old_rows, old_cols = float(size[0]), float(size[1])
+    row = first[0]
+    for index in range(left, right):
+        col = first[1] + index
         y = row_of[0] * (row + 0.5) + row_of[1] * (col + 0.5) + row_of[2]
         x = col_of[0] * (row + 0.5) + col_of[1] * (col + 0.5) + col_of[2]
         if 0.0 <= y < old_rows and 0.0 <= x < old_cols:
-            old_row, old_col = int(y), int(x)
+            old_row, old_col = int(y) - corner[0], int(x) - corner[1]
             for subset in range(4):
-                resampled[col, subset] = masses[old_row, old_col, subset]
+                resampled[index, subset] = masses[old_row, old_col, subset]
         else:
-            resampled[col, 0] = resampled[col, 1] = resampled[col, 2] = 0.0
-            resampled[col, 3] = 1.0
+            resampled[index, 0] = resampled[index, 1] = resampled[index, 2] = 0.0
+            resampled[index, 3] = 1.0
 
 
 @kernel
 def _average_row(
     masses: npt.NDArray[np.float32],
+    corner: Cell,
+    size: Cell,
     row_of: npt.NDArray[np.float64],
     col_of: npt.NDArray[np.float64],
     samples: int,
-    row: int,
+    first: Cell,
     resampled: npt.NDArray[np.float32],
     left: int,
     right: int,
 ) -> None:
-    old_rows, old_cols = masses.shape[0], masses.shape[1]
-    for col in range(left, right):
+    old_rows, old_cols = size
+    row = first[0]
+    for index in range(left, right):
+        col = first[1] + index
         conflict, free, occupied, unknown = 0.0, 0.0, 0.0, 0.0
         for sample in range(samples * samples):
             inner_row = row + (sample // samples + 0.5) / samples
@@ -80,14 +95,15 @@ def _average_row(
             old_row = math.floor(row_of[0] * inner_row + row_of[1] * inner_col + row_of[2])
             old_col = math.floor(col_of[0] * inner_row + col_of[1] * inner_col + col_of[2])
             if 0 <= old_row < old_rows and 0 <= old_col < old_cols:
-                conflict += masses[old_row, old_col, 0]
-                free += masses[old_row, old_col, 1]
-                occupied += masses[old_row, old_col, 2]
-                unknown += masses[old_row, old_col, 3]
+                at_row, at_col = old_row - corner[0], old_col - corner[1]
+                conflict += masses[at_row, at_col, 0]
+                free += masses[at_row, at_col, 1]
+                occupied += masses[at_row, at_col, 2]
+                unknown += masses[at_row, at_col, 3]
             else:
                 unknown += 1.0
         count = samples * samples
-        resampled[col, 0] = conflict / count
-        resampled[col, 1] = free / count
-        resampled[col, 2] = occupied / count
-        resampled[col, 3] = unknown / count
+        resampled[index, 0] = conflict / count
+        resampled[index, 1] = free / count
+        resampled[index, 2] = occupied / count
+        resampled[index, 3] = unknown / count

@@ -10,6 +10,7 @@ from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
+from tbmslam.belief.tiled_masses import SIDE
 from tbmslam.geometry.se2 import SE2
 from tests.merging.bent_floor import bent_maps
 
@@ -104,7 +105,7 @@ def test_the_rigid_transform_of_the_deformed_map_equals_the_deformation(rooms, w
 def test_resampling_in_bands_gives_the_same_masses(rooms, monkeypatch):
     floor = rooms(1)
     whole = bent().deformed(floor, MOTION)
-    monkeypatch.setattr("merging.nonrigid.deformation._BAND", 24)
+    monkeypatch.setattr("merging.nonrigid.deformation._BAND", SIDE)
     np.testing.assert_array_equal(bent().deformed(floor, MOTION).masses, whole.masses)
 
 

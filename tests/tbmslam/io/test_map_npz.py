@@ -97,6 +97,23 @@ def test_motions_that_are_none_are_refused(tbm_map, tmp_path):
         read_map_file(tmp_path / "bad.npz")
 
 
+def test_masses_are_written_and_read_in_bands(tmp_path):
+    masses = np.zeros((700, 50, 4), dtype=np.float32)
+    masses[..., UNKNOWN] = 1.0
+    masses[250:260, 20:30] = masses[699, 49] = (0.0, 0.25, 0.5, 0.25)
+    grid = TbmGrid(GridGeometry(0.05, 0.0, 0.0, 700, 50), masses)
+    for name, written in (("dense", grid), ("tiled", grid.tiled())):
+        write_map_file(tmp_path / f"{name}.npz", TbmMap(written))
+    assert (tmp_path / "dense.npz").read_bytes() == (tmp_path / "tiled.npz").read_bytes()
+    arrays = dict(np.load(tmp_path / "dense.npz"))
+    np.testing.assert_array_equal(arrays["masses"], masses)
+    assert read_map_file(tmp_path / "dense.npz").grid.masses.tobytes() == masses.tobytes()
+    write_npz(tmp_path / "plain.npz", arrays)  # as numpy writes an array
+    assert (tmp_path / "plain.npz").read_bytes() == (tmp_path / "dense.npz").read_bytes()
+    write_npz(tmp_path / "columns.npz", {**arrays, "masses": np.asfortranarray(masses)})
+    assert read_map_file(tmp_path / "columns.npz").grid.masses.tobytes() == masses.tobytes()
+
+
 def test_numpy_alone_can_use_it(tbm_map, tmp_path):
     arrays = arrays_of(tbm_map, tmp_path / "map.npz")
     assert arrays["format_version"] == 1
