@@ -14,7 +14,7 @@ from merging.merger import Merge
 from merging.registration.features import Channels, Image, flipped
 from merging.report.layers import without_rounding
 from merging.report.page import merge_page
-from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.belief.grid import walls_and_free
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
@@ -22,6 +22,8 @@ from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.report.page import Making, downloads
 
 _UNKNOWN_GREY = 205
+_BAND = 256
+"""Rows that are drawn at once, to limit the memory."""
 _AREAS_TOLD = {
     "known_m2": "known in the merged map",
     "seen_m2": "seen by any map",
@@ -92,7 +94,7 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
         layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
-        walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
+        walls, _ = walls_and_free(layer)
         colour = np.array(ROBOT_COLOURS[index % len(ROBOT_COLOURS)], dtype=np.uint16)
         window[walls] = window[walls].astype(np.uint16) * colour // 255
     return np.asarray(flipped(picture), dtype=np.uint8)
@@ -100,10 +102,15 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
 
 def draw_conflict(fusion: Fusion) -> Image:
     """Draw the contradictions (rows, cols, 3) as RGB: red on a faint picture of the merged map."""
-    faint = 191 + Channels.from_grid(fusion.grid).pignistic.astype(np.float64) / 4.0
-    strength = np.asarray(flipped(fusion.conflict), dtype=np.float64)
-    red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)
-    return np.rint(np.dstack((red, rest, rest))).astype(np.uint8)
+    rows, cols = fusion.conflict.shape
+    picture = np.empty((rows, cols, 3), dtype=np.uint8)
+    for first in range(0, rows, _BAND):
+        last = min(first + _BAND, rows)
+        faint = 191 + Channels.from_grid(fusion.grid.part(first, last, 0, cols)).pignistic.astype(np.float64) / 4.0
+        strength = np.asarray(flipped(fusion.conflict[first:last]), dtype=np.float64)
+        red, rest = faint * (1.0 - strength) + 200.0 * strength, faint * (1.0 - strength)
+        picture[rows - last : rows - first] = np.rint(np.dstack((red, rest, rest)))
+    return picture
 
 
 def _refinement(merge: Merge) -> dict[str, object] | None:

@@ -9,8 +9,8 @@ import numpy as np
 from merging.fusion import Fusion, offset_in, warp
 from merging.merger import Merge
 from merging.report.provenance import incidents_of
-from tbmslam.belief.grid import TbmGrid
-from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.belief.grid import TbmGrid, walls_and_free
+from tbmslam.belief.sparse_zeros import sparse_zeros
 from tbmslam.map.drive import Drive
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, incident_layer, map_layers
@@ -45,12 +45,12 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapp
         layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = np.s_[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
-        walls = layer.masses[..., OCCUPIED] > layer.masses[..., FREE]
-        free = layer.masses[..., FREE] > layer.masses[..., OCCUPIED]
+        walls, free = walls_and_free(layer)
         wall[window] |= walls
-        within = cv2.erode(free.astype(np.uint8), reach, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        within = cv2.erode(free.view(np.uint8), reach, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         denied[window] |= within > 0
-    conflict = np.where(wall & denied, merge.fusion.conflict, np.float32(0.0))
+    conflict = sparse_zeros((canvas.rows, canvas.cols), np.float32)
+    np.copyto(conflict, merge.fusion.conflict, where=wall & denied)
     return replace(merge, fusion=replace(merge.fusion, conflict=conflict))
 
 
@@ -114,9 +114,10 @@ def _named(drive: Drive, name: str, maps: Mapping[str, TbmMap]) -> Drive:
 
 def _walls(name: str, grid: TbmGrid, colour: Colour) -> Raster:
     """Draw a map in one colour: its walls, and its free space as a tint."""
-    wall = grid.masses[..., OCCUPIED] > grid.masses[..., FREE]
-    free = grid.masses[..., FREE] > grid.masses[..., OCCUPIED]
-    geometry, shares = for_display(grid.geometry, np.dstack((wall, free)).astype(np.float32))
+    both = walls_and_free(grid)
+    geometry, shares = for_display(
+        grid.geometry, lambda first, last: np.dstack([cells[first:last] for cells in both]).astype(np.float32)
+    )
     levels: Levels = np.where(
         shares[..., 0] >= _LEAST_WALL, np.uint8(2), (shares[..., 1] >= _LEAST_FREE).astype(np.uint8)
     )
@@ -128,8 +129,8 @@ def _walls(name: str, grid: TbmGrid, colour: Colour) -> Raster:
 
 
 def _evidence(fusion: Fusion) -> list[Raster]:
-    geometry, conflict = for_display(fusion.grid.geometry, fusion.conflict)
-    _, seen_by = for_display(fusion.grid.geometry, fusion.seen_by.astype(np.float32))
+    geometry, conflict = for_display(fusion.grid.geometry, lambda first, last: fusion.conflict[first:last])
+    _, seen_by = for_display(fusion.grid.geometry, lambda first, last: fusion.seen_by[first:last].astype(np.float32))
     return [
         Raster(
             Switch(_EVIDENCE, "overlap", note="number of maps that saw a cell, if more than one"),

@@ -237,6 +237,15 @@ MIN_BALANCE = 0.1
 """Least difference of the masses of free and occupied for a decision; see `occupancy_of`."""
 
 
+def walls_and_free(grid: TbmGrid) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which cells (rows, cols) have more mass on occupied than on free, and which have less."""
+    walls, free = np.zeros((2, *grid.cells.shape[:2]), dtype=np.bool_)
+    for rows, cols, masses in grid.pieces():
+        walls[rows, cols] = masses[..., OCCUPIED] > masses[..., FREE]
+        free[rows, cols] = masses[..., FREE] > masses[..., OCCUPIED]
+    return walls, free
+
+
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
     """Return the occupancy (rows, cols) as map_server publishes it: 0 free, 100 occupied, -1 unknown; row grows with y.
 

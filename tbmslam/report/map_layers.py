@@ -1,6 +1,6 @@
 """The layers of a map: its masses, its drives, and their incidents."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -50,7 +50,7 @@ MAP = "Map"
 
 def map_layers(grid: TbmGrid) -> list[Raster]:
     """Return the pignistic picture and each mass; one of them is shown at a time."""
-    geometry, masses = for_display(grid.geometry, grid.masses)
+    geometry, masses = for_display(grid.geometry, grid.masses_of_rows)
     switch = Switch(MAP, "pignistic", only_one=True, shown=True, note="probability of being occupied; 0.5 is unknown")
     layers = [Raster(switch, geometry, _pignistic_levels(masses), _PIGNISTIC, _STEP)]
     for name, subset, palette, note in _MASSES:
@@ -66,21 +66,23 @@ def _pignistic_levels(masses: Masses) -> Levels:
     return levels
 
 
-def for_display(geometry: GridGeometry, cells: Masses) -> tuple[GridGeometry, Masses]:
-    """Return cells (rows, cols, ...), averaged over blocks if there are more than `MOST_CELLS`."""
+def for_display(geometry: GridGeometry, cells_of_rows: Callable[[int, int], Masses]) -> tuple[GridGeometry, Masses]:
+    """Return cells (rows, cols, ...), averaged over blocks if there are more than `MOST_CELLS`.
+
+    `cells_of_rows` returns the cells (K, cols, ...) of the rows from the first up to, and without, the last.
+    """
     block = int(np.ceil(np.sqrt(geometry.rows * geometry.cols / MOST_CELLS)))
     if block <= 1:
-        return geometry, cells
+        return geometry, cells_of_rows(0, geometry.rows)
     rows, cols = -(-geometry.rows // block), -(-geometry.cols // block)
     below, right = rows * block - geometry.rows, cols * block - geometry.cols
-    coarse = np.empty((rows, cols, *cells.shape[2:]), dtype=np.float32)
-    step = max(_BAND // block, 1)
+    coarse, step = [], max(_BAND // block, 1)
     for first in range(0, rows, step):
         last = min(first + step, rows)
-        band = cells[first * block : last * block]
+        band = cells_of_rows(first * block, min(last * block, geometry.rows))
         padded = cv2.copyMakeBorder(band, 0, below if last == rows else 0, 0, right, cv2.BORDER_REPLICATE)
-        coarse[first:last] = cv2.resize(padded, (cols, last - first), interpolation=cv2.INTER_AREA)
-    return geometry._replace(resolution=geometry.resolution * block, rows=rows, cols=cols), coarse
+        coarse.append(cv2.resize(padded, (cols, last - first), interpolation=cv2.INTER_AREA))
+    return geometry._replace(resolution=geometry.resolution * block, rows=rows, cols=cols), np.concatenate(coarse)
 
 
 def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str, resolution: float) -> list[Marks]:

@@ -55,7 +55,7 @@ def test_large_maps_are_shown_in_coarser_cells_that_cover_the_same_place(monkeyp
     monkeypatch.setattr(map_layers, "MOST_CELLS", 30)
     cells = np.zeros((11, 10, 4), dtype=np.float32)
     cells[..., OCCUPIED] = 1.0
-    geometry, coarse = for_display(GridGeometry(0.1, -1.0, 2.0, 11, 10), cells)
+    geometry, coarse = for_display(GridGeometry(0.1, -1.0, 2.0, 11, 10), lambda first, last: cells[first:last])
     assert (geometry.rows, geometry.cols) == (6, 5)
     assert geometry.resolution == pytest.approx(0.2)
     assert coarse.shape == (6, 5, 4)
@@ -68,7 +68,7 @@ def test_a_large_map_is_made_coarser_without_a_copy_of_it(generator, monkeypatch
     monkeypatch.setattr("tbmslam.report.map_layers.MOST_CELLS", 100_000)
     cells = generator.random((1999, 1501, 4)).astype(np.float32)
     tracemalloc.start()
-    geometry, coarse = for_display(GridGeometry(0.05, 0.0, 0.0, 1999, 1501), cells)
+    geometry, coarse = for_display(GridGeometry(0.05, 0.0, 0.0, 1999, 1501), lambda first, last: cells[first:last])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 0.4 * cells.nbytes
