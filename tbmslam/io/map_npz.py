@@ -88,7 +88,7 @@ def write_npz(
         raise
 
 
-_BAND = 8 * SIDE
+_BAND = SIDE
 """Rows of masses that are written or read at once, to limit the memory."""
 
 
