@@ -7,21 +7,18 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-_SMALL_BYTES = 1 << 22
-"""Smaller arrays are allocated by NumPy, which asks the system for large pages from this size on."""
-
-
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
-def sparse_zeros(shape: tuple[int, ...], dtype: type[_Scalar]) -> npt.NDArray[_Scalar]:
+def sparse_zeros(shape: tuple[int, ...], dtype: type[_Scalar], least_bytes: int = 1 << 22) -> npt.NDArray[_Scalar]:
     """Return zeros of a shape; a page of 4 kB takes memory when something is written to it.
 
     `numpy.zeros` of a large array takes pages of 2 MB, so one cell that is written takes the memory of 36 rows of a map
-    of 7000 columns.
+    of 7000 columns. Large pages are faster to access; so arrays below `least_bytes` are those of `numpy.zeros`. It asks
+    for large pages from the default on.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size < _SMALL_BYTES or not hasattr(mmap, "MADV_NOHUGEPAGE"):
+    if size < least_bytes or not hasattr(mmap, "MADV_NOHUGEPAGE"):
         return np.zeros(shape, dtype=dtype)
     memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE)
     memory.madvise(mmap.MADV_NOHUGEPAGE)

@@ -60,6 +60,12 @@ class TiledMasses:
             tiled.put_rows(first, masses[first : first + SIDE])
         return tiled
 
+    @classmethod
+    def of_tiles(cls, rows: int, cols: int, places: npt.NDArray[np.int64], tiles: Masses) -> "TiledMasses":
+        """Return the masses of tiles (N, SIDE, SIDE, 4) at places (N, 2), whose cells outside the grid are vacuous."""
+        tiles.flags.writeable = False
+        return cls(rows, cols, dict(zip(map(tuple, places.tolist()), tiles, strict=True)))
+
     @property
     def nbytes(self) -> int:
         """Memory of the stored tiles [bytes]."""

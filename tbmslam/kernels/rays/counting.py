@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import BoolArray, FloatArray, IntArray, kernel
 from tbmslam.kernels.rays.lattice import Lattice
 
 Counts = npt.NDArray[np.int64]
@@ -291,3 +291,43 @@ def write_masses(
                 conflict, free, occupied, unknown = 0.0, free / total, occupied / total, unknown / total
             masses[row, col, 0], masses[row, col, 1] = conflict, free
             masses[row, col, 2], masses[row, col, 3] = occupied, unknown
+
+
+@kernel
+def counted_tiles(counts: Counts, side: int, found: BoolArray) -> None:
+    """Mark which square tiles (R, C) of ``side`` cells hold a counted cell."""
+    rows, cols = counts.shape
+    for row in range(rows):
+        for tile in range(found.shape[1]):
+            if not found[row // side, tile]:
+                for col in range(tile * side, min((tile + 1) * side, cols)):
+                    if counts[row, col] != 0:
+                        found[row // side, tile] = True
+                        break
+
+
+@kernel
+def write_tiles(
+    counts: Counts,
+    places: IntArray,
+    hit_decay: FloatArray,
+    miss_decay: FloatArray,
+    keeps_conflict: bool,
+    tiles: npt.NDArray[np.float32],
+) -> None:
+    """Write the masses of some tiles (N, side, side, 4), as `write_masses`; cells beyond the counts are vacuous.
+
+    ``places`` (N, 2) are the rows and columns of the tiles.
+    """
+    side = tiles.shape[1]
+    for number in range(len(places)):
+        tile = tiles[number]
+        seen = counts[
+            places[number, 0] * side : (places[number, 0] + 1) * side,
+            places[number, 1] * side : (places[number, 1] + 1) * side,
+        ]
+        rows, cols = seen.shape
+        if rows < side or cols < side:
+            tile[:, :, :3] = 0.0
+            tile[:, :, 3] = 1.0
+        write_masses(seen, hit_decay, miss_decay, keeps_conflict, tile[:rows, :cols])

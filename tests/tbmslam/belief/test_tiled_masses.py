@@ -1,3 +1,7 @@
+import resource
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -125,3 +129,16 @@ def test_sparse_zeros_are_zeros_that_can_be_written(shape):
     assert not zeros.any()
     zeros[-1:] = 7
     assert zeros.sum() == 7 * zeros[-1:].size
+    assert not sparse_zeros(shape, np.int64, 1 << 40).any()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the memory from /proc")
+def test_sparse_zeros_take_memory_only_where_they_are_written():
+    def resident_mb():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+    before = resident_mb()
+    zeros = sparse_zeros((20_000, 5_000), np.int64)
+    zeros[::100, ::1000] = 1
+    assert zeros.sum() == 200 * 5  # reading takes none
+    assert resident_mb() - before < 40.0

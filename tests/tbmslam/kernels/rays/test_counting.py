@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
 
-from tbmslam.kernels.rays.counting import ONE_HIT, beam_ends, count_scans, hits_in, passages_in, write_masses
+from tbmslam.kernels.rays.counting import (
+    ONE_HIT,
+    beam_ends,
+    count_scans,
+    counted_tiles,
+    hits_in,
+    passages_in,
+    write_masses,
+    write_tiles,
+)
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tests import reference
@@ -68,3 +77,24 @@ def test_masses_are_those_of_the_combined_observations(keeps_conflict):
     for row, col in np.ndindex(2, 3):
         expected = reference.repeated(model, hits[row, col], passed[row, col], keeps_conflict)
         np.testing.assert_allclose(masses[row, col], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(9, 11), (8, 12), (3, 2), (1, 17)])
+def test_tiles_hold_the_masses_of_all_counted_cells(shape):
+    rng, side = np.random.default_rng(5), 4
+    counts = np.where(rng.random(shape) < 0.1, rng.integers(1, 5, shape) * ONE_HIT + rng.integers(0, 5, shape), 0)
+    factors = beam_factors(SensorModelConfig(), 0.1, 1.0)
+    hit, miss = (one[None] ** -np.arange(6.0)[:, None] for one in (factors.hit, factors.miss))
+    masses = np.empty((*shape, 4), dtype=np.float32)
+    write_masses(counts, hit, miss, True, masses)
+    padded = np.pad(masses, ((0, -shape[0] % side), (0, -shape[1] % side), (0, 0)))
+    padded[shape[0] :, :, 3] = padded[:, shape[1] :, 3] = 1.0
+    found = np.zeros((len(padded) // side, padded.shape[1] // side), dtype=bool)
+    counted_tiles(counts, side, found)
+    places = np.argwhere(np.ones_like(found))
+    tiles = np.full((len(places), side, side, 4), np.nan, dtype=np.float32)
+    write_tiles(counts, places, hit, miss, True, tiles)
+    for (row, col), tile in zip(places, tiles, strict=True):
+        here = np.s_[row * side : (row + 1) * side, col * side : (col + 1) * side]
+        assert found[row, col] == counts[here].any()
+        np.testing.assert_array_equal(tile, padded[here])
