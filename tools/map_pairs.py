@@ -26,8 +26,7 @@ from datasets.synthetic.map_pairs.pairs import (
 )
 from merging.alignment import Pair
 from merging.map_graph.grouping import Group
-from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
-from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability, walls_and_free
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.map.map_check import check_geometry
@@ -153,8 +152,7 @@ _LEAST_M2, _MOST_M2 = 30.0, 250.0
 
 def floor_of_grid(name: str, grid: TbmGrid) -> Building:
     """Return the floor of a map without its small objects."""
-    free = grid.masses[..., FREE] > grid.masses[..., OCCUPIED]
-    walls = grid.masses[..., OCCUPIED] > grid.masses[..., FREE]
+    walls, free = walls_and_free(grid)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(walls.astype(np.uint8), connectivity=8)
     extents = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * grid.geometry.resolution
     small = walls & (extents < _SMALL_M)[labels]

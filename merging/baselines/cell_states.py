@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.belief.grid import GridGeometry, TbmGrid, walls_and_free
 
 Points = npt.NDArray[np.complexfloating]
 """Points of the plane, x + iy [m]: a rotation is a product."""
@@ -29,8 +28,8 @@ class CellStates:
     @classmethod
     def of(cls, grid: TbmGrid) -> "CellStates":
         """Return the state of larger mass; cells with equal masses are unknown."""
-        free, wall = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
-        states = np.where(wall > free, np.uint8(IS_WALL), np.where(free > wall, np.uint8(IS_FREE), np.uint8(0)))
+        walls, free = walls_and_free(grid)
+        states = np.where(walls, np.uint8(IS_WALL), np.where(free, np.uint8(IS_FREE), np.uint8(0)))
         return cls(grid.geometry, states)
 
     def some(self, chosen: npt.NDArray[np.bool_], limit: int | None = None) -> Points:

@@ -48,10 +48,13 @@ def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
     min_evidence
         Largest mass of free and occupied, normalised without conflict, of UNKNOWN cells.
     """
-    free, occupied = grid.masses[..., FREE], grid.masses[..., OCCUPIED]
-    evidence = free + occupied
-    known = (evidence > min_evidence * (1.0 - grid.masses[..., CONFLICT])) & (free != occupied)
-    return np.where(known, np.where(occupied > free, OCCUPIED, FREE), UNKNOWN).astype(np.uint8)
+    labels = np.full(grid.cells.shape[:2], UNKNOWN, dtype=np.uint8)
+    for rows, cols, masses in grid.pieces():
+        free, occupied = masses[..., FREE], masses[..., OCCUPIED]
+        evidence = free + occupied
+        known = (evidence > min_evidence * (1.0 - masses[..., CONFLICT])) & (free != occupied)
+        labels[rows, cols] = np.where(known, np.where(occupied > free, OCCUPIED, FREE), UNKNOWN)
+    return labels
 
 
 def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:

@@ -49,9 +49,10 @@ def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
 
     left, _, _, top = grid.geometry.bounds()
     step = grid.geometry.resolution
+    masses = grid.masses
     values: list[npt.NDArray[Any]] = [
         grid.pignistic(),
-        *(grid.masses[..., subset] for subset in (FREE, OCCUPIED, UNKNOWN, CONFLICT)),
+        *(masses[..., subset] for subset in (FREE, OCCUPIED, UNKNOWN, CONFLICT)),
     ]
     with (
         replacing(path) as temporary,

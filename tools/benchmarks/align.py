@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.baselines.howard import Encounter, measured
-from tbmslam.belief.grid import TbmGrid
-from tbmslam.belief.masses import FREE, OCCUPIED
+from tbmslam.belief.grid import TbmGrid, walls_and_free
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tools.calibration import BINS, calibration_table
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
@@ -237,7 +236,7 @@ def encounters_of(pair: KnownPair) -> list[Encounter]:
 
 
 def _free(grid: TbmGrid) -> npt.NDArray[np.bool_]:
-    return np.asarray(grid.masses[..., FREE] > grid.masses[..., OCCUPIED])
+    return walls_and_free(grid)[1]
 
 
 def _centres(grid: TbmGrid, chosen: npt.NDArray[np.bool_]) -> FloatArray:
