@@ -60,12 +60,6 @@ class TiledMasses:
             tiled.put_rows(first, masses[first : first + SIDE])
         return tiled
 
-    @classmethod
-    def of_tiles(cls, rows: int, cols: int, places: npt.NDArray[np.int64], tiles: Masses) -> "TiledMasses":
-        """Return the masses of tiles (N, SIDE, SIDE, 4) at places (N, 2), whose cells outside the grid are vacuous."""
-        tiles.flags.writeable = False
-        return cls(rows, cols, dict(zip(map(tuple, places.tolist()), tiles, strict=True)))
-
     @property
     def nbytes(self) -> int:
         """Memory of the stored tiles [bytes]."""
@@ -81,6 +75,11 @@ class TiledMasses:
             columns = (band.view(np.uint64) != _VACUOUS_WORDS).any(axis=(0, 2))
             for col in np.flatnonzero(np.logical_or.reduceat(columns, np.arange(0, len(columns), SIDE))).tolist():
                 self.put_tile((first + top) // SIDE, col, band[:, col * SIDE : (col + 1) * SIDE])
+
+    def put_tiles(self, places: npt.NDArray[np.int64], tiles: Masses) -> None:
+        """Store tiles (N, SIDE, SIDE, 4) at places (N, 2); their cells outside the grid are vacuous."""
+        tiles.flags.writeable = False
+        self.tiles.update(zip(map(tuple, places.tolist()), tiles, strict=True))
 
     def put_tile(self, row: int, col: int, masses: Masses) -> None:
         """Store a copy of a tile, or of the part of it that lies inside the grid."""

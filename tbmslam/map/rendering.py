@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import Masses
 from tbmslam.belief.sparse_zeros import sparse_zeros
 from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.frozen_config import FrozenConfig
@@ -127,7 +128,9 @@ _SCANS_AT_ONCE = 1000
 _BEAMS_KEPT = 2_000_000
 """Number of beams whose ends are stored until they are counted; they take 34 MB."""
 _LARGE_BYTES = 1 << 28
-"""Counts of this size take small pages, by which rendering takes a tenth more time: 268 MB for 34 million cells."""
+_STRIP_BYTES = 1 << 27
+"""Counts of more than 268 MB, for 34 million cells, are taken in strips of 134 MB. Scans at the edges of strips are
+counted twice, and strips take small pages, which costs a tenth more time."""
 _BYTES_A_CELL = 24  # counts and masses, if all cells are seen; to save a map takes less
 
 
@@ -171,12 +174,44 @@ def _from_counts(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     geometry = _geometry_around(np.vstack(corners), config)
     resolution = geometry.resolution
     first_row, first_col = round(geometry.origin_y / resolution), round(geometry.origin_x / resolution)
+    lattice, masses = Lattice(resolution, first_row - 1, first_col - 1), TiledMasses(geometry.rows, geometry.cols)
+    for strip in _strips(geometry):
+        counts = _counts(blocks, strip, geometry, lattice)
+        masses.put_tiles(*_tiles(counts, strip.start // SIDE, sum(map(len, drives)), config, resolution))
+    return TbmGrid(geometry, masses)
+
+
+def _strips(geometry: GridGeometry) -> list[range]:
+    """Return the rows of a grid in strips whose counts are taken one after another, to limit the memory."""
+    rows, row_bytes = geometry.rows, 8 * (geometry.cols + 2)
+    if rows * row_bytes <= _LARGE_BYTES:
+        return [range(rows)]
+    height = max(_STRIP_BYTES // row_bytes // SIDE, 1) * SIDE
+    return [range(top, min(top + height, rows)) for top in range(0, rows, height)]
+
+
+def _counts(blocks: "_AllBlocks", strip: range, geometry: GridGeometry, lattice: Lattice) -> Counts:
+    """Return the counts (rows, cols) of a strip of a grid, whose first cell is the second of the lattice."""
+    # The rows of other strips stay untouched but near the edges, so they take little memory.
     counts: Counts = sparse_zeros((geometry.rows + 2, geometry.cols + 2), np.int64, _LARGE_BYTES)
-    lattice, spoken = Lattice(resolution, first_row - 1, first_col - 1), 0
+    first, last, spoken = strip.start + 1, strip.stop + 1, 0
     for block in blocks:
-        count_scans(counts, lattice, block.lasers, block.ends, block.is_hit, block.offsets, spoken)
-        spoken += len(block.lasers)
-    return TbmGrid(geometry, _masses(counts[1:-1, 1:-1], spoken, config, resolution))
+        seen = block if len(strip) == geometry.rows else block.some(_touches(block, first, last, lattice))
+        count_scans(counts, lattice, seen.lasers, seen.ends, seen.is_hit, seen.offsets, spoken)
+        spoken += len(seen.lasers)
+    return counts[first:last, 1:-1]
+
+
+def _touches(block: "_Block", first: int, last: int, lattice: Lattice) -> npt.NDArray[np.bool_]:
+    """Return which scans (K,) see a row of the lattice from `first` up to, and without, `last`."""
+    touches = np.diff(block.offsets) > 0
+    heights, starts, lasers = block.ends[:, 1], block.offsets[:-1][touches], block.lasers[touches, 1]
+    low, high = (
+        np.floor(extreme(extreme.reduceat(heights, starts), lasers) / lattice.resolution) - lattice.first_row
+        for extreme in (np.minimum, np.maximum)
+    )
+    touches[touches] = (low < last) & (high >= first)
+    return touches
 
 
 class _Block(NamedTuple):
@@ -186,6 +221,12 @@ class _Block(NamedTuple):
     ends: FloatArray
     is_hit: npt.NDArray[np.bool_]
     offsets: npt.NDArray[np.int64]
+
+    def some(self, chosen: npt.NDArray[np.bool_]) -> "_Block":
+        """Return some of the scans (K,)."""
+        sizes = np.diff(self.offsets)
+        beams, offsets = np.repeat(chosen, sizes), np.concatenate(([0], np.cumsum(sizes[chosen])))
+        return _Block(self.lasers[chosen], self.ends[beams], self.is_hit[beams], offsets)
 
 
 class _AllBlocks:
@@ -263,8 +304,18 @@ def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
     return math.prod(rows_and_cols.astype(int).tolist())
 
 
-def _masses(counts: Counts, most: int, config: MapConfig, resolution: float) -> TiledMasses:
-    """Return the masses of counts (rows, cols) of at most `most` scans."""
+def _tiles(
+    counts: Counts, first: int, most: int, config: MapConfig, resolution: float
+) -> tuple[npt.NDArray[np.int64], Masses]:
+    """Return the places (N, 2) and the masses (N, SIDE, SIDE, 4) of all tiles of a grid that were seen in a strip.
+
+    Parameters
+    ----------
+    counts
+        Counts (rows, cols) of the strip, of at most `most` scans.
+    first
+        Row of the strip's first tile.
+    """
     factors, numbers = beam_factors(config.sensor_model, resolution, 1.0), np.arange(most + 1.0)[:, None]
     # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.
     hit, miss = (np.maximum(factor[None, :] ** -numbers, 1e-150) for factor in (factors.hit, factors.miss))
@@ -274,4 +325,5 @@ def _masses(counts: Counts, most: int, config: MapConfig, resolution: float) -> 
     places = np.argwhere(found)
     tiles = np.empty((len(places), SIDE, SIDE, 4), dtype=np.float32)
     write_tiles(counts, places, hit, miss, config.keep_conflict, tiles)
-    return TiledMasses.of_tiles(rows, cols, places, tiles)
+    places[:, 0] += first
+    return places, tiles

@@ -71,6 +71,20 @@ def test_scans_are_drawn_some_at_a_time(drive, monkeypatch):
     np.testing.assert_array_equal(render([drive, drive], MapConfig()).masses, at_once.masses)
 
 
+@pytest.mark.parametrize("strip_bytes", [1, 150_000])
+def test_counts_in_strips_give_the_same_bits(drive, monkeypatch, strip_bytes):
+    blind = LaserScan(9.0, -1.0, 0.02, 0.1, 10.0, np.full(180, np.nan))
+    scans, poses = [drive.scan(k) for k in range(6)], [drive.pose(k) for k in range(6)]
+    drives = [drive, Keyframes.from_scans([*scans[:3], blind, *scans[3:]], [*poses, poses[0]], [MOUNT] * 7)]
+    whole = render(drives, MapConfig())
+    assert whole.geometry.rows > 300
+    monkeypatch.setattr("tbmslam.map.rendering._LARGE_BYTES", 1000)
+    monkeypatch.setattr("tbmslam.map.rendering._STRIP_BYTES", strip_bytes)
+    strips = render(drives, MapConfig())
+    assert strips.geometry == whole.geometry
+    assert strips.masses.tobytes() == whole.masses.tobytes()
+
+
 def test_scans_that_agree_leave_no_conflict_however_many():
     """And those that do not, as of a door that was shut, do."""
     open_door = LaserScan(0.0, -0.1, 0.02, 0.1, 9.0, np.full(11, 4.0))
