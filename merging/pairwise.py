@@ -64,7 +64,7 @@ def most_held(grids: Iterable[TbmGrid], cells: float) -> int:
 
 
 _HELD_CELLS = 1.3e8
-"""Cells of prepared maps that a process holds: 11 bytes each, so 1.4 GB."""
+"""Cells of prepared maps that a process holds: 9 bytes each, so 1.2 GB."""
 
 
 class PreparedMaps:
