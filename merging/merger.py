@@ -13,9 +13,8 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import NonrigidRegistration, align_deformed, register_refused_pairs
+from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_refused_pairs
 from merging.pose_priors import place_by_priors
-from merging.rigid_alignment import align_whole
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -145,8 +144,7 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
     CellSizeError
         If the maps cannot be brought into cells of one size.
     """
-    config = config or MergeConfig()
-    return align_deformed(target, source, align_whole(target, source, config), config)
+    return align_deformable(target, source, config or MergeConfig())
 
 
 def _grouped(

@@ -118,6 +118,14 @@ def support_m(
     return np.asarray((agreed - config.other_weight * others) / 2.0)
 
 
+def compared_and_agreed_m(
+    target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig
+) -> tuple[float, float]:
+    """Return the lengths of compared and of agreeing walls of `Evidence`, without the other evidence [m]."""
+    sums = np.mean(_sums(target, source, [T_target_source], config, lambda one: _walls_of(one, None)), axis=0)[0]
+    return float(sums[COMPARED]), float(sums[AGREED])
+
+
 def examine(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> Evidence:
     """Compare the walls of each map with the other map under an alignment."""
     return examine_all(target, source, [T_target_source], config)[0]

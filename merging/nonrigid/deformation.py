@@ -13,7 +13,7 @@ import numpy.typing as npt
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.registration.correlation import refine_all
-from merging.verification import examine
+from merging.verification import compared_and_agreed_m
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import Masses
@@ -274,8 +274,8 @@ def _registered_tiles(
     for tile in tiles:
         start = initial.motion_at(tile.centroid)
         motion = refine_all(target, tile, [start], config)[0]
-        found = examine(target, tile, motion, config.verification)
-        fits = found.agreement >= settings.min_agreement and found.agreed_wall_m >= settings.min_wall_m
+        compared_m, agreed_m = compared_and_agreed_m(target, tile, motion, config.verification)
+        fits = agreed_m >= settings.min_agreement * compared_m and agreed_m >= settings.min_wall_m
         if fits and math.dist(motion.apply(tile.centroid), start.apply(tile.centroid)) <= settings.farthest_m:
             fitting.append((tile, motion))
     return fitting

@@ -6,6 +6,10 @@ rigid alignment without an initial guess, and must stand out among rivals that w
 map, and poses of its mirror image. Registered tiles leave some distance between corresponding walls. If one pose stands
 out clearly in the correlation, a second attempt tolerates larger distances.
 
+A rigid pose may be accepted although the maps are deformed, if most walls agree there. The other walls would be doubled
+in the merged map, and the pose would be that of one part of the overlap. Therefore a map is deformed at an accepted
+pose, too, and the deformed map is kept if it is much more likely than the rigid one.
+
 The new alignment takes most of the time. It is not tried if the deformed map can hardly pass it: if its evidence has
 too little confidence even without rivals, and with only few decoys, those of the refused rigid alignment.
 """
@@ -20,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from merging.alignment import Alignment, Pair, bent_by, format_confidence
+from merging.alignment import Alignment, Pair, bent_by, covariance_of, format_confidence, format_evidence
 from merging.config import MergeConfig
 from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
@@ -28,7 +32,8 @@ from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
-from merging.rigid_alignment import align_whole, comparison_resolution
+from merging.registration.features import Features
+from merging.rigid_alignment import PreparedMap, align_prepared, align_whole, comparison_resolution
 from merging.scoring import confidences
 from merging.verification import Evidence, examine
 from merging.walls import WallMap, without_walls
@@ -46,6 +51,8 @@ _MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
 _MIN_SCALE_SHARE = 0.5
 """A scale is reported if it explains a larger share of the deformation than this."""
+_MUCH_MORE_LIKELY = 20.0
+"""Likelihood ratio from which evidence is strong (Kass and Raftery, "Bayes factors", JASA 90, 1995)."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +99,6 @@ def _evidence(target: WallMap, source: DeformableMap, pose: SE2, config: MergeCo
     deformed = deform(target, source, pose, config)
     if deformed is None:
         return _evidence_near(target, source.structure, pose, config)
-    return _evidence_of_deformed(target, deformed, config)
-
-
-def _evidence_of_deformed(target: WallMap, deformed: DeformedMap, config: MergeConfig) -> Evidence:
-    """Return the evidence for a deformed map at its pose."""
     return _evidence_near(target, WallMap.from_grid(deformed.grid, config.structure), deformed.motion, config)
 
 
@@ -113,6 +115,10 @@ class NonrigidRegistration:
     """The accepted alignment: the nearest rigid transform, with the evidence of the deformed map."""
     deformation: Deformation
     """The deformation of the source to the target's frame."""
+
+    def reversed(self) -> "NonrigidRegistration":
+        """Return the registration of the target to the source."""
+        return NonrigidRegistration(self.alignment.reversed(), self.deformation.inverse())
 
 
 class Peak(NamedTuple):
@@ -133,12 +139,23 @@ def peak_of(refused: Alignment, config: MergeConfig) -> Peak | None:
     return Peak(refused.T_more_less, refused.lead, refused.decoys)
 
 
-def align_deformed(target: TbmMap, source: TbmMap, rigid: Alignment, config: MergeConfig) -> Alignment:
-    """Return the alignment of a deformed map if the rigid alignment was refused and this one is accepted."""
-    if not may_be_deformed(rigid, config):
-        return rigid
-    found = register_nonrigid(target, source, config, peak_of(rigid, config))
+def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Alignment:
+    """Align two maps rigidly; deform one of them if that is refused, or if the deformed map fits much better."""
+    if not (config.nonrigid.enabled and config.method == "correlation"):
+        return align_whole(target, source, config)
+    resolution = comparison_resolution([target.grid, source.grid], config)
+    fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
+    rigid = align_prepared(_prepared(fixed), _prepared(moving), config)
+    found: NonrigidRegistration | None = None
+    if rigid.accepted and fixed is not None and moving is not None:
+        found = register_accepted(fixed, moving, rigid, config)
+    elif may_be_deformed(rigid, config):
+        found = register_deformable(fixed, moving, config, peak_of(rigid, config))
     return rigid if found is None else found.alignment
+
+
+def _prepared(source: DeformableMap | None) -> PreparedMap | None:
+    return None if source is None else PreparedMap(source.structure, Features.none())
 
 
 def register_nonrigid(
@@ -168,8 +185,37 @@ def register_deformable(
         return None
     if target.structure.wall_m < source.structure.wall_m:  # so that exchanged maps give the same result
         found = _register_onto(source, target, peak, config)
-        return found and NonrigidRegistration(found.alignment.reversed(), found.deformation.inverse())
+        return found and found.reversed()
     return _register_onto(target, source, peak, config)
+
+
+def register_accepted(
+    target: DeformableMap, source: DeformableMap, rigid: Alignment, config: MergeConfig
+) -> NonrigidRegistration | None:
+    """Deform the map with less wall at an accepted rigid pose; None unless the deformed map is much more likely.
+
+    The confidence stays that of the rigid alignment: the deformation changes the fit at a place, and not the place.
+    """
+    if rigid.T_target_source is None or rigid.evidence is None:
+        return None
+    if target.structure.wall_m < source.structure.wall_m:
+        found = register_accepted(source, target, rigid.reversed(), config)
+        return found and found.reversed()
+    fixed = target.structure
+    deformed = deform(fixed, source, rigid.T_target_source, config)
+    if deformed is None:
+        return None
+    structure = WallMap.from_grid(deformed.grid, config.structure)
+    evidence = _evidence_near(fixed, structure, deformed.motion, config)
+    likely, rigidly = confidences([evidence, rigid.evidence], rigid.decoys)
+    if likely < _MUCH_MORE_LIKELY * rigidly:
+        return None
+    limits = config.verification.limits()
+    covariance = covariance_of(fixed, structure, deformed.motion, limits, config.covariance)
+    alignment = rigid.at(deformed.motion, evidence, rigid.confidence, covariance)
+    alignment = alignment.matched_by_walls(evidence, fixed.geometry.resolution)
+    reason = f"{format_evidence(evidence)}; without deformation: {rigid.reason}"
+    return NonrigidRegistration(_accepted(alignment, deformed, rigid.confidence, reason), deformed.deformation)
 
 
 def _register_onto(
@@ -202,25 +248,31 @@ def _attempt(
     fixed = target.structure
     for pose in poses:
         deformed = deform(fixed, source, pose, config)
-        if deformed is None or (decoys and _is_hopeless(fixed, deformed, decoys, config)):
+        if deformed is None:
             continue
-        rigid = align_whole(TbmMap(target.grid), TbmMap(deformed.grid), config)
+        structure = WallMap.from_grid(deformed.grid, config.structure)
+        if decoys and _is_hopeless(fixed, structure, deformed.motion, decoys, config):
+            continue
+        rigid = align_prepared(_prepared(target), PreparedMap(structure, Features.none()), config)
         if not _is_aligned_at(deformed.motion, rigid, config):
             continue
         rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)
         confidence = confidences(rivals.evidence, rivals.decoys)[0]
         if confidence < config.verification.min_confidence:
             return None
-        return NonrigidRegistration(_accepted(rigid, deformed, confidence), deformed.deformation)
+        reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"
+        return NonrigidRegistration(_accepted(rigid, deformed, confidence, reason), deformed.deformation)
     return None
 
 
-def _is_hopeless(target: WallMap, deformed: DeformedMap, decoys: Sequence[Evidence], config: MergeConfig) -> bool:
+def _is_hopeless(
+    target: WallMap, deformed: WallMap, pose: SE2, decoys: Sequence[Evidence], config: MergeConfig
+) -> bool:
     """Return whether a deformed map has too little confidence at its pose even without rivals and most decoys.
 
     Further rivals and decoys hardly ever increase the confidence.
     """
-    evidence = _evidence_of_deformed(target, deformed, config)
+    evidence = _evidence_near(target, deformed, pose, config)
     return confidences([evidence], decoys)[0] < config.verification.min_confidence
 
 
@@ -252,21 +304,20 @@ def _scale_error(deformation: Deformation) -> float | None:
     return scale if abs(scale - 1.0) > _MIN_SCALE_ERROR and share > _MIN_SCALE_SHARE else None
 
 
-def _accepted(rigid: Alignment, deformed: DeformedMap, confidence: float) -> Alignment:
+def _accepted(aligned: Alignment, deformed: DeformedMap, confidence: float, reason: str) -> Alignment:
     """Return the alignment of a deformed map, from the rigid alignment that verified it."""
     degrees = math.degrees(deformed.residual_rad)
-    reason = f"one map was deformed by {deformed.residual_m:.2f} m and {degrees:.1f} degrees"
+    bent = f"one map was deformed by {deformed.residual_m:.2f} m and {degrees:.1f} degrees"
     if (scale := _scale_error(deformed.deformation)) is not None:
         larger = 100.0 * (max(scale, 1.0 / scale) - 1.0)
-        reason += f", mostly because one map is {larger:.1f} % larger: is the resolution of a map wrong?"
+        bent += f", mostly because one map is {larger:.1f} % larger: is the resolution of a map wrong?"
     return replace(
-        rigid,
-        reason=f"{reason}: confidence {format_confidence(confidence)} among deformed rivals; "
-        f"after deformation: {rigid.reason}",
+        aligned,
+        reason=f"{bent}: {reason}",
         T_target_source=deformed.motion,
         bent_m=deformed.residual_m,
         confidence=confidence,
-        covariance=rigid.covariance and bent_by(rigid.covariance, deformed.residual_m, deformed.residual_rad),
+        covariance=aligned.covariance and bent_by(aligned.covariance, deformed.residual_m, deformed.residual_rad),
         alternatives=(),
     )
 

@@ -11,7 +11,7 @@ from merging.alignment import Alignment, deviations
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.search import peak_of, register_nonrigid, register_refused_pairs
-from merging.rigid_alignment import align_whole
+from merging.rigid_alignment import align_prepared, align_whole
 from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -126,11 +126,11 @@ def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(m
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
 
     def aligned(here, there, config):
-        found = align_whole(here, there, config)
+        found = align_prepared(here, there, config)
         assert found.accepted
         return replace(found, accepted=accepted, T_target_source=SE2(shift_m, 0.0, 0.0) @ found.T_target_source)
 
-    monkeypatch.setattr("merging.nonrigid.search.align_whole", aligned)
+    monkeypatch.setattr("merging.nonrigid.search.align_prepared", aligned)
     found = register_nonrigid(target, source, MergeConfig())
     assert (found is not None) == (accepted and shift_m == 0.0)
 
@@ -169,7 +169,7 @@ def test_a_deformed_map_that_cannot_pass_is_not_aligned_again(monkeypatch, least
     assert not refused.accepted
     assert 0 < len(refused.decoys) <= 3
     seen = []
-    monkeypatch.setattr("merging.nonrigid.search.align_whole", lambda *maps: seen.append(maps) or REFUSED)
+    monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *maps: seen.append(maps) or REFUSED)
     config = MergeConfig.model_validate({"verification": {"min_confidence": least}, "nonrigid": {"clear_lead": 1e6}})
     assert register_nonrigid(target, source, config, peak_of(refused, config)) is None
     assert bool(seen) == tried
@@ -179,7 +179,7 @@ def test_no_deformed_map_is_refused_early_without_decoys(monkeypatch):
     target, source, _ = bent_maps("store")
     refused = replace(align_whole(target, source), decoys=())
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: pytest.fail("no decoys to compare with"))
-    monkeypatch.setattr("merging.nonrigid.search.align_whole", lambda *_: REFUSED)
+    monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *_: REFUSED)
     assert register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig())) is None
 
 
@@ -210,6 +210,32 @@ def test_any_number_of_workers_finds_the_same(caplog):
     assert one["a", "b"].alignment == two["a", "b"].alignment
 
 
+def test_an_accepted_pair_is_deformed_if_that_is_much_more_likely():
+    """The rigid pose fits one end of the store, and is turned by more than two degrees."""
+    target, source, true = bent_maps("store", 0.45)
+    rigid, found = align_whole(target, source), align(target, source)
+    assert rigid.accepted
+    assert errors(rigid.T_target_source, true, source)[1] > np.radians(2.0)
+    assert errors(found.T_target_source, true, source)[1] < np.radians(1.5)
+    assert found.agreement > rigid.agreement + 0.2
+    assert found.bent_m > 0.1
+    assert found.confidence == rigid.confidence
+    assert found.reason.startswith("one map was deformed by 0.")
+    assert found.reason.endswith(f"without deformation: {rigid.reason}")
+    assert deviations(found.covariance)[1] > 4.0 * deviations(rigid.covariance)[1]
+    assert align(source, target).T_target_source.inverse() == pytest.approx(found.T_target_source, abs=1e-9)
+    assert align(target, source, OFF) == rigid
+
+
+def test_an_accepted_pair_that_fits_stays_rigid(rooms, monkeypatch):
+    part = rooms(3)
+    part.masses[:, 200:] = (0.0, 0.0, 0.0, 1.0)
+    pair = TbmMap(rooms(3)), TbmMap(part)
+    assert align(*pair) == align_whole(*pair)
+    monkeypatch.setattr("merging.nonrigid.search._MUCH_MORE_LIKELY", 0.0)
+    assert align(*pair).reason.startswith("one map was deformed by 0.0")
+
+
 def test_joined_and_accepted_pairs_are_not_tried():
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
@@ -227,9 +253,9 @@ def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
 
     def aligned(here, there, config):
         tried.append(there)
-        return align_whole(here, there, config) if len(tried) > 1 else REFUSED
+        return align_prepared(here, there, config) if len(tried) > 1 else REFUSED
 
-    monkeypatch.setattr("merging.nonrigid.search.align_whole", aligned)
+    monkeypatch.setattr("merging.nonrigid.search.align_prepared", aligned)
     monkeypatch.setattr("merging.nonrigid.search.first_apart", lambda *_: [true.inverse()] * 2)
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
     found = register_nonrigid(target, source, MergeConfig())
