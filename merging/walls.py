@@ -243,6 +243,34 @@ class WallMap:
         step = self.geometry.resolution
         return self.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)
 
+    def cut(self, rows: tuple[int, int], cols: tuple[int, int]) -> "WallMap":
+        """Return the part of some rows and columns, each given by its first and the one after its last.
+
+        Walls keep their normals and weights. A cell whose nearest wall lies outside the part has no nearest wall.
+        """
+        g, part = self.geometry, np.s_[slice(*rows), slice(*cols)]
+        distances, nearest = self.distances_m[part], self.nearest[part]
+        kept = nearest[distances == 0.0]
+        numbers = np.full(len(self.points) + 1, -1, dtype=np.int32)
+        numbers[kept] = np.arange(len(kept), dtype=np.int32)
+        numbered = numbers[nearest]
+        geometry = g._replace(
+            origin_x=g.origin_x + cols[0] * g.resolution,
+            origin_y=g.origin_y + rows[0] * g.resolution,
+            rows=rows[1] - rows[0],
+            cols=cols[1] - cols[0],
+        )
+        return WallMap(
+            geometry=geometry,
+            points=self.points[kept],
+            normals=self.normals[kept],
+            two_sided=self.two_sided[kept],
+            states=self.states[part],
+            distances_m=np.where(numbered >= 0, distances, np.float32(np.inf)),
+            nearest=np.maximum(numbered, 0),
+            weights=self.weights[kept],
+        )
+
     def some(self, limit: int | None) -> npt.NDArray[np.int64]:
         """Return indices of at most `limit` evenly chosen surface cells; all if None."""
         count = len(self.points)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config import MergeConfig
-from merging.config.registration import StructureConfig
 from merging.registration.correlation import refine_all
 from merging.verification import compared_and_agreed_m
 from merging.walls import WallMap
@@ -27,6 +26,10 @@ _BAND = 8 * SIDE
 """Rows of cells that are resampled at once, to limit the memory."""
 _ROUNDS = 8
 """Fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
+_MIN_SCALE_ERROR = 0.01
+"""A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
+_MIN_SCALE_SHARE = 0.5
+"""A scale is reported if it explains a larger share of the deformation than this."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,11 @@ class Deformation:
         rigid = motion.apply(self.centroids) - middle
         left, left_scaled = (float(((factor * rigid + middle - targets) ** 2).sum()) for factor in (1.0, scale))
         return scale, 1.0 - left_scaled / left if left > 0.0 else 0.0
+
+    def scale_error(self) -> float | None:
+        """Return the scale of a deformation that is mostly a scale, else None."""
+        scale, share = self.scale()
+        return scale if abs(scale - 1.0) > _MIN_SCALE_ERROR and share > _MIN_SCALE_SHARE else None
 
     def inverse(self) -> "Deformation":
         """Return the deformation from the target to the source."""
@@ -186,8 +194,8 @@ _LEAST_WALL = 0.5
 """Tiles with less wall than this share of the requested side are not used: they do not fix a pose."""
 
 
-def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -> list[WallMap]:
-    """Cut the known part of a grid into tiles of one size, and leave out tiles with little wall.
+def tiles_of(structure: WallMap, side_m: float, most: int) -> list[WallMap]:
+    """Cut the known part of a map into tiles of one size, and leave out tiles with little wall.
 
     Parameters
     ----------
@@ -195,23 +203,28 @@ def tiles_of(grid: TbmGrid, side_m: float, most: int, config: StructureConfig) -
         Longest side of a tile [m]; it is increased where there would be too many tiles.
     most
         The largest number of tiles.
-    config
-        The parameters that define walls.
     """
-    known = grid.cropped_to_known()
-    rows, cols = known.geometry.rows, known.geometry.cols
-    side = side_m / known.geometry.resolution
-    while math.ceil(rows / side) * math.ceil(cols / side) > most:
+    rows, cols = (np.flatnonzero(structure.states.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return []
+    (first_row, rows_known), (first_col, cols_known) = (
+        (int(known[0]), int(np.ptp(known)) + 1) for known in (rows, cols)
+    )
+    side = side_m / structure.geometry.resolution
+    while math.ceil(rows_known / side) * math.ceil(cols_known / side) > most:
         side *= 1.1
-    cut = [known.part(*row, *col) for row in pairwise(_cuts(rows, side)) for col in pairwise(_cuts(cols, side))]
-    tiles = [WallMap.from_grid(part, config) for part in cut if part.is_known().any()]
+    tiles = [
+        structure.cut(row, col)
+        for row in pairwise(_cuts(first_row, rows_known, side))
+        for col in pairwise(_cuts(first_col, cols_known, side))
+    ]
     return [tile for tile in tiles if tile.wall_m >= _LEAST_WALL * side_m]
 
 
-def _cuts(size: int, side: float) -> list[int]:
+def _cuts(first: int, size: int, side: float) -> list[int]:
     """Return the bounds of equal parts of a row of cells, each at most a side long."""
     count = max(math.ceil(size / side), 1)
-    return [round(size * index / count) for index in range(count + 1)]
+    return [first + round(size * index / count) for index in range(count + 1)]
 
 
 @dataclass(frozen=True)
@@ -233,9 +246,9 @@ class DeformableMap:
     @cached_property
     def rounds(self) -> Sequence[Sequence[WallMap]]:
         """The tiles of each round of registration, large ones first."""
-        settings, structure = self.config.nonrigid, self.config.structure
-        large = tiles_of(self.grid, settings.side_m, settings.most, structure)
-        small = tiles_of(self.grid, settings.side_m / 2.0, 4 * settings.most, structure)
+        settings = self.config.nonrigid
+        large = tiles_of(self.structure, settings.side_m, settings.most)
+        small = tiles_of(self.structure, settings.side_m / 2.0, 4 * settings.most)
         return (large, small, small) if len(large) > 1 else (small, small)
 
 

@@ -217,3 +217,25 @@ def test_two_faces_of_a_short_wall_are_no_thing():
 
 def test_a_room_is_no_thing():
     np.testing.assert_allclose(weights_of(box(2.0, 0.0, solid=False))[box(2.0, 0.0, solid=False)], 1.0)
+
+
+def test_a_part_has_the_walls_of_its_cells_and_their_distances(rooms):
+    whole = WallMap.from_grid(rooms(1), StructureConfig())
+    part = whole.cut((30, 110), (40, 150))
+    left, bottom, right, top = part.geometry.bounds()
+    assert (left, bottom, right, top) == pytest.approx((2.0, 1.5, 7.5, 5.5))
+    inside = np.all((whole.points > (left, bottom)) & (whole.points < (right, top)), axis=1)
+    for name in ("points", "normals", "two_sided", "weights"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
+    np.testing.assert_array_equal(part.known, whole.known[30:110, 40:150])
+    np.testing.assert_array_equal(part.free, whole.free[30:110, 40:150])
+    rows, cols = np.nonzero(np.isfinite(part.distances_m))
+    assert 0 < len(rows) < part.known.size  # the nearest walls of some cells lie outside
+    np.testing.assert_array_equal(part.distances_m[rows, cols], whole.distances_m[rows + 30, cols + 40])
+    np.testing.assert_array_equal(
+        part.points[part.nearest[rows, cols]], whole.points[whole.nearest[rows + 30, cols + 40]]
+    )
+    outside = ~np.isfinite(part.distances_m)
+    beyond = whole.points[whole.nearest[30:110, 40:150][outside]]
+    assert not np.any(np.all((beyond > (left, bottom)) & (beyond < (right, top)), axis=1))
+    assert part.cut((0, 80), (0, 110)).wall_m == pytest.approx(part.wall_m)

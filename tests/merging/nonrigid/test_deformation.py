@@ -178,7 +178,7 @@ def test_two_large_tiles_are_registered_before_small_ones(rooms):
 
 
 def cut(floor, side_m, most=100):
-    return tiles_of(floor, side_m, most, StructureConfig())
+    return tiles_of(WallMap.from_grid(floor, StructureConfig()), side_m, most)
 
 
 def test_tiles_have_one_size_and_the_cells_of_the_map(rooms):
