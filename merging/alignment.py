@@ -105,8 +105,9 @@ class Alignment:
     lead
         For `correlation`, the score of the best pose divided by that of the next pose, on coarse cells; 0 if there is
         none.
-    T_more_less
-        For `correlation`, that best pose: of the map with less wall in the frame of the other map.
+    starts
+        For `correlation`, the poses from which a deformation starts: that best pose, and the best rigid one if it is
+        likely enough; each of the map with less wall in the frame of the other map.
     decoys
         For `correlation`, the evidence for the best poses of the source's mirror image, at most three: what chance
         achieves.
@@ -135,7 +136,7 @@ class Alignment:
     covariance: Covariance | None = None
     bent_m: float = 0.0
     lead: float = 0.0
-    T_more_less: SE2 | None = None
+    starts: tuple[SE2, ...] = ()
     decoys: tuple[Evidence, ...] = ()
     ambiguous: bool = False
     alternatives: tuple[PoseHypothesis, ...] = ()
@@ -195,7 +196,7 @@ class Alignment:
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
         values = asdict(self)
-        del values["T_more_less"], values["decoys"]
+        del values["starts"], values["decoys"]
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale is not a number if all inliers lie at one point.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None

@@ -1,7 +1,7 @@
 """Merges maps with unknown relative poses, and aligns two of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from merging.alignment import Alignment, Pair
@@ -13,7 +13,7 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_refused_pairs
+from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
 from merging.pose_priors import place_by_priors
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
@@ -90,7 +90,7 @@ def merge(
     to groups, and the largest group is fused in the order of the maps. Maps with known poses
     (`MergeConfig.known_poses`) form the group that is fused, whatever the sizes of others. Maps of different groups are
     aligned again by short ranges only. Groups that only doubtful alignments join must match as wholes. Remaining maps
-    are registered non-rigidly.
+    are registered non-rigidly, and so are maps that a single alignment joins, if they fit much better.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def merge(
     found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
-    found = _with_deformed_maps(found, register_refused_pairs(found, config, executor))
+    found = _with_deformed_maps(found, register_pairs(found, config, executor))
     group = found.groups[0]
     return _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
 
@@ -162,7 +162,9 @@ def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, Nonrigid
     """Add the alignments of deformed maps, and keep these maps deformed."""
     if not registrations:
         return found
-    before = found.groups
+    rigid = {pair: found.alignments[pair] for pair in registrations if found.alignments[pair].accepted}
+    without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
+    before = found.with_alignments(without).groups if without else found.groups
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
     for name, deformed in deformed_maps(registrations, found.maps, found.groups, before).items():
         found = found.with_deformed(name, deformed)

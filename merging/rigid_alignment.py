@@ -20,6 +20,8 @@ _ALTERNATIVES = 4
 """Largest number of alternatives."""
 _WORTH_NAMING = 0.01
 """Least confidence of an alternative."""
+_WORTH_DEFORMING = 0.1
+"""Least confidence of a rigid pose from which a deformation starts; one in ten strangers has as much."""
 _DECOYS = 3
 """Largest number of decoys that an alignment keeps."""
 
@@ -113,8 +115,8 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
     reason = "no rotation and translation brings the walls together"
-    best = next(iter(proposals.motions), None)
-    found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source), T_more_less=best)
+    starts = tuple(proposals.motions[:1])
+    found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source), starts=starts)
     if not candidates:
         return found
     return _judged(found, candidates, (target, source), config)
@@ -147,6 +149,7 @@ def _judged(
         reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
         alternatives=tuple(others),
         decoys=tuple(decoys[:_DECOYS]),
+        starts=(*found.starts, motion) if found.starts and confidence >= _WORTH_DEFORMING else found.starts,
     )
 
 

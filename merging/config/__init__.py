@@ -165,6 +165,20 @@ class MergeConfig(FrozenConfig):
     joint: JointConfig = JointConfig()
     baselines: BaselinesConfig = BaselinesConfig()
 
+    def with_wide_distances(self) -> "MergeConfig":
+        """Return the parameters of a non-rigid registration that tolerates larger distances of corresponding walls."""
+        distances = {
+            "agreement_distance_m": self.nonrigid.wide_agreement_m,
+            "conflict_distance_m": self.nonrigid.wide_conflict_m,
+            "see_through_m": self.nonrigid.wide_see_through_m,
+        }
+        return self.model_copy(
+            update={
+                "verification": self.verification.model_copy(update=distances),
+                "refinement": self.refinement.model_copy(update={"last_reach_m": self.nonrigid.wide_agreement_m}),
+            }
+        )
+
 
 PAPER = MergeConfig(
     method="dobrokhvalov-filatov",

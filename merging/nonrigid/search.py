@@ -17,6 +17,7 @@ too little confidence even without rivals, and with only few decoys, those of th
 import itertools
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,7 +32,7 @@ from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
+from merging.registration.correlation import Candidate, Proposals, best_of, elsewhere, lead_of, propose, refine_all
 from merging.registration.features import Features
 from merging.rigid_alignment import PreparedMap, align_prepared, align_whole, comparison_resolution
 from merging.scoring import confidences
@@ -47,10 +48,6 @@ logger = logging.getLogger(__name__)
 
 _HELD_CELLS = 1.6e7
 """Cells of maps with tiles that a process holds: 60 bytes each, so 1 GB."""
-_MIN_SCALE_ERROR = 0.01
-"""A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
-_MIN_SCALE_SHARE = 0.5
-"""A scale is reported if it explains a larger share of the deformation than this."""
 _MUCH_MORE_LIKELY = 20.0
 """Likelihood ratio from which evidence is strong (Kass and Raftery, "Bayes factors", JASA 90, 1995)."""
 
@@ -60,7 +57,7 @@ class DeformedRivals:
     """The evidence for a pose and for its rivals, each after the map was deformed to fit there."""
 
     motions: Sequence[SE2]
-    """Initial T_target_source (K,); the pose in question is the first."""
+    """T_target_source (K,) of the deformed maps; the pose in question is the first."""
     evidence: Sequence[Evidence]
     """The evidence for each of them (K,)."""
     decoys: Sequence[Evidence]
@@ -70,15 +67,23 @@ class DeformedRivals:
     def of(
         cls, target: WallMap, source: DeformableMap, pose: SE2, proposals: list[SE2], config: MergeConfig
     ) -> "DeformedRivals":
-        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image."""
+        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image.
+
+        Rivals that end at one place, or at that of the pose in question, count once.
+        """
         mirror = DeformableMap.of(source.grid.mirrored(), config)
         decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
-        poses = [pose, *_rivals(target, source, proposals, config)]
-        motions = first_apart(poses, source.structure, len(poses))
+        starts = [pose, *_rivals(target, source, proposals, config)]
+        starts = first_apart(starts, source.structure, len(starts))
+        evidence = dict[SE2, Evidence]()
+        for start in starts:
+            motion, found = _deformed_at(target, source, start, config)
+            evidence.setdefault(motion, found)
+        motions = first_apart(list(evidence), source.structure, len(evidence))
         return cls(
             motions,
-            [_evidence(target, source, motion, config) for motion in motions],
-            [_evidence(target, mirror, motion, config) for motion in decoys],
+            [evidence[motion] for motion in motions],
+            [_deformed_at(target, mirror, motion, config)[1] for motion in decoys],
         )
 
 
@@ -94,12 +99,14 @@ def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config
     return first_apart(rivals, source.structure, len(rivals))
 
 
-def _evidence(target: WallMap, source: DeformableMap, pose: SE2, config: MergeConfig) -> Evidence:
-    """Return the evidence for a pose after the map was deformed there, or without deformation if that fails."""
+def _deformed_at(target: WallMap, source: DeformableMap, pose: SE2, config: MergeConfig) -> Candidate:
+    """Return a pose and its evidence after the map was deformed there, or without deformation if that fails."""
     deformed = deform(target, source, pose, config)
     if deformed is None:
-        return _evidence_near(target, source.structure, pose, config)
-    return _evidence_near(target, WallMap.from_grid(deformed.grid, config.structure), deformed.motion, config)
+        motion = refine_all(target, source.structure, [pose], config)[0]
+        return motion, examine(target, source.structure, motion, config.verification)
+    structure = WallMap.from_grid(deformed.grid, config.structure)
+    return deformed.motion, _evidence_near(target, structure, deformed.motion, config)
 
 
 def _evidence_near(target: WallMap, source: WallMap, pose: SE2, config: MergeConfig) -> Evidence:
@@ -122,21 +129,21 @@ class NonrigidRegistration:
 
 
 class Peak(NamedTuple):
-    """The best pose of the correlation of a refused rigid alignment."""
+    """The best poses of a refused rigid alignment."""
 
-    motion: SE2
-    """The pose of the map with less wall in the other's frame, `Alignment.T_more_less`."""
+    motions: Sequence[SE2]
+    """Poses of the map with less wall in the other's frame, `Alignment.starts`."""
     lead: float
-    """Its score divided by that of the next pose."""
+    """The score of the first pose in the correlation divided by that of the next one."""
     decoys: Sequence[Evidence]
     """The evidence for some poses of the mirror image."""
 
 
 def peak_of(refused: Alignment, config: MergeConfig) -> Peak | None:
-    """Return the best pose of a refused alignment's correlation; None if more poses are to be tried."""
-    if refused.T_more_less is None or config.nonrigid.places > 1:
+    """Return the best poses of a refused alignment; None if more poses are to be tried."""
+    if not refused.starts or config.nonrigid.places > 1:
         return None
-    return Peak(refused.T_more_less, refused.lead, refused.decoys)
+    return Peak(refused.starts, refused.lead, refused.decoys)
 
 
 def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Alignment:
@@ -146,12 +153,19 @@ def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Ali
     resolution = comparison_resolution([target.grid, source.grid], config)
     fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
     rigid = align_prepared(_prepared(fixed), _prepared(moving), config)
-    found: NonrigidRegistration | None = None
-    if rigid.accepted and fixed is not None and moving is not None:
-        found = register_accepted(fixed, moving, rigid, config)
-    elif may_be_deformed(rigid, config):
-        found = register_deformable(fixed, moving, config, peak_of(rigid, config))
+    found = _registration(fixed, moving, rigid, config)
     return rigid if found is None else found.alignment
+
+
+def _registration(
+    target: DeformableMap | None, source: DeformableMap | None, rigid: Alignment, config: MergeConfig
+) -> NonrigidRegistration | None:
+    """Return the non-rigid registration of two maps after their rigid alignment; None if the alignment stays."""
+    if rigid.accepted and target is not None and source is not None:
+        return register_accepted(target, source, rigid, config)
+    if may_be_deformed(rigid, config):
+        return register_deformable(target, source, config, peak_of(rigid, config))
+    return None
 
 
 def _prepared(source: DeformableMap | None) -> PreparedMap | None:
@@ -226,13 +240,14 @@ def _register_onto(
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
     decoys: Sequence[Evidence] = ()
     if peak is not None:
-        poses, lead, decoys = [peak.motion], peak.lead, peak.decoys
+        poses = first_apart(list(peak.motions), source.structure, len(peak.motions))
+        lead, decoys = peak.lead, peak.decoys
     else:
         poses = first_apart(proposals().motions, source.structure, config.nonrigid.places)
         lead = lead_of(proposals(), source.structure)
     found = _attempt(target, source, poses, decoys, proposals, config)
     if found is None and lead >= config.nonrigid.clear_lead:
-        found = _attempt(target, source, poses, decoys, proposals, _with_wide_distances(config))
+        found = _attempt(target, source, poses, decoys, proposals, config.with_wide_distances())
     return found
 
 
@@ -244,7 +259,7 @@ def _attempt(
     proposals: Callable[[], Proposals],
     config: MergeConfig,
 ) -> NonrigidRegistration | None:
-    """Deform the source at each pose, and verify the first deformed map that is aligned there rigidly."""
+    """Deform the source at each pose, and return the first deformed map that is aligned there and beats its rivals."""
     fixed = target.structure
     for pose in poses:
         deformed = deform(fixed, source, pose, config)
@@ -259,7 +274,7 @@ def _attempt(
         rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)
         confidence = confidences(rivals.evidence, rivals.decoys)[0]
         if confidence < config.verification.min_confidence:
-            return None
+            continue
         reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"
         return NonrigidRegistration(_accepted(rigid, deformed, confidence, reason), deformed.deformation)
     return None
@@ -276,39 +291,17 @@ def _is_hopeless(
     return confidences([evidence], decoys)[0] < config.verification.min_confidence
 
 
-def _with_wide_distances(config: MergeConfig) -> MergeConfig:
-    """Return the parameters of the second attempt, which tolerates larger distances between corresponding walls."""
-    settings = config.nonrigid
-    distances = {
-        "agreement_distance_m": settings.wide_agreement_m,
-        "conflict_distance_m": settings.wide_conflict_m,
-        "see_through_m": settings.wide_see_through_m,
-    }
-    return config.model_copy(
-        update={
-            "verification": config.verification.model_copy(update=distances),
-            "refinement": config.refinement.model_copy(update={"last_reach_m": settings.wide_agreement_m}),
-        }
-    )
-
-
 def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:
     """Return whether an alignment was accepted at a pose T_target_source."""
     aligned = found.T_target_source
     return found.accepted and aligned is not None and is_same_pose(pose, aligned, config.graph, found.covariance)
 
 
-def _scale_error(deformation: Deformation) -> float | None:
-    """Return the scale of a deformation that is mostly a scale, else None."""
-    scale, share = deformation.scale()
-    return scale if abs(scale - 1.0) > _MIN_SCALE_ERROR and share > _MIN_SCALE_SHARE else None
-
-
 def _accepted(aligned: Alignment, deformed: DeformedMap, confidence: float, reason: str) -> Alignment:
     """Return the alignment of a deformed map, from the rigid alignment that verified it."""
     degrees = math.degrees(deformed.residual_rad)
     bent = f"one map was deformed by {deformed.residual_m:.2f} m and {degrees:.1f} degrees"
-    if (scale := _scale_error(deformed.deformation)) is not None:
+    if (scale := deformed.deformation.scale_error()) is not None:
         larger = 100.0 * (max(scale, 1.0 / scale) - 1.0)
         bent += f", mostly because one map is {larger:.1f} % larger: is the resolution of a map wrong?"
     return replace(
@@ -330,11 +323,13 @@ def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
     return not refused.accepted and refused.lead >= config.nonrigid.min_lead
 
 
-def register_refused_pairs(
-    found: MergeState, config: MergeConfig, executor: Executor
-) -> dict[Pair, NonrigidRegistration]:
-    """Register refused pairs of maps of different groups non-rigidly; return the accepted registrations."""
+def register_pairs(found: MergeState, config: MergeConfig, executor: Executor) -> dict[Pair, NonrigidRegistration]:
+    """Register pairs of maps non-rigidly; return the accepted registrations.
+
+    These are refused pairs of maps of different groups, and accepted pairs that fit much better if a map is deformed.
+    """
     pairs = [pair for pair in found.apart() if may_be_deformed(found.alignments[pair], config)]
+    pairs += _joining_alone(found)
     if not (pairs and config.nonrigid.enabled and config.method == "correlation"):
         return {}
     grids = {name: tbm_map.grid for name, tbm_map in found.maps.items()}
@@ -348,8 +343,8 @@ def register_refused_pairs(
     calls = [
         Call(
             f"{source} deformed onto {target}",
-            register_deformable,
-            (maps[target, size], maps[source, size], config, _peak_of_pair(found, (target, source), config)),
+            _registration,
+            (maps[target, size], maps[source, size], _of_own_grids(found, (target, source)), config),
         )
         for (target, source), size in sizes.items()
     ]
@@ -359,7 +354,7 @@ def register_refused_pairs(
     accepted = {pair: result for pair, result in zip(pairs, registrations, strict=True) if result is not None}
     for (target, source), result in accepted.items():
         logger.info("%s in %s: accepted: %s", source, target, result.alignment.reason)
-        if (scale := _scale_error(result.deformation)) is not None:
+        if (scale := result.deformation.scale_error()) is not None:
             larger, smaller = (target, source) if scale > 1.0 else (source, target)
             logger.warning(
                 "%s is %.1f %% larger than %s: correct the map with the wrong resolution",
@@ -370,10 +365,28 @@ def register_refused_pairs(
     return accepted
 
 
+def _joining_alone(found: MergeState) -> list[Pair]:
+    """Return the accepted pairs that alone join one of their maps to its group.
+
+    Maps with keyframes are left out, since their drives are optimised jointly, and pairs aligned by other grids.
+    """
+    used = [pair for group in found.groups for pair in group.used]
+    counts = Counter(itertools.chain.from_iterable(used))
+    return [
+        pair
+        for pair in used
+        if found.alignments[pair].accepted
+        and found.alignments[pair].method == "correlation"
+        and pair not in found.evidence_grids
+        and min(counts[name] for name in pair) == 1
+        and not all(found.maps[name].drives for name in pair)
+    ]
+
+
+def _of_own_grids(found: MergeState, pair: Pair) -> Alignment:
+    """Return the alignment of a pair, without its poses on coarse cells if it is of other grids."""
+    return replace(found.alignments[pair], starts=()) if pair in found.evidence_grids else found.alignments[pair]
+
+
 def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
     return deformable(sent.grid, resolution, config)
-
-
-def _peak_of_pair(found: MergeState, pair: Pair, config: MergeConfig) -> Peak | None:
-    """Return the peak of a pair's correlation; None if more poses are to be tried, or if it is of other grids."""
-    return None if pair in found.evidence_grids else peak_of(found.alignments[pair], config)

@@ -14,7 +14,7 @@ from merging.alignment import Alignment
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.nonrigid.search import register_refused_pairs
+from merging.nonrigid.search import register_pairs
 from tbmslam.geometry.se2 import SE2
 from tbmslam.parallel.executor import Executor
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
@@ -89,7 +89,7 @@ def test_a_cluster_deforms_maps_equally(tmp_path):
     refused = {pair: Alignment("correlation", accepted=False, reason="it fits nowhere", lead=2.0)}
     found = MergeState.of(maps, refused, lambda _: groups)
     with DaskCluster(tmp_path, workers=1) as cluster:
-        there = register_refused_pairs(found, MergeConfig(), Executor(scheduler=cluster.address))
-    here = register_refused_pairs(found, MergeConfig(), Executor())
+        there = register_pairs(found, MergeConfig(), Executor(scheduler=cluster.address))
+    here = register_pairs(found, MergeConfig(), Executor())
     assert there[pair].alignment == here[pair].alignment
     np.testing.assert_array_equal(there[pair].deformation.centroids, here[pair].deformation.centroids)

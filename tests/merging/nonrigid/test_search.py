@@ -10,7 +10,8 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment, deviations
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.nonrigid.search import peak_of, register_nonrigid, register_refused_pairs
+from merging.nonrigid.deformation import DeformableMap, deform
+from merging.nonrigid.search import DeformedRivals, peak_of, register_nonrigid, register_pairs
 from merging.rigid_alignment import align_prepared, align_whole
 from merging.verification import examine
 from merging.walls import WallMap
@@ -120,6 +121,42 @@ def test_a_pose_is_refused_if_deformed_rivals_fit_as_well(monkeypatch):
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is not None
 
 
+def test_rivals_that_end_at_one_place_count_once(monkeypatch):
+    target, source, true = bent_maps("store")
+    fixed, moving = (DeformableMap.of(one.grid, MergeConfig()) for one in (source, target))  # the target has less wall
+    pose, elsewhere = true.inverse(), SE2(30.0, 0.0, 0.0) @ true.inverse()
+    monkeypatch.setattr("merging.nonrigid.search._rivals", lambda *_: [SE2(1.5, 0.0, 0.0) @ pose, elsewhere])
+
+    def deformed(fixed, moving, start, config):
+        return None if start == elsewhere else deform(fixed, moving, pose, config)
+
+    monkeypatch.setattr("merging.nonrigid.search.deform", deformed)
+    rivals = DeformedRivals.of(fixed.structure, moving, pose, [], MergeConfig())
+    assert len(rivals.motions) == len(rivals.evidence) == 2
+    assert errors(rivals.motions[0], pose, target)[0] < 0.5
+    assert len(rivals.decoys) == 2
+
+
+def test_a_deformation_starts_at_a_likely_rigid_pose_too():
+    likely, unlikely = (align_whole(*bent_maps(kind, 0.45)[:2]) for kind in ("halls", "office"))
+    assert not likely.accepted
+    assert likely.confidence > 0.1
+    assert likely.starts[1].inverse() == pytest.approx(likely.T_target_source)  # the target has less wall
+    assert not unlikely.accepted
+    assert unlikely.confidence < 0.1
+    assert len(unlikely.starts) == 1
+
+
+def test_each_start_is_tried(monkeypatch):
+    tried = []
+    monkeypatch.setattr("merging.nonrigid.search.deform", lambda *arguments: tried.append(arguments[2]))
+    target, source, _ = bent_maps("store")
+    starts = SE2(1.0, 2.0, 0.3), SE2(1.2, 2.0, 0.3), SE2(5.0, 0.0, 1.0)
+    refused = replace(REFUSED, starts=starts, lead=1.5)
+    assert register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig())) is None
+    assert tried == [starts[0], starts[2]]  # the second one is at the same place
+
+
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
 def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(monkeypatch, accepted, shift_m):
     target, source, _ = bent_maps("store")
@@ -195,7 +232,7 @@ def test_maps_without_known_cells_or_walls_are_not_tried():
 
 def closer(maps, groups, alignments, config=None, workers=1):
     found = MergeState.of(maps, alignments, lambda _: groups)
-    return register_refused_pairs(found, config or MergeConfig(), Executor(workers))
+    return register_pairs(found, config or MergeConfig(), Executor(workers))
 
 
 def test_any_number_of_workers_finds_the_same(caplog):
@@ -236,6 +273,37 @@ def test_an_accepted_pair_that_fits_stays_rigid(rooms, monkeypatch):
     assert align(*pair).reason.startswith("one map was deformed by 0.0")
 
 
+def test_a_map_that_one_alignment_joins_is_deformed_in_the_merged_map():
+    target, source, true = bent_maps("store", 0.45)
+    result = merge({"a": target, "b": source})
+    found = result.alignments["a", "b"]
+    assert found == align(target, source)
+    assert set(result.deformed) == {"b"}
+    assert errors(result.poses["b"], true, source)[1] < np.radians(1.5)
+    straight = agreement(target, result.deformed["b"], result.poses["b"])
+    assert straight == pytest.approx(found.agreement, abs=0.02)
+    assert straight > agreement(target, source, result.poses["b"]) + 0.2
+    assert result.evidence_grids["a", "b"][1] is result.deformed["b"].grid
+
+
+def test_accepted_pairs_are_tried_only_if_they_alone_join_a_map(monkeypatch):
+    tried = []
+    monkeypatch.setattr(
+        "merging.nonrigid.search.register_accepted", lambda *arguments: tried.append(arguments[2].reason)
+    )
+    target, source, _ = bent_maps("store")
+    maps = {"a": target, "b": source, "c": target, "d": source}
+    pairs = [("a", "b"), ("b", "c"), ("a", "c"), ("c", "d")]
+    group = Group(dict.fromkeys(maps, SE2.identity()), tuple(pairs))
+    alignments = {pair: replace(REFUSED, accepted=True, reason="-".join(pair)) for pair in pairs}
+    assert closer(maps, [group], alignments) == {}
+    assert tried == ["c-d"]
+    tried.clear()
+    assert closer(maps, [group], {pair: replace(found, method="prior") for pair, found in alignments.items()}) == {}
+    assert closer(maps, [group], alignments, OFF) == {}
+    assert tried == []
+
+
 def test_joined_and_accepted_pairs_are_not_tried():
     target, source, _ = bent_maps("store")
     maps, pair = {"a": target, "b": source}, ("a", "b")
@@ -247,7 +315,7 @@ def test_joined_and_accepted_pairs_are_not_tried():
 
 
 def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
-    """The correct pose of the target, which has less wall, is proposed twice and refused the first time."""
+    """Both starts are deformed at the correct pose of the target, which has less wall; the first one is refused."""
     target, source, true = bent_maps("store")
     tried = []
 
@@ -256,8 +324,10 @@ def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
         return align_prepared(here, there, config) if len(tried) > 1 else REFUSED
 
     monkeypatch.setattr("merging.nonrigid.search.align_prepared", aligned)
-    monkeypatch.setattr("merging.nonrigid.search.first_apart", lambda *_: [true.inverse()] * 2)
-    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
-    found = register_nonrigid(target, source, MergeConfig())
+    monkeypatch.setattr(
+        "merging.nonrigid.search.deform", lambda here, there, _, config: deform(here, there, true.inverse(), config)
+    )
+    refused = replace(REFUSED, starts=(SE2(1.0, 2.0, 0.3), SE2(5.0, 0.0, 1.0)))
+    found = register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig()))
     assert len(tried) == 2
     assert found is not None
