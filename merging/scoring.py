@@ -164,21 +164,38 @@ class ConfidenceModel:
         }
         return json.dumps({**rounded, "bias": round(self.bias, 6)}, indent=2) + "\n"
 
-    def probabilities(self, candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
-        """Return the probability (K,) of each candidate; their sum is at most 1."""
+    def probabilities(
+        self, candidates: Sequence[Evidence], decoys: Sequence[Evidence], *, deformed: bool = False
+    ) -> FloatArray:
+        """Return the probability (K,) of each candidate; their sum is at most 1.
+
+        Walls that the other robot saw through count against a candidate. If maps were `deformed`, they count against
+        decoys, too: deformed decoys of a nearly symmetrical building fit well, but for these walls.
+        """
         own = measured(candidates)
-        margins = own @ self.score - by_chance(own, measured(decoys), self.score) @ self.score
+        if deformed:
+            margins = own @ self.score - self._chance_of_deformed(candidates, own, decoys)
+        else:
+            margins = own @ self.score - by_chance(own, measured(decoys), self.score) @ self.score
         logits = np.append(features(candidates, decoys) @ self.weights + margins + self.bias, 0.0)
         shares = np.exp(logits - logits.max())
         return np.asarray(shares[:-1] / shares.sum())
+
+    def _chance_of_deformed(self, candidates: Sequence[Evidence], own: FloatArray, decoys: Sequence[Evidence]) -> float:
+        """Return the score of the best pose by chance, as `by_chance`, less the weight of its walls seen through."""
+        ranked = np.argsort(-(own @ self.score), kind="stable")
+        rivals = [*decoys, *(candidates[index] for index in ranked[_CHANCE : _CHANCE + 1])]
+        against = float(self.weights[FEATURES.index("log of wall seen through")])
+        contradicted = against * np.array([_log_seen_through(rival) for rival in rivals])
+        return float(np.max(measured(rivals) @ self.score + contradicted, initial=0.0))
 
 
 _NAMES = {"score": tuple(MEASURES), "weights": FEATURES}
 
 
-def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> list[float]:
-    """Return the probability of each candidate by the shipped model; their sum is at most 1."""
-    return [float(p) for p in _shipped().probabilities(candidates, decoys)]
+def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence], *, deformed: bool = False) -> list[float]:
+    """Return the probability of each candidate by the shipped model; see `ConfidenceModel.probabilities`."""
+    return [float(p) for p in _shipped().probabilities(candidates, decoys, deformed=deformed)]
 
 
 def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:
@@ -197,10 +214,14 @@ def _features(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[E
     # The half metre reduces the share of a few cells of wall.
     agreement = evidence.agreed_wall_m / (evidence.agreed_wall_m + doubtful_m(evidence) + 0.5)
     corners = math.log1p(min(evidence.pieces.corners, _ENOUGH_CORNERS))
-    seen_through = math.log1p(evidence.seen_through_m / _LITTLE_M)
+    seen_through = _log_seen_through(evidence)
     misfit = min(max(_misfit(evidence, others, decoys), -_MOST_MISFIT[0]), _MOST_MISFIT[1])
     things = _agreement_of_things(evidence) - max(map(_agreement_of_things, [*others, *decoys]), default=0.0)
     return [math.log1p(evidence.larger_wall_m), agreement, corners, seen_through, misfit, things]
+
+
+def _log_seen_through(evidence: Evidence) -> float:
+    return math.log1p(evidence.seen_through_m / _LITTLE_M)
 
 
 def _misfit(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[Evidence]) -> float:

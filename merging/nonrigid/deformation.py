@@ -26,6 +26,8 @@ _BAND = 8 * SIDE
 """Rows of cells that are resampled at once, to limit the memory."""
 _ROUNDS = 8
 """Fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
+_LEAST_COMMON = 10
+"""Least number of common cells that fix a rigid transform."""
 _MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
 _MIN_SCALE_SHARE = 0.5
@@ -68,19 +70,34 @@ class Deformation:
         x, y = self.apply(point[None])[0] - SE2(0.0, 0.0, theta).apply(point)
         return SE2(float(x), float(y), theta)
 
-    def nearest_rigid(self) -> tuple[SE2, float, float]:
-        """Return the rigid transform that fits best, and the RMS residuals of the tiles [m], [rad]."""
-        expected = self.apply(self.centroids)
+    def nearest_rigid(self) -> SE2:
+        """Return the rigid transform that fits the tiles best."""
         # The rotations of the tiles tell the rotation of the map where their centroids lie in one row.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
         before = np.vstack([centroid + around for centroid in self.centroids])
         after = np.vstack(
             [m.apply(centroid + around) for centroid, m in zip(self.centroids, self.motions, strict=True)]
         )
-        rigid = fit_rigid(after, before)[0]
-        distances = np.linalg.norm(rigid.apply(self.centroids) - expected, axis=1)
+        return fit_rigid(after, before)[0]
+
+    def nearest_in_overlap(self, target: WallMap, source: WallMap) -> SE2:
+        """Return the rigid transform that fits best over the area that both maps know.
+
+        The tiles that fit lie unevenly in this area, so `nearest_rigid` prefers a part of it.
+        """
+        points, _ = source.some_known
+        moved = self.apply(points)
+        rows, cols, inside = target.geometry.cells_at(moved)
+        common = inside & target.known[rows, cols]
+        if np.count_nonzero(common) < _LEAST_COMMON:
+            return self.nearest_rigid()
+        return fit_rigid(moved[common], points[common])[0]
+
+    def residuals(self, rigid: SE2) -> tuple[float, float]:
+        """Return the RMS differences of the tiles from a rigid transform [m], [rad]."""
+        distances = np.linalg.norm(rigid.apply(self.centroids) - self.apply(self.centroids), axis=1)
         rotations = [wrap_angle(motion.theta - rigid.theta) for motion in self.motions]
-        return rigid, float(np.sqrt(np.mean(distances**2))), float(np.sqrt(np.mean(np.square(rotations))))
+        return float(np.sqrt(np.mean(distances**2))), float(np.sqrt(np.mean(np.square(rotations))))
 
     def scale(self) -> tuple[float, float]:
         """Return the scale that fits the tiles' centroids best, and the share of the deformation that it explains.
@@ -259,7 +276,7 @@ class DeformedMap:
     deformation: Deformation
     """The deformation."""
     motion: SE2
-    """The rigid T_target_source nearest to it, which aligns the deformed map."""
+    """The rigid T_target_source nearest to it over the common area, which aligns the deformed map."""
     residual_m: float
     residual_rad: float
     """RMS differences between the tiles' transforms and `motion` [m], [rad]."""
@@ -275,7 +292,8 @@ def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConf
         if len(fitting) < 2:
             return None
         deformation = Deformation.of_tiles([tile for tile, _ in fitting], [motion for _, motion in fitting])
-    motion, residual_m, residual_rad = deformation.nearest_rigid()
+    motion = deformation.nearest_in_overlap(target, source.structure)
+    residual_m, residual_rad = deformation.residuals(motion)
     return DeformedMap(deformation, motion, residual_m, residual_rad, deformation.deformed(source.grid, motion))
 
 

@@ -272,7 +272,7 @@ def _attempt(
         if not _is_aligned_at(deformed.motion, rigid, config):
             continue
         rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)
-        confidence = confidences(rivals.evidence, rivals.decoys)[0]
+        confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
         if confidence < config.verification.min_confidence:
             continue
         reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"

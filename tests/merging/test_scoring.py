@@ -164,8 +164,19 @@ def test_a_better_decoy_never_helps():
     assert 1.0 - found[-1] > 100.0 * (1.0 - found[0])
 
 
+def test_walls_seen_through_count_against_decoys_of_deformed_maps_only():
+    hypotheses, kept = [GOOD, *[CHANCE] * 9], [GOOD, replace(CHANCE, seen_through_m=0.0)]
+    crossed = [replace(decoy, seen_through_m=metres) for decoy, metres in zip(kept, (4.0, 0.0), strict=True)]
+    assert confidences(hypotheses, crossed) == pytest.approx(confidences(hypotheses, kept))
+    assert confidences(hypotheses, kept, deformed=True) == pytest.approx(confidences(hypotheses, kept))
+    assert confidences(hypotheses, crossed, deformed=True)[0] > confidences(hypotheses, kept)[0] + 0.2
+    worse = confidences([replace(GOOD, seen_through_m=4.0)], crossed, deformed=True)
+    assert worse == pytest.approx(confidences([GOOD], kept), abs=1e-6)  # both lose as much
+
+
 def test_nothing_found_is_no_probability():
     assert confidences([], []) == []
+    assert confidences([], [], deformed=True) == []
     assert 0.0 < confidences([GOOD], [])[0] < 1.0
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
+from merging.fusion import warp
 from merging.nonrigid.deformation import DeformableMap, Deformation, deform, tiles_of
 from merging.verification import examine
 from merging.walls import WallMap
@@ -30,7 +31,8 @@ def test_tiles_of_one_transform_give_a_rigid_deformation():
     deformation = Deformation(MIDDLES, [MOTION] * 4, 4.0)
     points = np.array([[0.0, 0.0], [7.0, 5.0], [30.0, -8.0]])
     np.testing.assert_allclose(deformation.apply(points), MOTION.apply(points), atol=1e-12)
-    motion, apart_m, apart_rad = deformation.nearest_rigid()
+    motion = deformation.nearest_rigid()
+    apart_m, apart_rad = deformation.residuals(motion)
     assert motion == pytest.approx(MOTION)
     assert (apart_m, apart_rad) == pytest.approx((0.0, 0.0), abs=1e-7)
     assert deformation.motion_at(points[1]) == pytest.approx(MOTION)
@@ -50,8 +52,31 @@ def test_the_deformation_changes_evenly_between_tiles():
     assert np.abs(steps - 0.1).max() < 0.02
 
 
+def test_the_transform_of_the_overlap_fits_the_common_cells_best(rooms):
+    """Three of four tiles lie in one half of the map, and the other half counts as much."""
+    source = WallMap.from_grid(rooms(1), CONFIG.structure)  # 16 x 12 m
+    centroids = np.array([[2.0, 3.0], [2.0, 9.0], [6.0, 6.0], [14.0, 6.0]])
+    deformation = Deformation(centroids, [MOTION, MOTION, MOTION, MOTION @ SE2(0.3, -0.2, 0.04)], 3.0)
+    target = WallMap.from_grid(warp(rooms(1), MOTION, rooms(1).geometry), CONFIG.structure)
+    found, of_tiles = deformation.nearest_in_overlap(target, source), deformation.nearest_rigid()
+    points = source.geometry.centres_of(*np.nonzero(source.known))
+    moved = deformation.apply(points)
+    rows, cols, inside = target.geometry.cells_at(moved)
+    common = inside & target.known[rows, cols]
+
+    def misfit(motion):
+        return ((motion.apply(points[common]) - moved[common]) ** 2).sum()
+
+    assert misfit(found) < 0.97 * misfit(of_tiles)
+    for step in (SE2(0.01, 0.0, 0.0), SE2(0.0, 0.01, 0.0), SE2(0.0, 0.0, 0.003)):
+        assert misfit(found) < min(misfit(found @ step), misfit(found @ step.inverse()))
+    nowhere = WallMap.from_grid(warp(rooms(1), SE2(90.0, 0.0, 0.0), rooms(1).geometry), CONFIG.structure)
+    assert deformation.nearest_in_overlap(nowhere, source) == of_tiles
+
+
 def test_the_nearest_rigid_transform_has_the_rms_residuals_of_the_tiles():
-    motion, apart_m, apart_rad = bent().nearest_rigid()
+    motion = bent().nearest_rigid()
+    apart_m, apart_rad = bent().residuals(motion)
     assert motion == pytest.approx(MOTION, abs=0.25)
     assert 0.05 < apart_m < 0.3
     assert apart_rad == pytest.approx(0.03, abs=0.01)
@@ -94,7 +119,7 @@ def test_the_rigid_transform_of_the_deformed_map_equals_the_deformation(rooms, w
     row, col = where
     floor.masses[row - 1 : row + 2, col - 1 : col + 2] = (0.0, 0.0, 1.0, 0.0)
     deformation = bent()
-    motion = deformation.nearest_rigid()[0]
+    motion = deformation.nearest_rigid()
     straight = deformation.deformed(floor, motion)
     assert straight.fault() is None
     walls = np.nonzero(straight.masses[..., OCCUPIED] > straight.masses[..., FREE])

@@ -117,7 +117,7 @@ def test_maps_of_two_buildings_are_not_aligned_by_deformation():
 def test_a_pose_is_refused_if_deformed_rivals_fit_as_well(monkeypatch):
     corridor = make_pair("self-similar", 1, 9)
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is None
-    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
+    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_, **__: [1.0])
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is not None
 
 
@@ -160,7 +160,7 @@ def test_each_start_is_tried(monkeypatch):
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
 def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(monkeypatch, accepted, shift_m):
     target, source, _ = bent_maps("store")
-    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: [1.0])
+    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_, **__: [1.0])
 
     def aligned(here, there, config):
         found = align_prepared(here, there, config)
