@@ -1,5 +1,6 @@
 """Rigid alignment of two maps: hypotheses, their evidence and confidence, and the verdict."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, PoseHypothesis, covariance_of, format_confidence, format_evidence
@@ -65,8 +66,13 @@ def align_whole(target: TbmMap, source: TbmMap, config: MergeConfig | None = Non
     return align_prepared(prepared(target.grid, resolution, config), prepared(source.grid, resolution, config), config)
 
 
-def align_prepared(target: PreparedMap | None, source: PreparedMap | None, config: MergeConfig) -> Alignment:
-    """Align two prepared maps; see `merging.merger.align`."""
+def align_prepared(
+    target: PreparedMap | None, source: PreparedMap | None, config: MergeConfig, decoys: Sequence[Evidence] = ()
+) -> Alignment:
+    """Align two prepared maps; see `merging.merger.align`.
+
+    `decoys` that were found before, of nearly the same maps, may already refuse the pair.
+    """
     if target is None or source is None:
         empty = "target" if target is None else "source"
         return Alignment(config.method, accepted=False, reason=f"the {empty} map is empty: no cell of it is known")
@@ -76,7 +82,7 @@ def align_prepared(target: PreparedMap | None, source: PreparedMap | None, confi
         return Alignment(config.method, accepted=False, reason=f"{bare}: their relative pose is unknown")
     if config.method == "features":
         return _by_features(target, source, config)
-    return _by_correlation(target.structure, source.structure, config)
+    return _by_correlation(target.structure, source.structure, config, decoys)
 
 
 def _by_features(target: PreparedMap, source: PreparedMap, config: MergeConfig) -> Alignment:
@@ -108,10 +114,12 @@ def _by_features(target: PreparedMap, source: PreparedMap, config: MergeConfig) 
     return _judged(found, [(motion, evidence)], (target.structure, source.structure), config)
 
 
-def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Alignment:
+def _by_correlation(
+    target: WallMap, source: WallMap, config: MergeConfig, decoys: Sequence[Evidence] = ()
+) -> Alignment:
     """Align by correlation over all rotations and translations."""
     if source.wall_m > target.wall_m:  # the search is not symmetric, but the order of the maps must not matter
-        return _by_correlation(source, target, config).reversed()
+        return _by_correlation(source, target, config, decoys).reversed()
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
     reason = "no rotation and translation brings the walls together"
@@ -119,15 +127,19 @@ def _by_correlation(target: WallMap, source: WallMap, config: MergeConfig) -> Al
     found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source), starts=starts)
     if not candidates:
         return found
-    return _judged(found, candidates, (target, source), config)
+    return _judged(found, candidates, (target, source), config, decoys)
 
 
 def _judged(
-    found: Alignment, candidates: list[Candidate], maps: tuple[WallMap, WallMap], config: MergeConfig
+    found: Alignment,
+    candidates: list[Candidate],
+    maps: tuple[WallMap, WallMap],
+    config: MergeConfig,
+    known_decoys: Sequence[Evidence] = (),
 ) -> Alignment:
     """Accept or refuse the most likely candidate, with the reason."""
     limits = config.verification
-    likely, decoys = score_hypotheses(*maps, [evidence for _, evidence in candidates], config)
+    likely, decoys = score_hypotheses(*maps, [evidence for _, evidence in candidates], config, known_decoys)
     ranked = sorted(zip(likely, candidates, strict=True), key=lambda ranked_pair: -ranked_pair[0])
     confidence, (motion, evidence) = ranked[0]
     others = [

@@ -292,7 +292,7 @@ _IN_DOUBT = (0.1, 0.999)
 
 
 def score_hypotheses(
-    target: WallMap, source: WallMap, places: Sequence[Evidence], config: MergeConfig
+    target: WallMap, source: WallMap, places: Sequence[Evidence], config: MergeConfig, known: Sequence[Evidence] = ()
 ) -> tuple[list[float], list[Evidence]]:
     """Return the probability (K,) of each hypothesis and the decoys; the sum of the probabilities is at most 1.
 
@@ -304,7 +304,12 @@ def score_hypotheses(
         Evidence of each hypothesis (K,).
     config
         The parameters of the search.
+    known
+        Decoys that were found before. No others are searched if these refuse all hypotheses, since further decoys
+        nearly never raise a probability.
     """
+    if known and max(likely := confidences(places, known), default=0.0) < config.verification.min_confidence:
+        return likely, list(known)
     decoys = find_decoys(target, source, config, thoroughly=False)
     likely = confidences(places, decoys)
     if _IN_DOUBT[0] <= max(likely, default=0.0) < _IN_DOUBT[1]:

@@ -268,7 +268,7 @@ def _attempt(
         structure = WallMap.from_grid(deformed.grid, config.structure)
         if decoys and _is_hopeless(fixed, structure, deformed.motion, decoys, config):
             continue
-        rigid = align_prepared(_prepared(target), PreparedMap(structure, Features.none()), config)
+        rigid = align_prepared(_prepared(target), PreparedMap(structure, Features.none()), config, decoys)
         if not _is_aligned_at(deformed.motion, rigid, config):
             continue
         rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)

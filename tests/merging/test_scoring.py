@@ -336,6 +336,16 @@ def test_places_are_judged_beside_what_chance_achieves(maps):
     assert decoys in [find_decoys(*maps, CONFIG, thoroughly=how) for how in (False, True)]
 
 
+@pytest.mark.parametrize(("found", "looks"), [(0.84, []), (0.86, [False])])
+def test_no_more_decoys_are_searched_if_known_ones_refuse_all(maps, monkeypatch, found, looks):
+    seen = []
+    monkeypatch.setattr(scoring, "find_decoys", lambda *_, thoroughly: seen.append(thoroughly) or ["new"])
+    monkeypatch.setattr(scoring, "confidences", lambda _, decoys: [found if decoys == ["known"] else 0.05])
+    likely, decoys = score_hypotheses(*maps, [None], CONFIG, ["known"])
+    assert seen == looks
+    assert (likely, decoys) == (([0.05], ["new"]) if looks else ([0.84], ["known"]))
+
+
 def test_no_place_is_no_probability(maps):
     assert score_hypotheses(*maps, [], CONFIG)[0] == []
 

@@ -162,7 +162,7 @@ def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(m
     target, source, _ = bent_maps("store")
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_, **__: [1.0])
 
-    def aligned(here, there, config):
+    def aligned(here, there, config, _):
         found = align_prepared(here, there, config)
         assert found.accepted
         return replace(found, accepted=accepted, T_target_source=SE2(shift_m, 0.0, 0.0) @ found.T_target_source)
@@ -319,7 +319,7 @@ def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
     target, source, true = bent_maps("store")
     tried = []
 
-    def aligned(here, there, config):
+    def aligned(here, there, config, _):
         tried.append(there)
         return align_prepared(here, there, config) if len(tried) > 1 else REFUSED
 
